@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colour spaces: the only room that knows OpenColorIO. File colour space -> CIE Lab D65, or data left alone."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import resources
+
+import numpy as np
+import OpenImageIO as oiio
+import PyOpenColorIO as ocio
+
+from .errors import ColorError, ImageError
+from .images import Channels, Image, channels_of
+
+# OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
+DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
+TAG = "oiio:ColorSpace"
+
+
+class ColorConfig:
+    """The user's colour config: `path`, else $OCIO, else a built-in one.
+
+    Raises
+    ------
+    ColorError
+        The config cannot be loaded.
+    """
+
+    def __init__(self, path: str | None = None):
+        self.path = path or os.environ.get("OCIO") or DEFAULT_CONFIG
+        try:
+            self._config = ocio.Config.CreateFromFile(self.path)
+        except ocio.Exception as error:
+            raise ColorError(f"{self.path}: not a colour config that can be used: {' '.join(str(error).split())}") from error
+        self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
+
+    def resolve(self, name: str) -> str:
+        """The config's own name of a colour space, role or alias.
+
+        Raises
+        ------
+        ColorError
+            The config has none of that name.
+        """
+        space = self._config.getColorSpace(name) or self._config.getColorSpace(self._names.resolve(name))
+        if space is None:
+            raise ColorError(f"colour space '{name}' is not in {self.path}")
+        return space.getName()
+
+    def is_data(self, name: str) -> bool:
+        """Whether the space says that its values are no colours."""
+        return self._config.getColorSpace(self.resolve(name)).isData()
+
+    def space_by_file_rules(self, path: str) -> str | None:
+        """What the config's file rules say of a file's name; None where only the default rule would speak."""
+        if self._config.filepathOnlyMatchesDefaultRule(path):
+            return None
+        return self._config.getColorSpaceFromFilepath(path)[0]
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019 - lives as long as the config, which lives as long as the run
+    def to_lab(self, name: str) -> Callable[[np.ndarray], None]:
+        """A function that turns contiguous (..., 3) float32 of that space into Lab in place.
+
+        Lossless: OCIO's default optimisation is forty times less exact on this path.
+        """
+        try:
+            processor = ocio.Config.GetProcessorFromConfigs(self._config, self.resolve(name), _lab_config(), "Lab")
+            return processor.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS).applyRGB
+        except ocio.Exception as error:
+            raise ColorError(f"no way from '{name}' to CIE Lab: {' '.join(str(error).split())}") from error
+
+
+@functools.cache
+def _lab_config() -> ocio.Config:
+    return ocio.Config.CreateFromStream((resources.files("oiiotex.ocio") / "oiiotex.ocio").read_text())
+
+
+@dataclass(frozen=True)
+class Working:
+    """A part in a filter's working space.
+
+    Attributes
+    ----------
+    values : (height, width, 3) float32
+        Lab (L 0 to 100 for diffuse white, a, b), or data scaled to 0 .. 100.
+    opaque : (height, width) bool or None
+        Where alpha is not 0; None where there is no alpha or it is nowhere 0.
+    """
+
+    values: np.ndarray
+    opaque: np.ndarray | None
+
+
+def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
+    """The image's colour space: its tag, else the config's file rules where `autocc` asks for them.
+
+    Raises
+    ------
+    ColorError
+        Neither says; colour is never guessed.
+    """
+    tag = image.first.spec.get_string_attribute(TAG)
+    if tag:
+        return config.resolve(tag)
+    by_name = config.space_by_file_rules(image.source) if autocc else None
+    if by_name is None:
+        raise ColorError(
+            f"{image.source} does not say its colour space: add --iscolorspace NAME after it"
+            f" (or set the attribute '{TAG}'), or :data=1 where its channels are no colours"
+        )
+    return by_name
+
+
+def working_values(image: Image, config: ColorConfig | None, autocc: bool = False) -> Working:
+    """The image's first part as the filters see it.
+
+    Parameters
+    ----------
+    image : Image
+        Gray, gray + alpha, RGB, RGBA, with any further channels.
+    config : ColorConfig or None
+        None: the channels are data, scaled by their common range and never converted.
+    autocc : bool
+        Ask the config's file rules where the image has no tag.
+
+    Raises
+    ------
+    ImageError
+        NaN or Inf in the image, or two channels that are to be taken as colour.
+    ColorError
+        As by `space_of`.
+    """
+    part = image.first
+    channels = channels_of(part.spec)
+    convert = None
+    if config is not None:
+        space = space_of(image, config, autocc)
+        if not config.is_data(space):
+            convert = config.to_lab(space)
+            if len(channels.colour) not in (1, 3):
+                raise ImageError(f"{image.source} has {len(channels.colour)} channels beside alpha: no colour; add :data=1")
+    values = np.zeros((part.spec.height, part.spec.width, 3), np.float32)
+    alpha = np.ones((part.spec.height, part.spec.width), np.float32) if channels.alpha is not None else None
+    broken = np.zeros(2, np.int64)
+    for begin, end in part.bands():
+        rows = _as_float(part.rows(begin, end))
+        broken += np.isnan(rows).sum(), np.isinf(rows).sum()
+        _fill(values[begin:end], None if alpha is None else alpha[begin:end], rows, channels)
+        if convert is not None and not broken.any():
+            convert(values[begin:end])
+    if broken.any():
+        raise ImageError(f"{image.source} has {broken[0]} NaN and {broken[1]} Inf values: add --fixnan box3 after it")
+    opaque = None if alpha is None or alpha.all() else alpha != 0
+    return Working(values if convert is not None else _scaled(values, opaque), opaque)
+
+
+def _as_float(rows: np.ndarray) -> np.ndarray:
+    """Pixel values as OpenImageIO means them: integers as shares of their type's largest value."""
+    if rows.dtype.kind in "ui":
+        return rows.astype(np.float32) * np.float32(1.0 / np.iinfo(rows.dtype).max)
+    return rows.astype(np.float32)
+
+
+def _fill(values: np.ndarray, alpha: np.ndarray | None, rows: np.ndarray, channels: Channels) -> None:
+    """Unpremultiplied colour of `rows` into `values`, gray three times over."""
+    colour = rows[..., list(channels.colour)]
+    if channels.alpha is not None:
+        alpha[:] = rows[..., channels.alpha]
+        colour = colour / np.where(alpha == 0, np.float32(1.0), alpha)[..., None]
+    values[..., : colour.shape[-1]] = colour
+    if len(channels.colour) == 1:
+        values[..., 1:] = colour
+
+
+def _scaled(values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
+    """Data on Lab's scale: the common range of all channels becomes 0 .. 100, so that distances mean the same."""
+    seen = values if opaque is None else values[opaque]
+    if seen.size == 0:
+        return values
+    low, high = float(seen.min()), float(seen.max())
+    return (values - np.float32(low)) * np.float32(100.0 / max(high - low, 1e-12))
+
+

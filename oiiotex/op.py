@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The contract of an op: name, inputs, parameters, named outputs, reach, working space.
+
+One type serves our filters and the host's own ops alike. An op is a frozen keyword-only dataclass; an instance is one
+use of it, with its images and checked values.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from .errors import ParameterError
+from .params import Parameter, declared
+
+
+class Reach(enum.Enum):
+    """How far an output pixel looks; streaming follows from it."""
+
+    POINT = "one pixel"
+    AREA = "a neighbourhood"
+    CAUSAL = "what was made before, a strip of it"
+    WINDOW = "any window alone"
+    GLOBAL = "the whole image"
+
+
+class Space(enum.Enum):
+    """Where an op works."""
+
+    LAB = "CIE Lab D65"
+    ANY = "whatever the channels hold"
+
+
+@dataclass(frozen=True)
+class Output:
+    """A named output; the first is the op's image, the others follow it as parts where they are asked for."""
+
+    name: str
+    help: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Op:
+    """Base of all ops. A subclass must say `name`, `reach`, `space` and `outputs`: none has a default."""
+
+    name: ClassVar[str]
+    reach: ClassVar[Reach]
+    space: ClassVar[Space]
+    outputs: ClassVar[tuple[Output, ...]]
+
+    def __init_subclass__(cls) -> None:
+        missing = [fact for fact in ("name", "reach", "space", "outputs") if not hasattr(cls, fact)]
+        if missing:
+            raise TypeError(f"{cls.__name__} does not declare {', '.join(missing)}")
+
+    def __post_init__(self) -> None:
+        for parameter in self.parameters():
+            try:
+                value = parameter.check(getattr(self, parameter.name))
+            except ParameterError as error:
+                raise ParameterError(f"{self.name}: {error}") from None
+            object.__setattr__(self, parameter.name, value)
+
+    @classmethod
+    def images(cls) -> tuple[Parameter, ...]:
+        """The declared input images."""
+        return declared(cls)[0]
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """The declared parameters."""
+        return declared(cls)[1]
+
+    @classmethod
+    def flag(cls) -> str:
+        """The option's name on the command line."""
+        return f"--tex{cls.name}"
+
+    def values(self) -> dict[str, Any]:
+        """This use's parameter values by name."""
+        return {p.name: getattr(self, p.name) for p in self.parameters()}
+
+    def compute(self, session: Any) -> Any:
+        """The output `images.Image`; `session` is a `session.Session`."""
+        raise NotImplementedError

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A parameter, declared once: type, default, unit, range, help.
+
+From the declaration come the Python signature, the command line's modifiers, `--help`, the docs page and the checks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+import math
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .errors import ParameterError
+
+_FIELD = "oiiotex"
+_TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
+
+
+class Size(NamedTuple):
+    """Width x height in pixels."""
+
+    width: int
+    height: int
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One declared parameter of an op, or one of its input images (`kind` is then None)."""
+
+    name: str
+    kind: tuple[type, ...] | None  # what a value may be; () only None
+    default: Any  # dataclasses.MISSING when it must be given
+    help: str
+    unit: str = ""
+    ge: float | None = None
+    le: float | None = None
+    choices: tuple[Any, ...] = ()
+
+    @property
+    def required(self) -> bool:
+        return self.default is dataclasses.MISSING
+
+    def allowed(self) -> str:
+        """What a value may be, for help and errors: 'a number >= 1 px'."""
+        if self.choices:
+            return " | ".join(map(str, self.choices))
+        words = {int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name"}
+        text = " or ".join(words[k] for k in self.kind or ())
+        if self.ge is not None:
+            text += f" >= {self.ge:g}"
+        if self.le is not None:
+            text += f"{' and' if self.ge is not None else ''} <= {self.le:.10g}"
+        return f"{text} {self.unit}".rstrip()
+
+    def check(self, value: Any) -> Any:
+        """`value` as the declared type.
+
+        Raises
+        ------
+        ParameterError
+            It is not of the type, not in the range, or not among the choices.
+        """
+        if value is None and self.default is None:
+            return None
+        if self.choices:
+            return value if value in self.choices else self._refuse(value)
+        for kind in self.kind or ():
+            try:
+                converted = _convert(kind, value)
+            except (TypeError, ValueError, OverflowError):
+                continue
+            numbers = converted if isinstance(converted, Size) else (converted,) if kind in (int, float) else ()
+            if all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers):
+                return converted
+        return self._refuse(value)
+
+    def parse(self, text: str) -> Any:
+        """The value that a modifier's text means; raises as `check` does."""
+        if self.choices:
+            return next((c for c in self.choices if str(c) == text), None) or self._refuse(text)
+        for kind in self.kind or ():
+            try:
+                value = _parse(kind, text)
+            except ValueError:
+                continue
+            return self.check(value)
+        return self._refuse(text)
+
+    def _refuse(self, value: Any) -> typing.NoReturn:
+        raise ParameterError(f"{self.name}={value}: allowed is {self.allowed()}")
+
+
+def param(
+    default: Any = dataclasses.MISSING,
+    *,
+    help: str,
+    unit: str = "",
+    ge: float | None = None,
+    le: float | None = None,
+    choices: Iterable[Any] = (),
+) -> Any:
+    """Declare a parameter as a dataclass field. `ge` and `le` bound it (for a Size: both sides)."""
+    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices)}
+    return dataclasses.field(default=default, metadata={_FIELD: facts})
+
+
+def image(default: Any = dataclasses.MISSING, *, help: str) -> Any:
+    """Declare an input image as a dataclass field."""
+    return dataclasses.field(default=default, metadata={_FIELD: {"help": help}})
+
+
+@functools.cache
+def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+    """(input images, parameters) of an op's dataclass, in the order of declaration."""
+    hints = typing.get_type_hints(op)
+    images, parameters = [], []
+    for field in dataclasses.fields(op):
+        facts = field.metadata[_FIELD]
+        is_parameter = "unit" in facts
+        found = Parameter(field.name, _kinds(hints[field.name]) if is_parameter else None, field.default, **facts)
+        (parameters if is_parameter else images).append(found)
+    return tuple(images), tuple(parameters)
+
+
+def parse_modifiers(op: type, modifiers: Mapping[str, str]) -> dict[str, Any]:
+    """Values of an op's parameters from modifier texts.
+
+    Raises
+    ------
+    ParameterError
+        An unknown modifier (the text names the nearest one), or a value that is not allowed.
+    """
+    known = {p.name: p for p in declared(op)[1]}
+    values = {}
+    for name, text in modifiers.items():
+        if name not in known:
+            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known)}")
+        values[name] = known[name].parse(text)
+    return values
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """', did you mean ...?' where something known is close, else nothing."""
+    close = difflib.get_close_matches(name, list(known), 1)
+    return f", did you mean '{close[0]}'?" if close else ""
+
+
+def _kinds(hint: Any) -> tuple[type, ...]:
+    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return tuple(k for k in (typing.get_args(hint) if union else (hint,)) if k is not type(None))
+
+
+def _parse(kind: type, text: str) -> Any:
+    if kind is bool:
+        if text.lower() not in _TRUE + _FALSE:
+            raise ValueError(text)
+        return text.lower() in _TRUE
+    if kind is Size:
+        width, x, height = text.lower().partition("x")
+        if not x:
+            raise ValueError(text)
+        return Size(int(width), int(height))
+    return kind(text)
+
+
+def _convert(kind: type, value: Any) -> Any:
+    """A Python caller's value as `kind`; ValueError or TypeError where it is not one."""
+    if kind is Size:
+        width, height = value
+        return Size(_convert(int, width), _convert(int, height))
+    if kind in (int, float):
+        if isinstance(value, (bool, str)):
+            raise TypeError(value)
+        converted = kind(value)
+        if converted != value or not math.isfinite(converted):
+            raise ValueError(value)
+        return converted
+    if kind is bool and not isinstance(value, bool):
+        raise TypeError(value)
+    return kind(value)

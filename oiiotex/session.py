@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one run shares: device, colour config, memory budget, threads, time spent, progress."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .errors import Interrupted
+from .stats import Stats
+
+if TYPE_CHECKING:
+    from .color import ColorConfig
+    from .device import Device
+
+Progress = Callable[[int, int], bool | None]
+
+
+@dataclass(kw_only=True)
+class Session:
+    """Settings of a run, and what is opened once for it when it is first needed.
+
+    Attributes
+    ----------
+    device_name : str or None
+        As `device.choose` takes it.
+    threads : int
+        CPU threads; 0: as many as the process may use.
+    budget : int
+        Bytes of memory that one op may hold; a quarter of what the machine gives the process by default.
+    colorconfig : str or None
+        An OCIO config; None: $OCIO or a built-in one.
+    autocc : bool
+        Let the config's file rules name the space of an untagged file.
+    progress : callable or None
+        Called with (done, total) as work goes on; returning False stops the run.
+    measure : bool
+        Report how stationary, faithful and seamless a result is (takes time).
+    stats : Stats
+        Where the time went.
+    """
+
+    device_name: str | None = None
+    threads: int = 0
+    budget: int = field(default_factory=lambda: memory() // 4)
+    colorconfig: str | None = None
+    autocc: bool = False
+    progress: Progress | None = None
+    measure: bool = False
+    stats: Stats = field(default_factory=Stats)
+
+    @functools.cached_property
+    def device(self) -> Device:
+        """The OpenCL device, opened on first use."""
+        from . import device
+
+        with self.stats.time("open device"):
+            return device.open_device(self.device_name, self.threads)
+
+    @functools.cached_property
+    def color(self) -> ColorConfig:
+        """The colour config, loaded on first use."""
+        from .color import ColorConfig
+
+        return ColorConfig(self.colorconfig)
+
+    def advance(self, done: int, total: int) -> None:
+        """Report progress.
+
+        Raises
+        ------
+        Interrupted
+            The callback returned False.
+        """
+        if self.progress is not None and self.progress(done, total) is False:
+            raise Interrupted("stopped by the progress callback")
+
+
+def memory() -> int:
+    """Bytes of memory that this process may use: the machine's, or less where a cgroup says so."""
+    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 8 << 30
+    limits = [installed]
+    for name in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
+        try:
+            limits.append(int(Path(name).read_text()))
+        except (OSError, ValueError):  # absent, or the word 'max'
+            continue
+    return min(limits)

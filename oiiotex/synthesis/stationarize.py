@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJH17 algorithm 1: a texture that looks the same everywhere, from a photo that does not.
+
+Departures from the paper, all measured in benchmarks/README.md:
+
+- Global histogram matching may aim at the projected exemplar ('flat') with a constant weight instead of the exemplar
+  with a weight that fades: this keeps the contrast of detail where the photo's slow drift is taken away.
+- The projection goes `OVERSHOOT` times the way: PatchMatch pulls part of the drift back in each iteration.
+- The last vote picks one exemplar pixel for each pixel instead of a mean, which would blur.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..device import Buffers, Device
+from ..errors import ImageError
+from ..images import resized
+from .histograms import Cells, Projection, apply_table, matching_table, value_counts
+from .patchmatch import Geometry, Matcher, allowed_patches, random_field, to_grid, upsample_field
+
+SCALE = 1.3  # between pyramid levels (section 4.2)
+COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
+FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
+PASSES = 2  # of PatchMatch in an iteration, and in the very last one:
+LAST_PASSES = 3
+OVERSHOOT = 1.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """What to synthesize; sizes in px.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the result.
+    wrap_x, wrap_y : bool
+        Along which axes it tiles.
+    sigma : float or None
+        Scale above which it must look the same everywhere; None: plain PatchMatch, no projection.
+    patch : int
+        Side of a patch, odd.
+    iterations : int
+        On the coarsest level.
+    seed : int
+    uniformity : float
+        Weight of the spatial uniformity term, in units of the exemplar's variance.
+    contrast : float
+        Weight alpha of global histogram matching, 0 to 1.
+    flat : bool
+        Match to the projected exemplar with constant weight; else to the exemplar with a weight that fades to 0 over
+        the coarsest level, as in the paper.
+    """
+
+    width: int
+    height: int
+    wrap_x: bool
+    wrap_y: bool
+    sigma: float | None
+    patch: int
+    iterations: int
+    seed: int
+    uniformity: float
+    contrast: float
+    flat: bool
+
+    def alpha(self, iteration: int) -> float:
+        """Weight of global histogram matching in an iteration, counted over all levels."""
+        return self.contrast if self.flat else self.contrast * max(0.0, 1.0 - iteration / self.iterations)
+
+
+@dataclass(frozen=True)
+class Synthesis:
+    """The result: for every pixel the exemplar pixel it copies, and the field that led there (both packed y << 16 | x)."""
+
+    source: np.ndarray
+    field: np.ndarray
+
+
+def level_scales(width: int, height: int) -> list[float]:
+    """Scales of the pyramid levels relative to the tile, coarse to fine, about SCALE apart; the last is 1."""
+    coarsest = min(1.0, max(0.25, COARSEST / min(width, height)))
+    steps = math.ceil(math.log(1.0 / coarsest) / math.log(SCALE) - 0.5)
+    return [coarsest ** (1.0 - level / steps) for level in range(steps)] + [1.0]
+
+
+def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometry:
+    """Sizes at one level for an exemplar of `shape` (height, width, ...).
+
+    Raises
+    ------
+    ImageError
+        Exemplar or tile are smaller than a patch there.
+    """
+    width, height, e_width, e_height = (
+        max(1, round(n * scale)) for n in (recipe.width, recipe.height, shape[1], shape[0])
+    )
+    patch = recipe.patch
+    for what, size, full in (
+        ("exemplar", (e_width, e_height), (shape[1], shape[0])),
+        ("tile", (width, height), (recipe.width, recipe.height)),
+    ):
+        if min(size) < patch:
+            coarse = "" if size == full else f" is {size[0]}x{size[1]} on the coarsest level, which"
+            raise ImageError(
+                f"the {what} of {full[0]}x{full[1]} px{coarse} is smaller than a patch of {patch}x{patch}"
+            )
+    return Geometry(width, height, e_width, e_height, patch, recipe.wrap_x, recipe.wrap_y)
+
+
+def synthesize(
+    device: Device,
+    exemplar: np.ndarray,
+    opaque: np.ndarray | None,
+    recipe: Recipe,
+    budget: int,
+    progress: Callable[[int, int], None],
+) -> Synthesis:
+    """Run MJH17 algorithm 1.
+
+    Parameters
+    ----------
+    device : Device
+    exemplar : (height, width, 3) float32
+        CIE Lab.
+    opaque : (height, width) bool or None
+        Pixels that may be used; None: all.
+    recipe : Recipe
+    budget : int
+        Bytes for everything that is held at a time.
+    progress : callable
+        Called with (iterations done, iterations in all); may raise to stop.
+
+    Raises
+    ------
+    ImageError
+        The exemplar is too small, or has no usable patch.
+    DeviceError
+        It does not fit the budget.
+    """
+    scales = level_scales(recipe.width, recipe.height)
+    geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
+    if opaque is not None:  # what is transparent must not bleed into the coarse levels
+        exemplar = np.where(opaque[..., None], exemplar, exemplar[opaque].mean(axis=0) if opaque.any() else 0)
+    total = recipe.iterations + FINE_ITERATIONS * (len(scales) - 1)
+    what = f"a tile of {recipe.width}x{recipe.height} from an exemplar of {exemplar.shape[1]}x{exemplar.shape[0]}"
+    done, field, coarser = 0, None, None
+    with Buffers(device, _layout(recipe, geometries[-1]), budget, what, held=2 * exemplar.nbytes) as buffers:
+        for geometry, scale in zip(geometries, scales, strict=True):
+            image = to_grid(resized(exemplar, geometry.exemplar_width, geometry.exemplar_height), recipe.patch)
+            allowed = allowed_patches(_coarse_mask(opaque, geometry), geometry)
+            if field is None:
+                field = random_field(geometry, allowed, recipe.seed)
+            else:
+                field = upsample_field(field, coarser, geometry, allowed, recipe.seed)
+            matcher = Matcher(device, buffers, geometry, image, allowed, field, recipe.uniformity, recipe.seed)
+            level = _Level(device, buffers, matcher, image, recipe, scale)
+            for _ in range(recipe.iterations if done == 0 else FINE_ITERATIONS):
+                last = done == total - 1
+                level.iterate(done, LAST_PASSES if last else PASSES)
+                done += 1
+                progress(done, total)
+            field, coarser = matcher.field(), geometry
+        return Synthesis(matcher.pick(), field)
+
+
+class _Level:
+    """One pyramid level: the body of algorithm 1's inner loop."""
+
+    def __init__(
+        self, device: Device, buffers: Buffers, matcher: Matcher, exemplar: np.ndarray, recipe: Recipe, scale: float
+    ):
+        self._device, self._buffers, self._matcher, self._recipe = device, buffers, matcher, recipe
+        g = self._geometry = matcher.geometry
+        values = exemplar.reshape(-1, 3)
+        self._low, self._high = values.min(axis=0), values.max(axis=0)
+        self._first = int(self._low.min())
+        self._entries = int(self._high.max()) - self._first + 1
+        sigma = None if recipe.sigma is None else recipe.sigma * scale
+        if recipe.contrast > 0:
+            self._goal = value_counts(self._goal_image(exemplar, sigma), self._first, self._entries)
+        self._projection = None
+        if sigma is not None:
+            self._projection = self._projected(g.width, g.height, sigma, g.wrap_x, g.wrap_y)
+
+    def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projection:
+        cells = Cells.of(width, height, sigma)
+        return Projection(self._device, self._buffers, cells, sigma, self._low, self._high, wrap_x, wrap_y)
+
+    def _goal_image(self, exemplar: np.ndarray, sigma: float | None) -> np.ndarray:
+        """The image whose histogram is aimed at."""
+        if not self._recipe.flat or sigma is None:
+            return exemplar
+        g = self._geometry
+        self._projected(g.exemplar_width, g.exemplar_height, sigma, False, False).project("exemplar", "matched")
+        return self._device.read(self._buffers["matched"], exemplar.shape, np.int16)
+
+    def iterate(self, iteration: int, passes: int) -> None:
+        """vote, matchHistogram, project, patchMatch: the source's own pixels have the last word (section 4.2)."""
+        self._matcher.vote()
+        self._match_histogram(self._recipe.alpha(iteration))
+        if self._projection is not None:
+            self._projection.project("image", "matched", OVERSHOOT)
+            self._buffers.swap("image", "matched")
+        self._matcher.improve(passes, iteration)
+
+    def _match_histogram(self, alpha: float) -> None:
+        if alpha <= 0:
+            return
+        g = self._geometry
+        image = self._device.read(self._buffers["image"], (g.height, g.width, 3), np.int16)
+        table = matching_table(value_counts(image, self._first, self._entries), self._goal, self._first, alpha)
+        apply_table(self._device, self._buffers, "image", g.width * g.height, table, self._first)
+
+
+def _layout(recipe: Recipe, finest: Geometry) -> dict[str, int]:
+    """Device memory of the finest level, which the coarser ones share; `image` and `matched` change places."""
+    layout = finest.layout()
+    if recipe.sigma is not None:
+        sizes = [(finest.width, finest.height)]
+        if recipe.contrast > 0 and recipe.flat:
+            sizes.append((finest.exemplar_width, finest.exemplar_height))
+        for width, height in sizes:
+            for name, size in Cells.of(width, height, recipe.sigma).layout().items():
+                layout[name] = max(layout.get(name, 0), size)
+        layout["image"] = layout["matched"]
+    return layout
+
+
+def _coarse_mask(opaque: np.ndarray | None, geometry: Geometry) -> np.ndarray | None:
+    """The mask on a level: a coarse pixel is usable where all the pixels under it are."""
+    if opaque is None:
+        return None
+
+    def shrink(mask: np.ndarray, n: int, axis: int) -> np.ndarray:
+        first = np.arange(n) * mask.shape[axis] // n
+        return np.logical_and.reduceat(mask, first, axis=axis)
+
+    return shrink(shrink(opaque, geometry.exemplar_height, 0), geometry.exemplar_width, 1)
