@@ -8,6 +8,7 @@ a buffer, an op not yet computed) is the part's own business.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import itertools
 import os
 import re
@@ -317,11 +318,46 @@ def _one_line(text: str) -> str:
 # --- pixels ---
 
 
+def without_nonfinite(image: Image, mode: str) -> Image:
+    """NaN and Inf repaired as oiiotool's --fixnan does.
+
+    Parameters
+    ----------
+    image : Image
+    mode : str
+        'black', 'box3' (the mean of the finite neighbours) or 'error'.
+
+    Raises
+    ------
+    ImageError
+        Another mode; or there are some and the mode is 'error'.
+    """
+    modes = {"black": oiio.NONFINITE_BLACK, "box3": oiio.NONFINITE_BOX3, "error": oiio.NONFINITE_ERROR}
+    if mode not in modes:
+        raise ImageError(f"no mode '{mode}'; allowed is {', '.join(modes)}")
+
+    def fixed(part: Part) -> Part:
+        buffer = to_buffer(part)
+        if not oiio.ImageBufAlgo.fixNonFinite(buffer, buffer, modes[mode]):
+            raise ImageError(f"{image.source}: {_one_line(buffer.geterror())}")
+        return from_buffer(buffer).first
+
+    return Image((fixed(image.first), *image.parts[1:]), image.source)
+
+
+def tagged(image: Image, name: str, value: str) -> Image:
+    """The image with an attribute of its first part set."""
+    spec = oiio.ImageSpec(image.first.spec)
+    spec.attribute(name, value)
+    return Image((dataclasses.replace(image.first, spec=spec), *image.parts[1:]), image.source)
+
+
 def resized(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(h, w, c) float32 -> (height, width, c) float32 by OpenImageIO's default filter."""
+    """(h, w, c) float32 -> (height, width, c) float32 through a triangle filter as wide as the reduction asks for."""
     if pixels.shape[:2] == (height, width):
         return pixels
     buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT))
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels, np.float32))
-    small = oiio.ImageBufAlgo.resize(buffer, roi=oiio.ROI(0, width, 0, height, 0, 1, 0, pixels.shape[2]))
+    roi = oiio.ROI(0, width, 0, height, 0, 1, 0, pixels.shape[2])
+    small = oiio.ImageBufAlgo.resize(buffer, "triangle", roi=roi)
     return small.get_pixels(oiio.FLOAT, small.roi)

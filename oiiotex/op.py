@@ -42,7 +42,10 @@ class Output:
 
 @dataclass(frozen=True, kw_only=True)
 class Op:
-    """Base of all ops. A subclass must say `name`, `reach`, `space` and `outputs`: none has a default."""
+    """Base of all ops. A subclass must say `name`, `reach`, `space` and `outputs`: none has a default.
+
+    A subclass whose own name starts with an underscore is not an op but a common ground of several.
+    """
 
     name: ClassVar[str]
     reach: ClassVar[Reach]
@@ -51,7 +54,7 @@ class Op:
 
     def __init_subclass__(cls) -> None:
         missing = [fact for fact in ("name", "reach", "space", "outputs") if not hasattr(cls, fact)]
-        if missing:
+        if missing and not cls.__name__.startswith("_"):
             raise TypeError(f"{cls.__name__} does not declare {', '.join(missing)}")
 
     def __post_init__(self) -> None:

@@ -40,6 +40,8 @@ class Session:
         Called with (done, total) as work goes on; returning False stops the run.
     measure : bool
         Report how stationary, faithful and seamless a result is (takes time).
+    profile : bool
+        Time every kernel.
     stats : Stats
         Where the time went.
     """
@@ -51,6 +53,7 @@ class Session:
     autocc: bool = False
     progress: Progress | None = None
     measure: bool = False
+    profile: bool = False
     stats: Stats = field(default_factory=Stats)
 
     @functools.cached_property
@@ -59,7 +62,9 @@ class Session:
         from . import device
 
         with self.stats.time("open device"):
-            return device.open_device(self.device_name, self.threads)
+            opened = device.open_device(self.device_name, self.threads)
+        opened.record = self.profile
+        return opened
 
     @functools.cached_property
     def color(self) -> ColorConfig:

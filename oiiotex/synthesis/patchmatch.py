@@ -17,6 +17,7 @@ from ..errors import ImageError
 
 JUMPS = (4, 2, 1)
 SEARCHES = 6
+MATCH_PASSES = 8  # for a field on its own, with nothing to refine it later
 PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from its centre
 LARGEST_SIDE = 65536  # corners are packed into 2 x 16 bits
 
@@ -319,3 +320,35 @@ def _penalty_unit(exemplar: np.ndarray, geometry: Geometry) -> float:
     best = max(1.0, share) * n
     variance = float(exemplar.reshape(-1, 3).var(axis=0, dtype=np.float64).sum())
     return n * variance / (best * n)
+
+
+def match_patches(
+    device: Device, lab: np.ndarray, exemplar: np.ndarray, field: np.ndarray, patch: int, wrap: tuple[bool, bool],
+    seed: int, budget: int,
+) -> np.ndarray:  # fmt: skip
+    """The nearest-neighbour field of an image, from a first guess and `MATCH_PASSES` passes without uniformity.
+
+    Parameters
+    ----------
+    device : Device
+    lab, exemplar : (height, width, 3) float32
+        CIE Lab.
+    field : (rows, columns) uint32
+        Where to start.
+    patch : int
+        Side of a patch.
+    wrap : (bool, bool)
+        The image is a torus along x, along y.
+    seed, budget : int
+
+    Returns
+    -------
+    (rows, columns) uint32
+    """
+    geometry = Geometry(lab.shape[1], lab.shape[0], exemplar.shape[1], exemplar.shape[0], patch, *wrap)
+    with Buffers(device, geometry.layout(), budget, "matching patches", held=exemplar.nbytes) as buffers:
+        image = to_grid(exemplar, patch)
+        matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed)
+        device.write(buffers["image"], to_grid(lab, patch))
+        matcher.improve(MATCH_PASSES, 0x3A7C)
+        return matcher.field()

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The program: settings, exit codes, signals."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import time
+import traceback
+from types import FrameType
+from typing import NoReturn
+
+from ..errors import Error, ParameterError
+from ..session import Session
+from .parse import CommandLine, parse
+
+
+class _Signal(BaseException):
+    """A signal asked the run to end: unwinds it, so that nothing half is left behind."""
+
+    def __init__(self, number: int):
+        self.number = number
+
+
+def main(words: list[str] | None = None) -> NoReturn:
+    """Run the command line and exit: 0 well, 1 an error, 130 and 143 after SIGINT and SIGTERM."""
+    words = sys.argv[1:] if words is None else words
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _raise_signal)
+    try:
+        _run(words)
+    except Error as error:
+        if any(word.lstrip("-") == "debug" for word in words):
+            traceback.print_exc()
+        sys.exit(f"oiiotex ERROR: {error}")
+    except MemoryError:
+        sys.exit("oiiotex ERROR: out of memory: lower --cache, or make the tile or the photo smaller")
+    except BrokenPipeError:
+        sys.exit(0)
+    except _Signal as stop:
+        sys.exit(128 + stop.number)
+    sys.exit(0)
+
+
+def _raise_signal(number: int, _: FrameType | None) -> NoReturn:
+    raise _Signal(number)
+
+
+def _run(words: list[str]) -> None:
+    start = time.perf_counter()
+    command = parse(words)
+    settings = command.settings
+    logging.basicConfig(format="%(message)s", level=logging.INFO if _wants_report(command) else logging.WARNING)
+    if _prints_only(command):
+        return
+    from . import report
+    from .chain import Chain
+
+    session = Session(
+        device_name=_first(settings, "--device"),
+        threads=_whole_number(settings, "--threads"),
+        colorconfig=_first(settings, "--colorconfig"),
+        autocc="--autocc" in settings,
+        progress=report.progress_bar(),
+        measure=_wants_report(command),
+        profile="--runstats" in settings,
+    )
+    if "--cache" in settings:
+        session.budget = _whole_number(settings, "--cache") << 20
+    Chain(session).run(command.actions)
+    if "--runstats" in settings:
+        print(report.time_table(session.stats, time.perf_counter() - start))
+
+
+def _prints_only(command: CommandLine) -> bool:
+    """Serve the options that print something and end."""
+    from . import report
+
+    settings = command.settings
+    if "--help" in settings or not (settings or command.actions):
+        topic = _first(settings, "--help")
+        print(report.page(topic) if topic else report.overview())
+    elif "--version" in settings:
+        print(report.versions())
+    elif "--devices" in settings:
+        print(report.device_list(_whole_number(settings, "--threads")))
+    else:
+        return False
+    return True
+
+
+def _wants_report(command: CommandLine) -> bool:
+    return "-v" in command.settings or "--runstats" in command.settings
+
+
+def _first(settings: dict[str, tuple[str, ...]], name: str) -> str | None:
+    return next(iter(settings.get(name, ())), None)
+
+
+def _whole_number(settings: dict[str, tuple[str, ...]], name: str) -> int:
+    text = _first(settings, name) or "0"
+    if not text.isdigit():
+        raise ParameterError(f"{name} {text}: allowed is a whole number >= 0")
+    return int(text)

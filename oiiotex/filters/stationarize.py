@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texstationarize and its baseline --texpatchmatch: MJH17."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+
+from ..analysis.stationarity import seam_ratio, stationarity_cost, texture_cost
+from ..color import Working, working_values
+from ..images import Image, derived_spec, from_pixels, write
+from ..op import Op, Output, Reach, Space
+from ..params import Size, image, param
+from ..session import Session
+from ..synthesis.patchmatch import match_patches, unpack
+from ..synthesis.stationarize import Recipe, Synthesis, synthesize
+
+log = logging.getLogger("oiiotex")
+
+_PATCHES = tuple(range(5, 23, 2))
+_ST = Output("st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PatchSynthesis(Op):
+    """What both ops share: inputs, how a recipe becomes an image, the report."""
+
+    reach: ClassVar[Reach] = Reach.GLOBAL
+    space: ClassVar[Space] = Space.LAB
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("tile", "pixels copied from the photo, all channels together, in its own colour space and type"),
+        _ST,
+    )
+
+    exemplar: Image = image(help="the photo")
+    size: Size | None = param(None, ge=5, le=65536, unit="px", help="of the result; the exemplar's own when left out")
+    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="along which axes the result tiles")
+    patch: int = param(11, choices=_PATCHES, unit="px", help="side of a patch: the scale up to which detail is copied whole")
+    iterations: int = param(30, ge=1, le=1000, help="on the coarsest level; each finer one has 3")
+    seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
+    uniformity: float = param(
+        0.05, ge=0, le=1, help="how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence"
+    )
+    stmap: bool | Path = param(False, help="1: source coordinates as part 'st' of the result; a file name: there")
+    data: bool = param(False, help="the channels are no colours: compare them as they are")
+
+    def recipe(self, width: int, height: int) -> Recipe:
+        """What to synthesize at this size."""
+        raise NotImplementedError
+
+    def _recipe(self, width: int, height: int, sigma: float | None, contrast: float, flat: bool) -> Recipe:
+        return Recipe(
+            width=width,
+            height=height,
+            wrap_x="x" in self.tile,
+            wrap_y="y" in self.tile,
+            sigma=sigma,
+            patch=self.patch,
+            iterations=self.iterations,
+            seed=self.seed,
+            uniformity=self.uniformity,
+            contrast=contrast,
+            flat=flat,
+        )
+
+    def compute(self, session: Session) -> Image:
+        """The tile, followed by the part 'st' where it is asked for."""
+        source = self.exemplar.first
+        width, height = self.size or Size(source.spec.width, source.spec.height)
+        with session.stats.time("read and colour"):
+            working = working_values(self.exemplar, None if self.data else session.color, session.autocc)
+            pixels = source.pixels()
+        device = session.device
+        recipe = self.recipe(width, height)
+        made = synthesize(device, working.values, working.opaque, recipe, session.budget - pixels.nbytes, session.advance)
+        device.collect(session.stats)
+        y, x = unpack(made.source)
+        if session.measure:
+            with session.stats.time("measure"):
+                self._report(working, made, recipe, session)
+        tile = from_pixels(source.name, pixels[y, x], _tile_spec(source.spec, self, width, height))
+        st = from_pixels("st", source_coordinates(y, x, source.spec), _st_spec(width, height))
+        if isinstance(self.stmap, Path):
+            write(Image((st,), str(self.stmap)), self.stmap)
+        return Image((tile, st) if self.stmap is True else (tile,), self.exemplar.source)
+
+    def _report(self, working: Working, made: Synthesis, recipe: Recipe, session: Session) -> None:
+        """Log the three measures before and after."""
+        y, x = unpack(made.source)
+        tile, photo = working.values[y, x], working.values
+        sigma = recipe.sigma or max(recipe.width, recipe.height) / 32
+        before = stationarity_cost(photo, sigma, False, False)
+        after = stationarity_cost(tile, sigma, recipe.wrap_x, recipe.wrap_y)
+        log.info("%s: stationarity cost %.2f -> %.2f Lab at sigma %g px (MJH17 eq. 1)", self.name, before, after, sigma)
+        wrap = recipe.wrap_x, recipe.wrap_y
+        field = match_patches(session.device, tile, photo, made.field, recipe.patch, wrap, recipe.seed, session.budget)
+        cost = texture_cost(tile, photo, *unpack(field), recipe.patch)
+        log.info("%s: texture cost %.2f Lab^2 per pixel (MJH17 eq. 5, upper bound by PatchMatch)", self.name, cost)
+        for axis, name, wraps in ((1, "x", recipe.wrap_x), (0, "y", recipe.wrap_y)):
+            if wraps:
+                ratios = seam_ratio(photo[..., 0], axis), seam_ratio(tile[..., 0], axis)
+                log.info("%s: seam ratio %s %.2f -> %.2f (1 is invisible)", self.name, name, *ratios)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stationarize(_PatchSynthesis):
+    """Turn a photo into a texture that tiles without visible repetition.
+
+    Gradients of light, stains and other slow drift repeat visibly when a photo is tiled. This filter synthesizes the
+    photo anew from its own patches while it makes local histograms the same everywhere above a scale sigma (MJH17:
+    Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017). Every pixel of the
+    result is a copy of one pixel of the photo.
+    """
+
+    name: ClassVar[str] = "stationarize"
+
+    sigma: float | None = param(
+        None, ge=0.5, unit="px", help="scale above which the texture must look the same everywhere; longer side / 32 when left out"
+    )
+    contrast: float = param(0.7, ge=0, le=1, help="how strongly the overall histogram is held to the target's; 0: not at all")
+    target: str = param(
+        "flat",
+        choices=("flat", "exemplar"),
+        help="the histogram that contrast holds to: that of the photo made stationary, or (as in the paper, fading out"
+        " over the coarsest level) of the photo",
+    )
+
+    def recipe(self, width: int, height: int) -> Recipe:
+        """MJH17 with the histogram measure."""
+        return self._recipe(width, height, self.sigma or max(width, height) / 32, self.contrast, self.target == "flat")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchMatch(_PatchSynthesis):
+    """The photo synthesized anew by PatchMatch alone: the paper's baselines (MJH17 section 5.2).
+
+    The same as --texstationarize without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
+    """
+
+    name: ClassVar[str] = "patchmatch"
+
+    contrast: float = param(1.0, ge=0, le=1, help="how strongly the histogram is held to the photo's at first; it fades out")
+
+    def recipe(self, width: int, height: int) -> Recipe:
+        """MJH17 without stationarity."""
+        return self._recipe(width, height, None, self.contrast, False)
+
+
+def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
+    """Pixel indices in the data window -> (s, t) over the display window, (height, width, 2) float32.
+
+    (0, 0) is the display window's top left corner and (1, 1) its bottom right, as --st_warp has it; pixel centres
+    lie half a pixel in.
+    """
+    s = (x + spec.x - spec.full_x + 0.5) / spec.full_width
+    t = (y + spec.y - spec.full_y + 0.5) / spec.full_height
+    return np.stack([s, t], axis=-1).astype(np.float32)
+
+
+def _tile_spec(spec: oiio.ImageSpec, op: Op, width: int, height: int) -> oiio.ImageSpec:
+    new = derived_spec(spec, width, height)
+    new.attribute("wrapmodes", ",".join("periodic" if a in op.tile else "black" for a in "xy"))
+    return new
+
+
+def _st_spec(width: int, height: int) -> oiio.ImageSpec:
+    spec = oiio.ImageSpec(width, height, 2, oiio.FLOAT)
+    spec.channelnames = ("R", "G")
+    spec.attribute("oiio:ColorSpace", "data")
+    return spec
+
+
