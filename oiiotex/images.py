@@ -230,9 +230,10 @@ def write(image: Image, path: str | os.PathLike, pixel_type: oiio.TypeDesc | Non
         try:
             for i, part in enumerate(image.parts):
                 _open_part(out, temporary, specs, i, path)
-                if wanted[i] is not None and out.spec().format != wanted[i]:
+                held = out.spec().format
+                _write_rows(out, part, path)  # even in vain: libpng talks on stderr about files left without rows
+                if wanted[i] is not None and held != wanted[i]:
                     raise ImageError(f"{path}: {out.format_name()} cannot hold part '{part.name}' as {wanted[i]}")
-                _write_rows(out, part, path)
         finally:
             closed = out.close()
         if not closed:

@@ -34,7 +34,7 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
                                 __constant float *low, __constant float *per_bin,
                                 int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
   int cx = get_global_id(0), cy = get_global_id(1), c = get_global_id(2);
-  if (cx >= cells_x || cy >= cells_y) return;
+  if (cx >= cells_x || cy >= cells_y || c >= 3) return;
   float pitch_x = (float)width / (float)cells_x, pitch_y = (float)height / (float)cells_y;
   __global float *histogram = grid + ((c * cells_y + cy) * cells_x + cx) * BINS;
   for (int b = 0; b < BINS; b++) histogram[b] = 1e-6f * pitch_x * pitch_y;   // keeps the cumulative strictly rising
@@ -61,7 +61,7 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
 __kernel void histograms_blur(const __global float *restrict grid, __global float *restrict blurred,
                               __constant float *weights, int radius, int n, int stride, int across, int across_stride, int wrap) {
   int part = get_global_id(0) * BIN_LANES, i = get_global_id(1), jc = get_global_id(2);
-  if (part >= BINS) return;
+  if (part >= BINS || i >= n || jc >= 3 * across) return;
   int line = (jc / across * n * across + jc % across * across_stride) * BINS + part;
   bin_lane sum = 0.0f;
   for (int k = -radius; k <= radius; k++) {
@@ -74,9 +74,9 @@ __kernel void histograms_blur(const __global float *restrict grid, __global floa
 }
 
 // Sums of a row of cells, bin by bin: the rows are added on the host to the global histogram.
-__kernel void histograms_row_sums(const __global float *restrict grid, __global float *restrict sums, int cells_x) {
+__kernel void histograms_row_sums(const __global float *restrict grid, __global float *restrict sums, int cells_x, int rows) {
   int part = get_global_id(0) * BIN_LANES, row = get_global_id(1);
-  if (part >= BINS) return;
+  if (part >= BINS || row >= rows) return;
   bin_lane sum = 0.0f;
   for (int x = 0; x < cells_x; x++) sum += *(const __global bin_lane *)(grid + (row * cells_x + x) * BINS + part);
   *(__global bin_lane *)(sums + row * BINS + part) = sum;
@@ -111,7 +111,7 @@ __kernel void histograms_match(const __global short *restrict image, const __glo
                                __constant float *low, __constant float *per_bin, float strength,
                                int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
   int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
-  if (x >= width || y >= height) return;
+  if (x >= width || y >= height || c >= 3) return;
   float gx = ((float)x + 0.5f) * ((float)cells_x / (float)width) - 0.5f;
   float gy = ((float)y + 0.5f) * ((float)cells_y / (float)height) - 0.5f;
   int x0 = floor_int(gx), y0 = floor_int(gy);

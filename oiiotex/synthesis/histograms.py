@@ -124,7 +124,7 @@ class Projection:
         size = (cells.width, cells.height, cells.x, cells.y, *self._wrap)
         self._run("gather", (cells.x, cells.y, 3), b[image], b["grid"], *self._bins, *size)
         bin_parts = BINS if self._device.lanes == 1 else BINS // 16  # cl/histograms.cl, BIN_LANES
-        self._run("row_sums", (bin_parts, 3 * cells.y), b["grid"], b["row_sums"], cells.x)
+        self._run("row_sums", (bin_parts, 3 * cells.y), b["grid"], b["row_sums"], cells.x, 3 * cells.y)
         (weights_x, radius_x), (weights_y, radius_y) = self._kernels
         self._run(
             "blur", (bin_parts, cells.x, 3 * cells.y), b["grid"], b["grid_next"], weights_x, radius_x,

@@ -150,7 +150,7 @@ def synthesize(
     total = recipe.iterations + FINE_ITERATIONS * (len(scales) - 1)
     what = f"a tile of {recipe.width}x{recipe.height} from an exemplar of {exemplar.shape[1]}x{exemplar.shape[0]}"
     done, field, coarser = 0, None, None
-    with Buffers(device, _layout(recipe, geometries[-1]), budget, what, held=2 * exemplar.nbytes) as buffers:
+    with Buffers(device, _layout(recipe, geometries, scales), budget, what, held=2 * exemplar.nbytes) as buffers:
         for geometry, scale in zip(geometries, scales, strict=True):
             image = to_grid(resized(exemplar, geometry.exemplar_width, geometry.exemplar_height), recipe.patch)
             allowed = allowed_patches(_coarse_mask(opaque, geometry), geometry)
@@ -218,17 +218,19 @@ class _Level:
         apply_table(self._device, self._buffers, "image", g.width * g.height, table, self._first)
 
 
-def _layout(recipe: Recipe, finest: Geometry) -> dict[str, int]:
-    """Device memory of the finest level, which the coarser ones share; `image` and `matched` change places."""
-    layout = finest.layout()
-    if recipe.sigma is not None:
-        sizes = [(finest.width, finest.height)]
+def _layout(recipe: Recipe, geometries: list[Geometry], scales: list[float]) -> dict[str, int]:
+    """Device memory that every level fits into; `image` and `matched` change places, so they are of one size."""
+    layout = geometries[-1].layout()
+    for geometry, scale in zip(geometries, scales, strict=True):
+        if recipe.sigma is None:
+            break
+        sizes = [(geometry.width, geometry.height)]
         if recipe.contrast > 0 and recipe.flat:
-            sizes.append((finest.exemplar_width, finest.exemplar_height))
+            sizes.append((geometry.exemplar_width, geometry.exemplar_height))
         for width, height in sizes:
-            for name, size in Cells.of(width, height, recipe.sigma).layout().items():
+            for name, size in Cells.of(width, height, recipe.sigma * scale).layout().items():
                 layout[name] = max(layout.get(name, 0), size)
-        layout["image"] = layout["matched"]
+    layout["image"] = max(layout["image"], layout.get("matched", 0))
     return layout
 
 
