@@ -44,7 +44,7 @@ class _PatchSynthesis(Op):
     iterations: int = param(30, ge=1, le=1000, help="on the coarsest level; each finer one has 3")
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
     uniformity: float = param(
-        0.05, ge=0, le=1, help="how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence"
+        0.01, ge=0, le=1, help="how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence"
     )
     stmap: bool | Path = param(False, help="1: source coordinates as part 'st' of the result; a file name: there")
     data: bool = param(False, help="the channels are no colours: compare them as they are")

@@ -28,7 +28,7 @@ COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter sid
 FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
 PASSES = 2  # of PatchMatch in an iteration, and in the very last one:
 LAST_PASSES = 3
-OVERSHOOT = 1.4
+OVERSHOOT = 1.2
 
 
 @dataclass(frozen=True, kw_only=True)
