@@ -82,7 +82,7 @@ class Channels:
 def channels_of(spec: oiio.ImageSpec) -> Channels:
     """Colour is R, G, B by name, else the first three that are not alpha, or the one there is."""
     names = [n.upper() for n in spec.channelnames]
-    alpha = spec.alpha_channel if spec.alpha_channel >= 0 else None
+    alpha = spec.alpha_channel if spec.alpha_channel >= 0 else names.index("A") if "A" in names else None
     if all(c in names for c in "RGB"):
         return Channels(tuple(names.index(c) for c in "RGB"), alpha)
     others = [i for i in range(spec.nchannels) if i != alpha]
@@ -238,7 +238,7 @@ def write(image: Image, path: str | os.PathLike, pixel_type: oiio.TypeDesc | Non
             closed = out.close()
         if not closed:
             raise ImageError(f"{path}: {_one_line(out.geterror())}")
-    
+        _check_arrived(temporary, image, path)
 
 def _output_spec(part: Part, pixel_type: oiio.TypeDesc | None, named: bool) -> oiio.ImageSpec:
     spec = oiio.ImageSpec(part.spec)
@@ -266,6 +266,18 @@ def _write_rows(out: oiio.ImageOutput, part: Part, path: Path) -> None:
     for begin, end in part.bands():
         if not out.write_scanlines(top + begin, top + end, 0, np.ascontiguousarray(part.rows(begin, end))):
             raise ImageError(f"{path}: writing failed at row {begin}: {_one_line(out.geterror())}")
+
+
+def _check_arrived(temporary: Path, image: Image, path: Path) -> None:
+    """Refuse a file that did not reach the disk whole: several of OpenImageIO's writers do not notice a full one."""
+    disk = os.statvfs(temporary) if hasattr(os, "statvfs") else None
+    try:
+        if disk is not None and disk.f_bfree == 0:
+            raise ImageError("no space left")
+        for written, part in zip(read(temporary).parts, image.parts, strict=True):
+            written.rows(part.spec.height - 1, part.spec.height)
+    except (ImageError, ValueError) as error:
+        raise ImageError(f"{path}: the file could not be written whole: is the disk full?") from error
 
 
 @contextlib.contextmanager
@@ -326,14 +338,14 @@ def without_nonfinite(image: Image, mode: str) -> Image:
     ----------
     image : Image
     mode : str
-        'black', 'box3' (the mean of the finite neighbours) or 'error'.
+        'black', or 'box3': the mean of the finite neighbours.
 
     Raises
     ------
     ImageError
-        Another mode; or there are some and the mode is 'error'.
+        Another mode.
     """
-    modes = {"black": oiio.NONFINITE_BLACK, "box3": oiio.NONFINITE_BOX3, "error": oiio.NONFINITE_ERROR}
+    modes = {"black": oiio.NONFINITE_BLACK, "box3": oiio.NONFINITE_BOX3}
     if mode not in modes:
         raise ImageError(f"no mode '{mode}'; allowed is {', '.join(modes)}")
 

@@ -89,10 +89,9 @@ class Parameter:
             return next((c for c in self.choices if str(c) == text), None) or self._refuse(text)
         for kind in self.kind or ():
             try:
-                value = _parse(kind, text)
-            except ValueError:
+                return self.check(_parse(kind, text))
+            except (ValueError, ParameterError):
                 continue
-            return self.check(value)
         return self._refuse(text)
 
     def _refuse(self, value: Any) -> typing.NoReturn:

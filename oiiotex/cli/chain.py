@@ -41,18 +41,17 @@ class Chain:
             One failed; its text names it.
         """
         for action in actions:
-            try:
-                if action.op is not None:
-                    self._waiting.append(action)
-                else:
+            if action.op is not None:
+                self._waiting.append(action)
+            else:
+                if action.option != "-i":
+                    self._nothing_waits()
+                try:
                     self._do(action)
-            except Error as error:
-                raise ActionError(action, error) from error
+                except Error as error:
+                    raise ActionError(action, error) from error
             self._run_waiting()
-        if self._waiting:
-            action = self._waiting[0]
-            need = len(action.op.images())  # type: ignore[union-attr]
-            raise ActionError(action, ParameterError(f"takes {need} image(s), there are {len(self._stack)}"))
+        self._nothing_waits()
         if self._unwritten:
             log.warning("nothing was written: did you forget -o?")
 
@@ -69,6 +68,13 @@ class Chain:
             self._push(tagged(self._pop(), TAG, self._session.color.resolve(argument)))
         elif action.option == "--fixnan":
             self._push(without_nonfinite(self._pop(), argument))
+
+    def _nothing_waits(self) -> None:
+        """Refuse to go on past an op that still lacks operands: what follows would happen to the wrong image."""
+        if self._waiting:
+            action = self._waiting[0]
+            need = len(action.op.images())  # type: ignore[union-attr]
+            raise ActionError(action, ParameterError(f"takes {need} image(s), there are {len(self._stack)}"))
 
     def _run_waiting(self) -> None:
         while self._waiting and len(self._stack) >= len(self._waiting[0].op.images()):  # type: ignore[union-attr]

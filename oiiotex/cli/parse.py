@@ -26,7 +26,7 @@ OPTIONS = (
     Option("-o", ("FILE",), "write the top image; a run that fails leaves the old file as it was"),
     Option("-d", ("TYPE",), "pixel type of what is written from here on: uint8, uint16, half, float ..."),
     Option("--iscolorspace", ("SPACE",), "say which colour space the top image is in; nothing is converted"),
-    Option("--fixnan", ("MODE",), "repair NaN and Inf of the top image: black, box3 or error"),
+    Option("--fixnan", ("MODE",), "repair NaN and Inf of the top image: black or box3"),
     Option("--autocc", (), "let the config's file rules name the space of files that do not say it", setting=True),
     Option("--colorconfig", ("FILE",), "OCIO config; else $OCIO, else a built-in one", setting=True),
     Option("--device", ("DEVICE",), "OpenCL device: number, gpu, cpu or part of its name; else $OIIOTEX_DEVICE", setting=True),

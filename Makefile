@@ -1,0 +1,54 @@
+# One environment in .venv; nothing else to set up than Python 3.11+ with venv, and make.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PHOTO ?=
+EXTRAS := cpu,linker,demo
+
+.PHONY: demo test test-all lint docs golden benchmark clean
+
+demo: $(VENV)/demo
+	$(BIN)/python -m docs.demo $(if $(PHOTO),--photo "$(PHOTO)")
+
+test: $(VENV)/test
+	$(BIN)/python -m pytest -n 2 -m "not slow"
+
+test-all: $(VENV)/test  # with the slow sweeps
+	$(BIN)/python -m pytest -n 2
+
+lint: $(VENV)/test
+	$(BIN)/python -m pip install -q -e ".[lint]"
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+
+docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
+	$(BIN)/python -m docs.pages
+	$(BIN)/python -m docs.pictures
+
+golden: $(VENV)/test  # renew the golden images: look at them before you commit
+	$(BIN)/python -m tests.golden
+
+benchmark: $(VENV)/test
+	$(BIN)/python -m pip install -q -e ".[benchmark]"
+	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.gravel
+	$(BIN)/python -m pytest benchmarks/test_kernels.py
+
+clean:
+	rm -rf $(VENV) demo-out build *.egg-info
+
+$(VENV)/checked:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
+	  { echo "oiiotex needs Python 3.11 or newer as '$(PYTHON)'; name another with make PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
+	  { echo "this Python has no venv: install it (Debian: apt install python3-venv)"; exit 1; }
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install -q --upgrade pip
+	@touch $@
+
+$(VENV)/demo: $(VENV)/checked pyproject.toml
+	$(BIN)/python -m pip install -q -e ".[$(EXTRAS)]"
+	@touch $@
+
+$(VENV)/test: $(VENV)/demo pyproject.toml
+	$(BIN)/python -m pip install -q -e ".[$(EXTRAS),test]"
+	@touch $@

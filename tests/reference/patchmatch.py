@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PatchMatch said plainly, pixel by pixel: the oracle of cl/patchmatch.cl."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from oiiotex.synthesis.patchmatch import JUMPS, SEARCHES, Geometry, hash_at
+
+
+def patch(image: np.ndarray, y: int, x: int, size: int) -> np.ndarray:
+    """The patch with its top-left pixel at (y, x), wrapped."""
+    rows, columns = np.arange(y, y + size) % image.shape[0], np.arange(x, x + size) % image.shape[1]
+    return image[np.ix_(rows, columns)].astype(np.int64)
+
+
+def distance(target: np.ndarray, y: int, x: int, exemplar: np.ndarray, ey: int, ex: int, size: int) -> int:
+    """MJH17 eq. 5, the inner sum."""
+    return int(((patch(target, y, x, size) - patch(exemplar, ey, ex, size)) ** 2).sum())
+
+
+def penalties(field_y: np.ndarray, field_x: np.ndarray, g: Geometry, weight: float) -> np.ndarray:
+    """Weight times the uses of every exemplar patch's pixels, summed over the patch."""
+    uses = np.zeros((g.exemplar_height, g.exemplar_width), np.int64)
+    for y, x in zip(field_y.ravel(), field_x.ravel(), strict=True):
+        uses[y : y + g.patch, x : x + g.patch] += 1
+    out = np.zeros((g.exemplar_rows, g.exemplar_columns), np.int64)
+    for y in range(g.exemplar_rows):
+        for x in range(g.exemplar_columns):
+            out[y, x] = int(np.float32(weight) * np.float32(uses[y : y + g.patch, x : x + g.patch].sum()))
+    return out
+
+
+class Oracle:
+    """One level, as `Matcher` does it."""
+
+    def __init__(self, target: np.ndarray, exemplar: np.ndarray, g: Geometry, y: np.ndarray, x: np.ndarray, penalty: np.ndarray):
+        self.target, self.exemplar, self.g, self.penalty = target, exemplar, g, penalty
+        self.y, self.x = y.copy(), x.copy()
+        self.cost = np.array([[self._cost(r, c, y[r, c], x[r, c]) for c in range(g.columns)] for r in range(g.rows)])
+
+    def _cost(self, r: int, c: int, ey: int, ex: int) -> int:
+        return distance(self.target, r, c, self.exemplar, ey, ex, self.g.patch) + int(self.penalty[ey, ex])
+
+    def _offer(self, r: int, c: int, ey: int, ex: int, best: list[int]) -> None:
+        if 0 <= ey < self.g.exemplar_rows and 0 <= ex < self.g.exemplar_columns:
+            cost = self._cost(r, c, ey, ex)
+            if cost < best[0]:
+                best[:] = [cost, ey, ex]
+
+    def propagate(self, jump: int) -> None:
+        """Offers of the four neighbours, all as they were before."""
+        g = self.g
+        old_y, old_x = self.y.copy(), self.x.copy()
+        for r in range(g.rows):
+            for c in range(g.columns):
+                best = [self.cost[r, c], old_y[r, c], old_x[r, c]]
+                for dy, dx in ((0, -jump), (0, jump), (-jump, 0), (jump, 0)):
+                    rr, cc = r + dy, c + dx
+                    if not g.wrap_y and not 0 <= rr < g.rows or not g.wrap_x and not 0 <= cc < g.columns:
+                        continue
+                    rr, cc = rr % g.rows, cc % g.columns
+                    self._offer(r, c, int(old_y[rr, cc]) - dy, int(old_x[rr, cc]) - dx, best)
+                self.cost[r, c], self.y[r, c], self.x[r, c] = best
+
+    def search(self, seed: int, step: int) -> None:
+        """Random candidates in shrinking windows around the best so far."""
+        g = self.g
+        reach = max(g.exemplar_columns, g.exemplar_rows)
+        shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
+        for r in range(g.rows):
+            for c in range(g.columns):
+                best = [self.cost[r, c], self.y[r, c], self.x[r, c]]
+                bits = int(hash_at(seed, step, np.array([r]), np.array([c]))[0])
+                for k in range(SEARCHES):
+                    radius = max(1, int(reach * shrink**k))
+                    by, bx = int(best[1]), int(best[2])
+                    x0, x1 = max(0, bx - radius), min(g.exemplar_columns - 1, bx + radius)
+                    y0, y1 = max(0, by - radius), min(g.exemplar_rows - 1, by + radius)
+                    bits = pcg(bits + 2 * k + 1)
+                    ex = x0 + (bits * (x1 - x0 + 1) >> 32)
+                    bits = pcg(bits + 2 * k + 2)
+                    ey = y0 + (bits * (y1 - y0 + 1) >> 32)
+                    self._offer(r, c, ey, ex, best)
+                self.cost[r, c], self.y[r, c], self.x[r, c] = best
+
+    def one_pass(self, seed: int, step: int) -> None:
+        """What one iteration of `Matcher.improve` does."""
+        for jump in JUMPS:
+            self.propagate(jump)
+        self.search(seed, step)
+
+
+def pcg(v: int) -> int:
+    """cl/hash.h's hash_pcg."""
+    state = (v * 747796405 + 2891336453) & 0xFFFFFFFF
+    word = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) & 0xFFFFFFFF
+    return ((word >> 22) ^ word) & 0xFFFFFFFF
+
+
+def votes(exemplar: np.ndarray, y: np.ndarray, x: np.ndarray, g: Geometry) -> list[list[list[tuple[int, int, int, int]]]]:
+    """For every target pixel all votes over it: (row in patch, column in patch, source y, source x)."""
+    found = [[[] for _ in range(g.width)] for _ in range(g.height)]
+    for r in range(g.rows):
+        for c in range(g.columns):
+            for v in range(g.patch):
+                for u in range(g.patch):
+                    place = found[(r + v) % g.height][(c + u) % g.width]
+                    place.append((v, u, int(y[r, c]) + v, int(x[r, c]) + u))
+    return found

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The promises of the README, over every filter in the tuple: a new filter cannot forget them."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.op import Op, Space
+from oiiotex.session import Session
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+
+SMALL = {"iterations": 4}  # fewer rounds where the pixels' beauty does not matter
+
+
+def settings(op: type[Op], **more: object) -> dict[str, object]:
+    """Cheap parameters that the op has."""
+    names = {p.name for p in op.parameters()}
+    return {name: value for name, value in {**SMALL, **more}.items() if name in names}
+
+
+def buffer(pixels: np.ndarray, kind=oiio.FLOAT, space: str = "srgb_rec709_scene", names=None) -> oiio.ImageBuf:
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind)
+    if names:
+        spec.channelnames = names
+    if space:
+        spec.attribute("oiio:ColorSpace", space)
+    made = oiio.ImageBuf(spec)
+    made.set_pixels(made.roi, np.ascontiguousarray(pixels, np.float32))
+    return made
+
+
+def scramble(height: int, width: int, like: oiio.ImageBuf) -> oiio.ImageBuf:
+    """A map of source coordinates in random order."""
+    spec = like.spec()
+    y, x = (np.random.default_rng(0).integers(0, n, (height, width)) for n in (spec.height, spec.width))
+    st = np.stack([(x + 0.5) / spec.width, (y + 0.5) / spec.height], -1)
+    return buffer(st, space="data", names=("R", "G"))
+
+
+def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
+    """Images for all of an op's inputs, the photo first."""
+    return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
+
+
+def apply(op: type[Op], photo: oiio.ImageBuf, session: Session | None = None, **values: object) -> oiio.ImageBuf:
+    return getattr(filters, op.name)(*operands(op, photo), session=session, **settings(op, **values))
+
+
+def pixels(image: oiio.ImageBuf) -> np.ndarray:
+    return image.get_pixels(image.spec().format, image.roi)
+
+
+every_filter = pytest.mark.parametrize("op", filters.FILTERS, ids=lambda op: op.name)
+colour_filters = pytest.mark.parametrize(
+    "op", [op for op in filters.FILTERS if op.space is Space.LAB], ids=lambda op: op.name
+)
+PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
+
+
+@every_filter
+def test_every_filter_is_a_function_with_its_declared_parameters(op):
+    function = getattr(filters, op.name)
+    assert set(function.__signature__.parameters) == {i.name for i in op.images()} | {p.name for p in op.parameters()} | {"session"}
+    for name in (p.name for p in op.parameters()):
+        assert f"{name} : " in function.__doc__
+
+
+@every_filter
+def test_a_seed_is_a_promise(op):
+    photo = buffer(PHOTO)
+    once, again = pixels(apply(op, photo, seed=3)), pixels(apply(op, photo, seed=3))
+    np.testing.assert_array_equal(once, again)
+    if "seed" in settings(op, seed=3):
+        assert (pixels(apply(op, photo, seed=4)) != once).mean() > 0.3
+
+
+@every_filter
+def test_threads_and_budget_do_not_show(op, tmp_path):
+    save(PHOTO, tmp_path / "photo.png")
+    save(pixels(scramble(40, 48, buffer(PHOTO))), tmp_path / "st.exr", "float", "data")
+    modifiers = "".join(f":{k}={v}" for k, v in settings(op, seed=5).items())
+    inputs = ["photo.png", "st.exr"][: len(op.images())]
+    found = set()
+    for n, more in enumerate((["--threads", "1"], ["--threads", "2"], ["--cache", "600"])):
+        done = oiiotex(*inputs, f"{op.flag()}{modifiers}", *more, "-o", f"{n}.exr", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        found.add(hashlib.sha256(load(tmp_path / f"{n}.exr").tobytes()).hexdigest())
+    assert len(found) == 1
+
+
+@colour_filters
+def test_lanes_do_not_show(op, narrow_device):
+    photo = buffer(PHOTO)
+    narrow = Session()
+    narrow.__dict__["device"] = narrow_device  # what the cached property would hold
+    np.testing.assert_array_equal(pixels(apply(op, photo)), pixels(apply(op, photo, narrow)))
+
+
+@every_filter
+def test_every_pixel_is_a_copy_of_a_source_pixel_with_all_channels(op):
+    random = np.random.default_rng(0)
+    many = np.concatenate([PHOTO * 30 - 1, random.random((64, 72, 1)) * 0.5 + 0.5, random.normal(0, 1e4, (64, 72, 2))], -1)
+    photo = buffer(many, oiio.HALF, "lin_rec709_scene", ("R", "G", "B", "A", "Z", "id"))
+    made = apply(op, photo)
+    assert made.spec().format == oiio.HALF
+    assert made.spec().channelnames == photo.spec().channelnames
+    known = {p.tobytes() for p in pixels(photo).reshape(-1, 6)}
+    assert all(p.tobytes() in known for p in pixels(made).reshape(-1, 6))
+    assert np.abs(pixels(made)[..., :3].astype(float)).max() > 5  # HDR stays HDR
+
+
+@colour_filters
+def test_pixels_of_alpha_0_are_never_a_source(op):
+    alpha = np.ones((64, 72, 1))
+    alpha[20:30, 30:50] = 0
+    photo = buffer(np.concatenate([PHOTO * alpha, alpha], -1), names=("R", "G", "B", "A"))
+    assert (pixels(apply(op, photo))[..., 3] == 1).all()
+
+
+@colour_filters
+def test_colour_is_taken_unpremultiplied(op):
+    """A photo at half alpha looks as it does at full: the same pixels are chosen."""
+    full = np.concatenate([PHOTO, np.ones((64, 72, 1))], -1)
+    a, b = (pixels(apply(op, buffer(full * share, names=("R", "G", "B", "A")))) for share in (1.0, 0.5))
+    np.testing.assert_array_equal(a * np.float32(0.5), b)
+
+
+@colour_filters
+def test_colour_is_never_guessed(op):
+    with pytest.raises(errors.ColorError, match="--iscolorspace"):
+        apply(op, buffer(PHOTO, space=""))
+    with pytest.raises(errors.ColorError, match="nonsense"):
+        apply(op, buffer(PHOTO, space="nonsense"))
+
+
+@colour_filters
+def test_data_skips_colour(op):
+    made = apply(op, buffer(PHOTO * 2 - 1, space=""), data=True)
+    assert made.spec().nchannels == 3
+    tagged = apply(op, buffer(PHOTO * 2 - 1, space="data"))
+    np.testing.assert_array_equal(pixels(made), pixels(tagged))
+
+
+@every_filter
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+@pytest.mark.parametrize("kind", [oiio.UINT8, oiio.UINT16, oiio.HALF, oiio.FLOAT], ids=str)
+def test_gray_alpha_and_all_pixel_types_work(op, channels, kind):
+    gray = PHOTO[..., :1]
+    picture = {1: gray, 2: np.concatenate([gray, np.ones_like(gray)], -1), 3: PHOTO, 4: np.concatenate([PHOTO, np.ones_like(gray)], -1)}
+    names = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
+    made = apply(op, buffer(picture[channels], kind, names=names[channels]))
+    assert (made.spec().nchannels, made.spec().format) == (channels, kind)
+    assert len(np.unique(pixels(made).reshape(-1, channels), axis=0)) > 10
+
+
+@every_filter
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_broken_values_are_counted_or_left_alone(op, value):
+    broken = PHOTO.copy()
+    broken[3, 4, 0] = broken[5, 6, 2] = value
+    if op.space is Space.LAB:
+        counted = "2 NaN and 0 Inf" if np.isnan(value) else "0 NaN and 2 Inf"
+        with pytest.raises(errors.ImageError, match=counted):
+            apply(op, buffer(broken))
+    else:
+        apply(op, buffer(broken))
+
+
+@every_filter
+def test_metadata_goes_through_and_stale_hashes_do_not(op):
+    photo = buffer(PHOTO)
+    photo.specmod().attribute("studio:shot", "ab_010")
+    photo.specmod().attribute("oiio:SHA-1", "0123")
+    made = apply(op, photo)
+    assert made.spec().get_string_attribute("studio:shot") == "ab_010"
+    assert made.spec().get_string_attribute("oiio:SHA-1") == ""
+    assert made.spec().get_string_attribute("oiio:ColorSpace") == "srgb_rec709_scene"
+
+
+@every_filter
+def test_windows_that_do_not_start_at_0_give_the_same_pixels(op):
+    plain = pixels(apply(op, buffer(PHOTO)))
+    spec = oiio.ImageSpec(72, 64, 3, oiio.FLOAT)
+    spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = -7, 11, -7, 11, 72, 64
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    moved = oiio.ImageBuf(spec)
+    moved.set_pixels(moved.roi, PHOTO.astype(np.float32))
+    np.testing.assert_array_equal(pixels(apply(op, moved)), plain)
+
+
+@every_filter
+def test_unknown_modifiers_are_refused_with_the_nearest_name(op, fails, photo):
+    line = fails(*[photo] * len(op.images()), f"{op.flag()}:sgima=3")
+    assert op.flag() in line and "'sgima'" in line
+    if "sigma" in {p.name for p in op.parameters()}:
+        assert "did you mean 'sigma'" in line
+    with pytest.raises(errors.ParameterError, match="sgima"):
+        getattr(filters, op.name)(*operands(op, buffer(PHOTO)), sgima=3)
+
+
+@colour_filters
+def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
+    line = fails(photo, f"{op.flag()}:size=3000x2000", "--cache", "64")
+    assert "3000x2000" in line and "the budget is 64 MB" in line and " needs " in line
+
+
+@colour_filters
+def test_progress_is_reported_and_can_stop_a_run(op):
+    seen: list[tuple[int, int]] = []
+    apply(op, buffer(PHOTO), Session(progress=lambda done, total: seen.append((done, total))))
+    assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
+    with pytest.raises(errors.Interrupted):
+        apply(op, buffer(PHOTO), Session(progress=lambda done, total: done < 2))
+
+
+@every_filter
+def test_the_library_never_prints(op, capfd):
+    apply(op, buffer(PHOTO))
+    assert capfd.readouterr() == ("", "")

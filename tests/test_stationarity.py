@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The measures of analysis/stationarity.py against their definitions."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from oiiotex.analysis import stationarity as st
+from tests import pictures
+from tests.reference.histograms import gaussian_rows, soft_members
+
+
+def lab_like(height: int, width: int, seed: int = 0) -> np.ndarray:
+    return (pictures.stained(pictures.pebbles(height, width, seed)) * [90, 40, 40]).astype(np.float32)
+
+
+def brute_force_cost(lab: np.ndarray, sigma: float, wrap: bool, sites: int) -> float:
+    """Eq. 1: the double sum over pairs of sites, the earth mover's distance as the area between cumulatives."""
+    height, width = lab.shape[:2]
+    rows, columns = (np.arange(sites) * n // sites for n in (height, width))
+    down, right = gaussian_rows(height, sigma, wrap)[rows], gaussian_rows(width, sigma, wrap)[columns]
+    total = 0.0
+    for c, (low, high) in enumerate(st.RANGES):
+        members = soft_members(lab[..., c].astype(np.float64), low, high, st.BINS)
+        local = (down @ members @ right.T).reshape(st.BINS, -1).cumsum(0)
+        pairs = itertools.combinations(range(local.shape[1]), 2)
+        apart = [np.abs(local[:, i] - local[:, j]).sum() for i, j in pairs]
+        total += np.mean(apart) * (high - low) / (st.BINS - 1)
+    return total
+
+
+@pytest.mark.parametrize("wrap", [True, False])
+def test_stationarity_cost_is_the_mean_over_all_pairs(monkeypatch, wrap):
+    monkeypatch.setattr(st, "SITES", 5)
+    lab = lab_like(40, 55)
+    assert st.stationarity_cost(lab, 4.0, wrap, wrap) == pytest.approx(brute_force_cost(lab, 4.0, wrap, 5), rel=1e-4)
+
+
+def test_a_constant_image_costs_nothing_and_drift_costs_more():
+    assert st.stationarity_cost(np.full((40, 40, 3), 50, np.float32), 4.0) == pytest.approx(0.0, abs=1e-4)
+    plain = (pictures.pebbles(96, 96, 0) * [90, 40, 40]).astype(np.float32)
+    drifting = plain * np.linspace(0.5, 1.5, 96, dtype=np.float32)[None, :, None]
+    assert st.stationarity_cost(drifting, 8.0) > 1.5 * st.stationarity_cost(plain, 8.0)
+
+
+def test_texture_cost_is_eq_5_for_the_given_matches():
+    random = np.random.default_rng(0)
+    lab, exemplar = random.random((12, 14, 3)), random.random((20, 18, 3))
+    y, x = random.integers(0, 16, (12, 14)), random.integers(0, 14, (12, 14))
+    total = 0.0
+    for r in range(12):
+        for c in range(14):
+            here = lab[np.ix_(np.arange(r, r + 5) % 12, np.arange(c, c + 5) % 14)]
+            total += ((here - exemplar[y[r, c] : y[r, c] + 5, x[r, c] : x[r, c] + 5]) ** 2).sum() / 25
+    assert st.texture_cost(lab, exemplar, y, x, 5) == pytest.approx(total / (12 * 14))
+
+
+def test_a_copy_of_the_exemplar_has_no_texture_cost():
+    exemplar = lab_like(30, 30)
+    y, x = np.mgrid[0:20, 0:20]
+    assert st.texture_cost(exemplar, exemplar, y, x, 11) == 0.0
+
+
+def test_the_seam_ratio_sees_the_wrap_alone():
+    ramp = np.tile(np.arange(10.0), (4, 1))
+    assert st.seam_ratio(ramp, 1) == pytest.approx(9.0)
+    assert st.seam_ratio(np.sin(2 * np.pi * np.arange(32) / 32)[:, None] * np.ones((1, 3)), 0) == pytest.approx(1.0, abs=0.6)
+    assert st.seam_ratio(np.ones((5, 5)), 0) == 0.0
