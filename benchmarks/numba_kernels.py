@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from llvmlite.binding import get_host_cpu_features
+from numba import config, njit, prange
 
 from oiiotex.synthesis.histograms import BINS, INVERSE, Cells
 from oiiotex.synthesis.patchmatch import JUMPS, SEARCHES, Geometry
@@ -22,33 +23,46 @@ SPAN = 2 * PATCH - 1  # of the triangle by which uses are counted
 INT_MAX = 2**31 - 1
 
 # unsigned: numba then leaves out the test for indices that count from the end, and LLVM sees plain strides
-U_ROW, U_FIRST, U_PATCH = np.uint64(ROW), np.uint64(3), np.uint64(PATCH)
+TOP_ROWS, OTHER_ROWS = (np.uint64(0), np.uint64(3)), (np.uint64(3), np.uint64(PATCH))
+EVEN, ODD = (np.uint64(0), np.uint64(ROW - 1)), (np.uint64(ROW - 1), np.uint64(ROW))  # whole registers, and the rest
+
+# and where it is not wanted: the index of a prange is unsigned, and unsigned plus signed is floating point to numba
+
+features = get_host_cpu_features()
+if features.get("avx512bw") and not config.CPU_FEATURES:
+    features["prefer-256-bit"] = False  # LLVM would halve the registers on some CPUs
+    config.CPU_FEATURES = features.flatten()
 
 _serial = njit(error_model="numpy")
 _parallel = njit(error_model="numpy", parallel=True)
 
 
 @_serial
-def patch_distance(t, t_at, t_row, e, e_at, e_row, limit):
-    """Sum of squared differences of two patches; given up after three rows where it reaches `limit` there.
+def squares(total, t, t_at, t_row, e, e_at, e_row, rows, columns):
+    """`total` and the squared differences of some `rows` (first, end) and `columns` (first, end) of two patches.
 
-    The loop over rows lies inside, where LLVM unrolls it, so that the registers across a row are summed up only twice,
-    and differences stay 16 bits wide, so that squaring and adding is one instruction (vpmaddwd). One slice of each
-    image per row, as one would write it first, takes 4.5 times as long, three rows of slices in step 1.3 times.
+    The loop over rows lies inside, where LLVM unrolls it, so that the lanes of a register are summed up only once;
+    differences stay 16 bits wide, so that squaring and adding is one instruction (vpmaddwd).
     """
-    t_at, t_row, e_at, e_row = np.uint64(t_at), np.uint64(t_row), np.uint64(e_at), np.uint64(e_row)
-    total = np.int32(0)
-    for k in range(U_ROW):
-        for r in range(U_FIRST):
-            d = np.int32(np.int16(t[t_at + r * t_row + k] - e[e_at + r * e_row + k]))
-            total = np.int32(total + np.int32(d * d))
-    if total >= limit:
-        return total
-    for k in range(U_ROW):
-        for r in range(U_FIRST, U_PATCH):
+    for k in range(columns[0], columns[1]):
+        for r in range(rows[0], rows[1]):
             d = np.int32(np.int16(t[t_at + r * t_row + k] - e[e_at + r * e_row + k]))
             total = np.int32(total + np.int32(d * d))
     return total
+
+
+@_serial
+def patch_distance(t, t_at, t_row, e, e_at, e_row, limit):
+    """Sum of squared differences of two patches; given up after three rows where it reaches `limit` there.
+
+    Other ways to write it, each in the whole of `improve`: one loop over all 33 values of a row takes 1.3 times as
+    long; one slice of each image per row, as one would write it first, several times as long.
+    """
+    patches = (t, np.uint64(t_at), np.uint64(t_row), e, np.uint64(e_at), np.uint64(e_row))
+    total = squares(squares(np.int32(0), *patches, TOP_ROWS, EVEN), *patches, TOP_ROWS, ODD)
+    if total >= limit:
+        return total
+    return squares(squares(total, *patches, OTHER_ROWS, EVEN), *patches, OTHER_ROWS, ODD)
 
 
 @_serial
@@ -76,7 +90,8 @@ def hash_below(bits, n):
 def pad(image, padded):
     """The target (rows, 3 * columns) with PATCH - 1 wrapped pixels at its right and bottom."""
     height, length = image.shape
-    for y in prange(padded.shape[0]):
+    for index in prange(padded.shape[0]):
+        y = np.int64(index)
         line = image[y if y < height else y - height]
         padded[y, :length] = line
         padded[y, length:] = line[: ROW - 3]
@@ -86,7 +101,8 @@ def pad(image, padded):
 def score(target, exemplar, field, distance, t_row, e_row):
     """Distances of the present field."""
     rows, columns = field.shape
-    for y in prange(rows):
+    for index in prange(rows):
+        y = np.int64(index)
         for x in range(columns):
             at = np.int64(field[y, x])
             e_at = (at >> 16) * e_row + 3 * (at & 0xFFFF)
@@ -98,7 +114,8 @@ def propagate(target, exemplar, penalty, field, distance, field_out, distance_ou
     """One Jacobi pass: every patch is offered the matches of its four neighbours `jump` pixels away."""
     rows, columns = field.shape
     e_rows, e_columns = penalty.shape
-    for y in prange(rows):
+    for index in prange(rows):
+        y = np.int64(index)
         for x in range(columns):
             best = np.int64(field[y, x])
             best_distance = np.int64(distance[y, x])
@@ -129,7 +146,8 @@ def search(target, exemplar, penalty, field, distance, t_row, e_row, radius, see
     """Random search: one candidate in each of `radius.size` windows around the best so far."""
     rows, columns = field.shape
     e_rows, e_columns = penalty.shape
-    for y in prange(rows):
+    for index in prange(rows):
+        y = np.int64(index)
         for x in range(columns):
             best = np.int64(field[y, x])
             best_distance = np.int64(distance[y, x])
@@ -169,7 +187,8 @@ def count(field, counts):
 def uses_rows(counts, uses):
     """The triangle along rows; `uses` has a border of PATCH - 1 zeros at its top and bottom."""
     columns = uses.shape[1]
-    for y in prange(PATCH - 1, uses.shape[0] - PATCH + 1):
+    for index in prange(PATCH - 1, uses.shape[0] - PATCH + 1):
+        y = np.int64(index)
         line, into = counts[y], uses[y]
         for x in range(columns):
             total = np.int32(0)
@@ -182,7 +201,8 @@ def uses_rows(counts, uses):
 def penalties(uses, allowed, penalty, weight):
     """The triangle along columns, where the sum becomes the penalty of choosing the patch."""
     rows, columns = penalty.shape
-    for y in prange(rows):
+    for index in prange(rows):
+        y = np.int64(index)
         into, free = penalty[y], allowed[y]
         into[:] = 0
         for k in range(SPAN):
@@ -272,37 +292,49 @@ def place_in_bins(value, low, per_bin):
     return min(max((np.float32(value) - low) * per_bin, ZERO), TOP)
 
 
+@_serial
+def shares_of_cell(centre, pitch, size, places, shares):
+    """The wrapped places of the pixels less than a cell away along an axis, and their shares; returns how many."""
+    first, end = math.floor(centre - pitch) + 1, math.ceil(centre + pitch)
+    for i in range(first, end):
+        places[i - first] = i + size if i < 0 else i - size if i >= size else i
+        shares[i - first] = ONE - abs(np.float32(i) - centre) / pitch
+    return end - first
+
+
 @_parallel
 def gather(image, grid, low, per_bin):
     """Every pixel (height, width, 3) shared bilinearly among the cells (3, cells_y, cells_x, BINS) around it."""
     height, width, _ = image.shape
     _, cells_y, cells_x, _ = grid.shape
     pitch_x, pitch_y = np.float32(width) / np.float32(cells_x), np.float32(height) / np.float32(cells_y)
-    for line in prange(3 * cells_y):
-        c, cy = line // cells_y, line % cells_y
-        centre_y = (np.float32(cy) + HALF) * pitch_y - HALF
+    most = np.int64(2 * max(pitch_x, pitch_y)) + 2
+    for index in prange(3 * cells_y):
+        c, cy = np.int64(index) // cells_y, np.int64(index) % cells_y
+        least, scale = low[c], per_bin[c]
+        places_x, places_y = np.empty(most, np.uint64), np.empty(most, np.uint64)
+        shares_x, shares_y = np.empty(most, np.float32), np.empty(most, np.float32)
+        n_y = shares_of_cell((np.float32(cy) + HALF) * pitch_y - HALF, pitch_y, height, places_y, shares_y)
         for cx in range(cells_x):
             histogram = grid[c, cy, cx]
             histogram[:] = np.float32(1e-6) * pitch_x * pitch_y
-            centre_x = (np.float32(cx) + HALF) * pitch_x - HALF
-            first_x, last_x = math.floor(centre_x - pitch_x) + 1, math.ceil(centre_x + pitch_x)
-            for y in range(math.floor(centre_y - pitch_y) + 1, math.ceil(centre_y + pitch_y)):
-                share_y = ONE - abs(np.float32(y) - centre_y) / pitch_y
-                row = image[y + height if y < 0 else y - height if y >= height else y]
-                for x in range(first_x, last_x):
-                    weight = share_y * (ONE - abs(np.float32(x) - centre_x) / pitch_x)
-                    value = row[x + width if x < 0 else x - width if x >= width else x, c]
-                    t = place_in_bins(value, low[c], per_bin[c])
-                    b = min(np.int32(t), BINS - 2)
+            n_x = shares_of_cell((np.float32(cx) + HALF) * pitch_x - HALF, pitch_x, width, places_x, shares_x)
+            for j in range(n_y):
+                row, share_y = image[places_y[j]], shares_y[j]
+                for i in range(n_x):
+                    weight = share_y * shares_x[i]
+                    t = place_in_bins(row[places_x[i], np.uint64(c)], least, scale)
+                    b = np.uint64(min(np.int32(t), np.int32(BINS - 2)))
                     upper = (t - np.float32(b)) * weight
                     histogram[b] += weight - upper
-                    histogram[b + 1] += upper
+                    histogram[b + np.uint64(1)] += upper
 
 
 @_parallel
 def row_sums(grid, sums):
     """Sums of a row of cells, bin by bin: (lines, cells_x, BINS) -> (lines, BINS)."""
-    for line in prange(grid.shape[0]):
+    for index in prange(grid.shape[0]):
+        line = np.int64(index)
         into = sums[line]
         into[:] = 0
         for x in range(grid.shape[1]):
@@ -320,7 +352,8 @@ def blur(grid, blurred, weights):
     lines, n, length = grid.shape
     radius = weights.size // 2
     fours = weights.size // 4 * 4
-    for job in prange(lines * n):
+    for index in prange(lines * n):
+        job = np.int64(index)
         line, i = job // n, job % n
         first, into = i - radius, blurred[line, i]
         into[:] = 0
@@ -339,7 +372,8 @@ def blur(grid, blurred, weights):
 @_parallel
 def cumulate(grid):
     """Histograms -> their cumulatives, normalised: (cells, BINS)."""
-    for i in prange(grid.shape[0]):
+    for index in prange(grid.shape[0]):
+        i = np.int64(index)
         histogram = grid[i]
         total = ZERO
         for b in range(BINS):
@@ -351,46 +385,47 @@ def cumulate(grid):
             below += share
 
 
+@_serial
+def share_below(cumulative, b, inside):
+    """The cumulative of one cell, linear inside the bin."""
+    upper = cumulative[b + np.uint64(1)] if b < np.uint64(BINS - 1) else ONE
+    return cumulative[b] + (upper - cumulative[b]) * inside
+
+
 @_parallel
 def match(image, cumulative, inverse, matched, low, per_bin, strength):
     """Pixels moved `strength` times the way to G^-1(F(c)); F is interpolated between the four cells around them."""
     height, width, _ = image.shape
     _, cells_y, cells_x, _ = cumulative.shape
     per_x, per_y = np.float32(cells_x) / np.float32(width), np.float32(cells_y) / np.float32(height)
-    for y in prange(height):
+    for index in prange(height):
+        y = np.int64(index)
         gy = (np.float32(y) + HALF) * per_y - HALF
         y0 = math.floor(gy)
         lower = gy - np.float32(y0)
         above, below = y0 + cells_y if y0 < 0 else y0, y0 + 1 - cells_y if y0 + 1 >= cells_y else y0 + 1
-        for x in range(width):
-            gx = (np.float32(x) + HALF) * per_x - HALF
-            x0 = math.floor(gx)
-            right = gx - np.float32(x0)
-            left, after = x0 + cells_x if x0 < 0 else x0, x0 + 1 - cells_x if x0 + 1 >= cells_x else x0 + 1
-            w0, w1, w2, w3 = (ONE - right) * (ONE - lower), right * (ONE - lower), (ONE - right) * lower, right * lower
-            weights = w0 + w1 + w2 + w3
-            for c in range(3):
+        for c in range(3):
+            least, scale, g = low[c], per_bin[c], inverse[c]
+            upper_cells, lower_cells = cumulative[c, above], cumulative[c, below]
+            for x in range(width):
+                gx = (np.float32(x) + HALF) * per_x - HALF
+                x0 = math.floor(gx)
+                right = gx - np.float32(x0)
+                left, after = x0 + cells_x if x0 < 0 else x0, x0 + 1 - cells_x if x0 + 1 >= cells_x else x0 + 1
                 old = np.float32(image[y, x, c])
-                t = place_in_bins(old, low[c], per_bin[c])
-                b = np.int32(t + HALF)
+                t = place_in_bins(old, least, scale)
+                b = np.uint64(t + HALF)
                 inside = t + HALF - np.float32(b)
-                share = w0 * share_below(cumulative[c, above, left], b, inside)
-                share += w1 * share_below(cumulative[c, above, after], b, inside)
-                share += w2 * share_below(cumulative[c, below, left], b, inside)
-                share += w3 * share_below(cumulative[c, below, after], b, inside)
-                share = share / weights * SHARES
-                i = min(np.int32(share), INVERSE - 1)
-                g0, g1 = inverse[c, i], inverse[c, i + 1]
-                value = old + strength * (g0 + (g1 - g0) * (share - np.float32(i)) - old)
-                value = min(max(value, inverse[c, 0]), inverse[c, INVERSE])
+                w0, w1 = (ONE - right) * (ONE - lower), right * (ONE - lower)
+                w2, w3 = (ONE - right) * lower, right * lower
+                share = w0 * share_below(upper_cells[left], b, inside) + w1 * share_below(upper_cells[after], b, inside)
+                share += w2 * share_below(lower_cells[left], b, inside)
+                share += w3 * share_below(lower_cells[after], b, inside)
+                share = share / (w0 + w1 + w2 + w3) * SHARES
+                i = np.uint64(min(np.int32(share), np.int32(INVERSE - 1)))
+                value = old + strength * (g[i] + (g[i + np.uint64(1)] - g[i]) * (share - np.float32(i)) - old)
+                value = min(max(value, g[0]), g[INVERSE])
                 matched[y, x, c] = np.int16(math.floor(value + HALF))
-
-
-@_serial
-def share_below(cumulative, b, inside):
-    """The cumulative of one cell, linear inside the bin."""
-    upper = cumulative[b + 1] if b + 1 < BINS else ONE
-    return cumulative[b] + (upper - cumulative[b]) * inside
 
 
 class BoundProjection:

@@ -73,6 +73,8 @@ def devices(threads: int = 0) -> list[DeviceInfo]:
             continue
         for handle in handles:
             kind = next((name for bit, name in kinds.items() if handle.type & bit), "other")
+            if platform.name == "Oclgrind":  # checks kernels, a thousand times slower: only when it is asked for
+                kind = "other"
             found.append((handle, kind, platform.name))
     found.sort(key=lambda item: ("gpu", "cpu", "other").index(item[1]))
     return [

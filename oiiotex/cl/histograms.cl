@@ -62,7 +62,8 @@ __kernel void histograms_blur(const __global float *restrict grid, __global floa
                               __constant float *weights, int radius, int n, int stride, int across, int across_stride, int wrap) {
   int part = get_global_id(0) * BIN_LANES, i = get_global_id(1), jc = get_global_id(2);
   if (part >= BINS || i >= n || jc >= 3 * across) return;
-  int line = (jc / across * n * across + jc % across * across_stride) * BINS + part;
+  int c = jc / across, j = jc - c * across;
+  int line = (c * n * across + j * across_stride) * BINS + part;
   bin_lane sum = 0.0f;
   for (int k = -radius; k <= radius; k++) {
     int at = i + k;

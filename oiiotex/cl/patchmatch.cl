@@ -171,9 +171,10 @@ __kernel void patchmatch_count(const __global uint *restrict field, __global int
 // patch sums once more. Both box sums together are one separable triangle of width 2 PATCH - 1: along rows here,
 inline int triangle(const __global int *count, int at, int n, int stride) {
   int sum = 0;
-  for (int k = 1 - PATCH; k < PATCH; k++) {
-    int i = at + k;
-    if (i >= 0 && i < n) sum += (PATCH - (k < 0 ? -k : k)) * count[i * stride];
+  for (int k = 1; k <= PATCH; k++) {   // the rising side, with its peak, and the falling one
+    int before = at - PATCH + k, after = at + PATCH - k;
+    if (before >= 0) sum += k * count[before * stride];
+    if (k < PATCH && after < n) sum += k * count[after * stride];
   }
   return sum;
 }

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Docs pages from the filters' declarations: `python -m docs.pages`.
+
+A page is the declaration followed by what a person wrote below the line `<!-- by hand -->`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+from oiiotex.cli.report import description
+from oiiotex.filters import FILTERS
+from oiiotex.op import Op
+
+FOLDER = Path(__file__).parent
+MARK = "<!-- by hand -->"
+
+
+def page_text(op: type[Op], path: Path) -> str:
+    """The page's whole text; `path` is where its hand-written part is taken from."""
+    lines = [f"# {op.flag()}", "", description(op), ""]
+    images = " ".join(f"{i.name.upper()}" for i in op.images())
+    lines += ["```", f"oiiotex {images} {op.flag()}[:MODIFIER=VALUE...] -o OUT", "```", ""]
+    lines += ["| input | |", "|---|---|", *(f"| {i.name} | {i.help} |" for i in op.images()), ""]
+    if op.parameters():
+        lines += ["| modifier | default | allowed | |", "|---|---|---|---|"]
+        for p in op.parameters():
+            default = "" if p.default is None else int(p.default) if isinstance(p.default, bool) else p.default
+            allowed = p.allowed().replace("|", "\\|")
+            lines.append(f"| `{p.name}` | {default} | {allowed} | {p.help} |")
+        lines.append("")
+    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {o.help} |" for o in op.outputs), ""]
+    lines += [f"Works in {op.space.value}; looks at {op.reach.value}. Python: `oiiotex.filters.{op.name}{_call(op)}`.", ""]
+    return "\n".join([*lines, MARK]) + _by_hand(path)
+
+
+def _call(op: type[Op]) -> str:
+    from oiiotex import filters
+
+    parameters = inspect.signature(getattr(filters, op.name)).parameters.values()
+    return "(" + ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default!r}" for p in parameters) + ")"
+
+
+def _by_hand(path: Path) -> str:
+    return path.read_text().partition(MARK)[2] if path.exists() else "\n"
+
+
+def main() -> None:
+    """Write all pages."""
+    for op in FILTERS:
+        path = FOLDER / f"tex{op.name}.md"
+        path.write_text(page_text(op, path))
+        print(path)
+
+
+if __name__ == "__main__":
+    main()
