@@ -22,16 +22,15 @@ ROW = 3 * PATCH
 SPAN = 2 * PATCH - 1  # of the triangle by which uses are counted
 INT_MAX = 2**31 - 1
 
-# unsigned: numba then leaves out the test for indices that count from the end, and LLVM sees plain strides
+# Inner loops index with unsigned integers: numba then leaves out the test for places that count from the end. The index
+# of a prange is unsigned, too; where it meets signed ones it is made signed, for the sum of both is a float to numba.
 TOP_ROWS, OTHER_ROWS = (np.uint64(0), np.uint64(3)), (np.uint64(3), np.uint64(PATCH))
-EVEN, ODD = (np.uint64(0), np.uint64(ROW - 1)), (np.uint64(ROW - 1), np.uint64(ROW))  # whole registers, and the rest
+MOST_COLUMNS, LAST_COLUMN = (np.uint64(0), np.uint64(ROW - 1)), (np.uint64(ROW - 1), np.uint64(ROW))
 
-# and where it is not wanted: the index of a prange is unsigned, and unsigned plus signed is floating point to numba
-
-features = get_host_cpu_features()
-if features.get("avx512bw") and not config.CPU_FEATURES:
-    features["prefer-256-bit"] = False  # LLVM would halve the registers on some CPUs
-    config.CPU_FEATURES = features.flatten()
+_features = get_host_cpu_features()
+if _features.get("avx512bw") and not config.CPU_FEATURES:
+    _features["prefer-256-bit"] = False  # LLVM halves the registers on some CPUs, which takes a third longer
+    config.CPU_FEATURES = _features.flatten()
 
 _serial = njit(error_model="numpy")
 _parallel = njit(error_model="numpy", parallel=True)
@@ -55,14 +54,14 @@ def squares(total, t, t_at, t_row, e, e_at, e_row, rows, columns):
 def patch_distance(t, t_at, t_row, e, e_at, e_row, limit):
     """Sum of squared differences of two patches; given up after three rows where it reaches `limit` there.
 
-    Other ways to write it, each in the whole of `improve`: one loop over all 33 values of a row takes 1.3 times as
-    long; one slice of each image per row, as one would write it first, several times as long.
+    A row of 33 values is a whole number of registers and one value: the loop over 33 took 1.3 times as long, all of
+    `improve` counted. One slice of each image per row, as one would write it first, took 4 times as long, this alone.
     """
     patches = (t, np.uint64(t_at), np.uint64(t_row), e, np.uint64(e_at), np.uint64(e_row))
-    total = squares(squares(np.int32(0), *patches, TOP_ROWS, EVEN), *patches, TOP_ROWS, ODD)
+    total = squares(squares(np.int32(0), *patches, TOP_ROWS, MOST_COLUMNS), *patches, TOP_ROWS, LAST_COLUMN)
     if total >= limit:
         return total
-    return squares(squares(total, *patches, OTHER_ROWS, EVEN), *patches, OTHER_ROWS, ODD)
+    return squares(squares(total, *patches, OTHER_ROWS, MOST_COLUMNS), *patches, OTHER_ROWS, LAST_COLUMN)
 
 
 @_serial
@@ -245,7 +244,7 @@ class BoundMatcher:
             raise ValueError(f"the bound is written for patches of {PATCH} px and a target that wraps")
         e_rows, e_columns = allowed.shape
         self._exemplar = np.ascontiguousarray(exemplar).reshape(-1)
-        self._rows = (np.int64(3 * geometry.padded_width), np.int64(3 * geometry.exemplar_width))
+        self._strides = (np.int64(3 * geometry.padded_width), np.int64(3 * geometry.exemplar_width))
         self._allowed = allowed
         self._weight, self._seed = np.float32(penalty_weight), np.uint32(seed)
         self._image = np.ascontiguousarray(image).reshape(geometry.height, -1)
@@ -262,22 +261,19 @@ class BoundMatcher:
     def improve(self, iterations: int, step: int) -> None:
         """Search better matches; `step` numbers the outer iteration for the random numbers."""
         target = self._target.reshape(-1)
-        images = (target, self._exemplar, self._penalty)
+        images, strides = (target, self._exemplar, self._penalty), self._strides
         pad(self._image, self._target)
-        score(target, self._exemplar, self.field, self.distance, *self._rows)
+        score(target, self._exemplar, self.field, self.distance, *strides)
         for i in range(iterations):
             count(self.field, self._counts)
             uses_rows(self._counts, self._uses)
             penalties(self._uses, self._allowed, self._penalty, self._weight)
             for jump in JUMPS:
-                propagate(
-                    *images, self.field, self.distance, self._field_next, self._distance_next, *self._rows, np.int64(jump)
-                )
-                self.field, self._field_next = self._field_next, self.field
-                self.distance, self._distance_next = self._distance_next, self.distance
-            search(
-                *images, self.field, self.distance, *self._rows, self._radius, self._seed, np.uint32(16 * step + i)
-            )  # fmt: skip
+                now, after = (self.field, self.distance), (self._field_next, self._distance_next)
+                propagate(*images, *now, *after, *strides, np.int64(jump))
+                (self.field, self.distance), (self._field_next, self._distance_next) = after, now
+            numbers = (self._radius, self._seed, np.uint32(16 * step + i))
+            search(*images, self.field, self.distance, *strides, *numbers)
 
 
 # --- local histograms ---
@@ -286,10 +282,27 @@ ZERO, HALF, ONE, TOP = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.flo
 SHARES = np.float32(INVERSE)
 
 
+# min, max and floor of floats mind what is no number, which takes a third of the time of `match`
+
+
+@_serial
+def clamp(value, low, high):
+    """The nearest value from low to high."""
+    value = low if value < low else value
+    return high if value > high else value
+
+
+@_serial
+def floor_int(value):
+    """The floor as int32."""
+    i = np.int32(value)
+    return i - np.int32(value < np.float32(i))
+
+
 @_serial
 def place_in_bins(value, low, per_bin):
     """A value's place among the bins, 0 .. BINS - 1."""
-    return min(max((np.float32(value) - low) * per_bin, ZERO), TOP)
+    return clamp((np.float32(value) - low) * per_bin, ZERO, TOP)
 
 
 @_serial
@@ -386,46 +399,52 @@ def cumulate(grid):
 
 
 @_serial
-def share_below(cumulative, b, inside):
+def around(place, cells):
+    """The two cells around a place on a wrapped axis, and how far it lies on the way to the second."""
+    first = floor_int(place)
+    before = first + cells if first < 0 else first
+    after = first + 1 - cells if first + 1 >= cells else first + 1
+    return before, after, place - np.float32(first)
+
+
+@_serial
+def share_below(cumulative, cell, b, inside):
     """The cumulative of one cell, linear inside the bin."""
-    upper = cumulative[b + np.uint64(1)] if b < np.uint64(BINS - 1) else ONE
-    return cumulative[b] + (upper - cumulative[b]) * inside
+    at = np.uint64(cell) * np.uint64(BINS) + np.uint64(b)
+    upper = cumulative[at + np.uint64(1)] if b < BINS - 1 else ONE
+    return cumulative[at] + (upper - cumulative[at]) * inside
 
 
 @_parallel
-def match(image, cumulative, inverse, matched, low, per_bin, strength):
+def match(image, cumulative, cells_y, cells_x, inverse, matched, low, per_bin, strength):
     """Pixels moved `strength` times the way to G^-1(F(c)); F is interpolated between the four cells around them."""
     height, width, _ = image.shape
-    _, cells_y, cells_x, _ = cumulative.shape
     per_x, per_y = np.float32(cells_x) / np.float32(width), np.float32(cells_y) / np.float32(height)
     for index in prange(height):
-        y = np.int64(index)
-        gy = (np.float32(y) + HALF) * per_y - HALF
-        y0 = math.floor(gy)
-        lower = gy - np.float32(y0)
-        above, below = y0 + cells_y if y0 < 0 else y0, y0 + 1 - cells_y if y0 + 1 >= cells_y else y0 + 1
-        for c in range(3):
+        line, into = image[index], matched[index]
+        above, below, lower = around((np.float32(index) + HALF) * per_y - HALF, cells_y)
+        for c in range(np.uint64(3)):
             least, scale, g = low[c], per_bin[c], inverse[c]
-            upper_cells, lower_cells = cumulative[c, above], cumulative[c, below]
-            for x in range(width):
-                gx = (np.float32(x) + HALF) * per_x - HALF
-                x0 = math.floor(gx)
-                right = gx - np.float32(x0)
-                left, after = x0 + cells_x if x0 < 0 else x0, x0 + 1 - cells_x if x0 + 1 >= cells_x else x0 + 1
-                old = np.float32(image[y, x, c])
+            darkest, brightest = g[0], g[INVERSE]
+            row_above = (np.int64(c) * cells_y + above) * cells_x
+            row_below = (np.int64(c) * cells_y + below) * cells_x
+            for x in range(np.uint64(width)):
+                left, after, right = around((np.float32(x) + HALF) * per_x - HALF, cells_x)
+                old = np.float32(line[x, c])
                 t = place_in_bins(old, least, scale)
-                b = np.uint64(t + HALF)
+                b = np.int32(t + HALF)
                 inside = t + HALF - np.float32(b)
                 w0, w1 = (ONE - right) * (ONE - lower), right * (ONE - lower)
                 w2, w3 = (ONE - right) * lower, right * lower
-                share = w0 * share_below(upper_cells[left], b, inside) + w1 * share_below(upper_cells[after], b, inside)
-                share += w2 * share_below(lower_cells[left], b, inside)
-                share += w3 * share_below(lower_cells[after], b, inside)
+                share = w0 * share_below(cumulative, row_above + left, b, inside)
+                share += w1 * share_below(cumulative, row_above + after, b, inside)
+                share += w2 * share_below(cumulative, row_below + left, b, inside)
+                share += w3 * share_below(cumulative, row_below + after, b, inside)
                 share = share / (w0 + w1 + w2 + w3) * SHARES
-                i = np.uint64(min(np.int32(share), np.int32(INVERSE - 1)))
-                value = old + strength * (g[i] + (g[i + np.uint64(1)] - g[i]) * (share - np.float32(i)) - old)
-                value = min(max(value, g[0]), g[INVERSE])
-                matched[y, x, c] = np.int16(math.floor(value + HALF))
+                i = min(np.int32(share), np.int32(INVERSE - 1))
+                g0, g1 = g[np.uint64(i)], g[np.uint64(i) + np.uint64(1)]
+                value = old + strength * (g0 + (g1 - g0) * (share - np.float32(i)) - old)
+                into[x, c] = np.int16(floor_int(clamp(value, darkest, brightest) + HALF))
 
 
 class BoundProjection:
@@ -450,7 +469,8 @@ class BoundProjection:
         blur(self._grid_next.reshape(columns), self._grid.reshape(columns), self._weights[1])
         cumulate(self._grid.reshape(-1, BINS))
         inverse = self._inverse(self._row_sums.reshape(3, cells_y, BINS))
-        match(image, self._grid, inverse, matched, self._low, self._per_bin, np.float32(strength))
+        cells = (self._grid.reshape(-1), np.int64(cells_y), np.int64(cells_x))
+        match(image, *cells, inverse, matched, self._low, self._per_bin, np.float32(strength))
 
     def _inverse(self, sums: np.ndarray) -> np.ndarray:
         """G^-1 at INVERSE + 1 equidistant shares, as `Projection` finds it on the host."""

@@ -37,6 +37,7 @@ NUMPY = {
     "uint8": np.uint8, "int8": np.int8, "uint16": np.uint16, "int16": np.int16, "uint": np.uint32, "int": np.int32,
     "half": np.float16, "float": np.float32, "double": np.float64,
 }  # fmt: skip
+WIDE = 900_000  # pixels in a row that makes a band of few rows; libpng takes no more than a million
 WINDOWS = {"x": 3, "y": -5, "full_x": -1, "full_y": 2, "full_width": 50, "full_height": 40}
 
 
@@ -111,8 +112,8 @@ def dead_pid() -> int:
 @pytest.mark.parametrize("tile", [0, 16], ids=["scanlines", "tiles"])
 @pytest.mark.parametrize(
     ("name", "kind"),
-    [("a.exr", "half"), ("a.exr", "float"), ("a.exr", "uint")]
-    + [("a.tif", "uint8"), ("a.tif", "uint16"), ("a.tif", "float"), ("a.tif", "uint"), ("a.tif", "double")],
+    [("a.exr", kind) for kind in ("half", "float", "uint")]
+    + [("a.tif", kind) for kind in ("uint8", "int16", "uint16", "float", "uint")],
 )
 def test_any_rows_of_a_file_are_those_of_the_whole_in_its_own_type(tmp_path, name, kind, tile):
     pixels = noise(kind, 37, 29, 3)
@@ -124,6 +125,21 @@ def test_any_rows_of_a_file_are_those_of_the_whole_in_its_own_type(tmp_path, nam
     for begin, end in ((0, 1), (36, 37), (15, 16), (16, 17), (0, 16), (15, 33), (17, 37), (5, 6), (31, 32)):
         rows = part.rows(begin, end)
         assert rows.dtype == pixels.dtype
+        np.testing.assert_array_equal(rows, pixels[begin:end])
+
+
+@pytest.mark.parametrize("tile", [0, 16], ids=["scanlines", "tiles"])
+@pytest.mark.parametrize("top", [0, 5])
+def test_rows_of_a_tiff_of_doubles_are_right_or_refused(tmp_path, top, tile):
+    # OpenImageIO 3.2 hands out uninitialised memory, without an error, for rows of doubles that are not whole strips
+    pixels = noise("double", 37, 29, 3)
+    facts = {"tile_width": tile, "tile_height": tile} if tile else {}
+    path = put(tmp_path / "a.tif", pixels, spec_of("double", 37, 29, 3, y=top, **facts))
+    for begin, end in ((0, 37), (7, 11), (20, 37)):
+        try:
+            rows = read(path).first.rows(begin, end)
+        except ImageError:
+            continue
         np.testing.assert_array_equal(rows, pixels[begin:end])
 
 
@@ -276,7 +292,8 @@ def test_a_pixel_type_has_its_numpy_type(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["uint32", "int32", "banana", "", "FLOAT", "float ", "int64", "string", "float[3]", "color", "point", "half[2]"]
+    "name",
+    ["uint32", "int32", "banana", "", "FLOAT", "float ", "int64", "string", "float[3]", "color", "point", "half[2]"],
 )
 def test_what_is_no_pixel_type_is_refused_with_those_there_are(name):
     assert refusal(type_named, name) == f"no pixel type '{name}'; there is {', '.join(NUMPY)}"
@@ -292,7 +309,7 @@ def test_pixels_of_a_type_that_numpy_lacks_are_refused():
 @pytest.mark.parametrize(
     ("name", "kind"),
     [("a.exr", "half"), ("a.exr", "float"), ("a.exr", "uint"), ("a.png", "uint8"), ("a.png", "uint16")]
-    + [("a.tif", kind) for kind in NUMPY if kind != "half"],
+    + [("a.tif", kind) for kind in NUMPY if kind not in ("half", "double")],
 )
 def test_what_is_written_in_a_type_the_format_has_comes_back_to_the_bit(tmp_path, name, kind):
     image = small(kind)
@@ -382,12 +399,12 @@ def test_a_file_can_be_written_over_while_it_is_read(tmp_path):
 
 
 def test_rows_are_asked_for_band_by_band_in_order_and_once(tmp_path):
-    spec = spec_of("uint8", 5, 1 << 20, 3)
+    spec = spec_of("uint8", 7, WIDE, 3)
     asked = []
 
     def rows(begin, end):
         asked.append((begin, end))
-        return np.zeros((end - begin, 1 << 20, 3), np.uint8)
+        return np.zeros((end - begin, WIDE, 3), np.uint8)
 
     part = Part("wide", spec, rows)
     write(Image((part,)), tmp_path / "a.tif")
@@ -438,9 +455,9 @@ def late(fail: Callable[[], None]) -> Part:
     def rows(begin: int, end: int) -> np.ndarray:
         if begin > 0:
             fail()
-        return np.zeros((end - begin, 1 << 20, 3), np.uint8)
+        return np.zeros((end - begin, WIDE, 3), np.uint8)
 
-    return Part("late", spec_of("uint8", 5, 1 << 20, 3), rows)
+    return Part("late", spec_of("uint8", 7, WIDE, 3), rows)
 
 
 @pytest.mark.parametrize("old", [b"the user's own", None], ids=["old file", "no file"])
@@ -449,7 +466,7 @@ def late(fail: Callable[[], None]) -> Part:
 def test_a_failure_in_the_middle_of_writing_leaves_what_was_there(tmp_path, name, fail, old):
     if old is not None:
         (tmp_path / name).write_bytes(old)
-    with pytest.raises((ImageError, RuntimeError, KeyboardInterrupt), match="no more rows|a bug|^$"):
+    with pytest.raises((ImageError, RuntimeError, KeyboardInterrupt), match=r"no more rows|a bug|^$"):
         write(Image((late(fail),)), tmp_path / name)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == ({name: old} if old is not None else {})
 
@@ -458,29 +475,28 @@ def test_a_failure_in_the_middle_of_writing_leaves_what_was_there(tmp_path, name
 def test_a_failure_in_a_further_part_leaves_what_was_there(tmp_path, name):
     (tmp_path / name).write_bytes(b"the user's own")
     with pytest.raises(RuntimeError, match="a bug"):
-        write(Image((part_of("a", "float", 5, 1 << 20, 1), late(fail_of_others))), tmp_path / name)
+        first = part_of("a", "float", 3, 4, 1, full_width=WIDE, full_height=7)
+        write(Image((first, late(fail_of_others))), tmp_path / name)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {name: b"the user's own"}
 
 
-two_parts = Image((part_of("tile", "uint8", 3, 3, 3), part_of("st", "float", 3, 3, 2)))
-
-
 @pytest.mark.parametrize(
-    ("image", "name", "kind", "says"),
+    ("kinds", "channels", "name", "kind", "says"),
     [
-        (two_parts, "a.png", None, "png holds one image, here are tile, st; use EXR or TIFF"),
-        (two_parts, "a.jpg", None, "jpeg holds one image, here are tile, st; use EXR or TIFF"),
-        (small(), "a.banana", None, "no format writes '.banana'"),
-        (small(), "a", None, "no format writes ''"),
-        (small(), "a.exr", "uint8", "openexr cannot hold part 'part0' as uint8"),
-        (small("uint8", 5), "a.png", None, "cannot be written"),
+        (("uint8", "float"), 3, "a.png", None, "png holds one image, here are part0, part1; use EXR or TIFF"),
+        (("uint8", "float"), 3, "a.jpg", None, "jpeg holds one image, here are part0, part1; use EXR or TIFF"),
+        (("uint8",), 3, "a.banana", None, "no format writes '.banana'"),
+        (("uint8",), 3, "a", None, "no format writes ''"),
+        (("uint8",), 3, "a.exr", "uint8", "openexr cannot hold part 'part0' as uint8"),
+        (("uint8",), 5, "a.png", None, "cannot be written: "),
     ],
     ids=["two parts to png", "two parts to jpeg", "unknown extension", "no extension", "type", "channels"],
 )
-def test_a_refusal_names_the_file_and_leaves_what_was_there(tmp_path, image, name, kind, says):
+def test_a_refusal_names_the_file_and_leaves_what_was_there(tmp_path, kinds, channels, name, kind, says):
+    image = Image(tuple(part_of(f"part{i}", k, 3, 3, channels) for i, k in enumerate(kinds)))
     (tmp_path / name).write_bytes(b"the user's own")
     text = refusal(write, image, tmp_path / name, kind and type_named(kind))
-    assert text.startswith(f"{tmp_path / name}: {says}") or (text.startswith(f"{tmp_path / name}: ") and says in text)
+    assert text.startswith(f"{tmp_path / name}: {says}")
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {name: b"the user's own"}
 
 
@@ -583,9 +599,9 @@ from oiiotex.images import Image, Part, write
 def rows(begin, end):
     if begin > 0:
         os.kill(os.getpid(), signal.SIGKILL)
-    return np.zeros((end - begin, 1 << 20, 3), np.uint8)
+    return np.zeros((end - begin, 900_000, 3), np.uint8)
 
-write(Image((Part("a", oiio.ImageSpec(1 << 20, 5, 3, oiio.UINT8), rows),)), "a.tif")
+write(Image((Part("a", oiio.ImageSpec(900_000, 7, 3, oiio.UINT8), rows),)), "a.tif")
 """
 
 
@@ -639,7 +655,7 @@ def test_a_tag_is_set_on_the_first_part_of_a_new_image():
 def broken(kind: str) -> Image:
     part = part_of("beauty", kind, 9, 7, 3, Artist="Ada", **WINDOWS)
     part.pixels()[4, 3, 1] = np.nan
-    part.pixels()[4, 4, 1] = -np.inf
+    part.pixels()[7, 5, 1] = -np.inf
     part.pixels()[0, 0, 2] = np.inf
     return Image((part, part_of("st", "float", 2, 2, 2)), "render.exr")
 
@@ -655,8 +671,8 @@ def test_nan_and_inf_are_repaired_and_nothing_else_is_touched(mode, kind):
     assert pixels.dtype == before.dtype
     np.testing.assert_array_equal(pixels[~bad], before[~bad])
     finite = np.where(bad, np.nan, before.astype(np.float64))
-    boxes = (finite[3:6, 2:5, 1], finite[3:6, 3:6, 1], finite[0:2, 0:2, 2])
-    for value, box in zip((pixels[4, 3, 1], pixels[4, 4, 1], pixels[0, 0, 2]), boxes, strict=True):
+    boxes = (finite[3:6, 2:5, 1], finite[6:9, 4:7, 1], finite[0:2, 0:2, 2])
+    for value, box in zip((pixels[4, 3, 1], pixels[7, 5, 1], pixels[0, 0, 2]), boxes, strict=True):
         expected = 0 if mode == "black" else np.nanmean(box)
         np.testing.assert_allclose(float(value), expected, rtol=1e-3 if kind == "half" else 1e-5)
     assert (fixed.source, fixed.parts[1]) == ("render.exr", image.parts[1])
@@ -733,7 +749,7 @@ def test_a_buffer_of_a_volume_is_refused():
 
 def test_a_deep_buffer_is_refused(tmp_path):
     deep_file(tmp_path / "deep.exr")
-    script = "import OpenImageIO as oiio; from oiiotex.images import from_buffer; from_buffer(oiio.ImageBuf('deep.exr'))"
+    script = "import OpenImageIO as o; from oiiotex.images import from_buffer; from_buffer(o.ImageBuf('deep.exr'))"
     # in a process of its own: OpenImageIO crashes when it is asked for a deep buffer's pixels
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Our kernels beside numba loops that do the same work, checked to give the same result; the ratio is in brackets.
+
+python -m pytest benchmarks/test_kernels.py
+
+The exemplar is the demo's photo at 512x512, with the defaults of --texstationarize. The device is the CPU, for that is
+where the bound runs; $OIIOTEX_DEVICE names another.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from benchmarks.numba_kernels import BoundMatcher, BoundProjection
+from docs.demo import gravel, save, stained
+from oiiotex.color import working_values
+from oiiotex.device import Buffers, Device, open_device
+from oiiotex.filters.stationarize import Stationarize
+from oiiotex.images import from_buffer
+from oiiotex.session import Session
+from oiiotex.synthesis.histograms import Cells, Projection
+from oiiotex.synthesis.patchmatch import Geometry, Matcher, _penalty_unit, allowed_patches, random_field, to_grid
+from oiiotex.synthesis.stationarize import OVERSHOOT, Recipe, synthesize
+
+ROUNDS, WARMUPS = 15, 2
+STEP = 1000  # numbers the iteration; any that has not been
+SHAPE = (512, 512, 3)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What both sides work on."""
+
+    device: Device
+    recipe: Recipe
+    geometry: Geometry
+    cells: Cells
+    exemplar: np.ndarray
+    allowed: np.ndarray
+    fields: dict[str, np.ndarray]
+    budget: int
+
+    def buffers(self) -> Buffers:
+        return Buffers(self.device, self.geometry.layout() | self.cells.layout(), self.budget, "the benchmark")
+
+    def matcher(self, buffers: Buffers, field: np.ndarray) -> Matcher:
+        arguments = (self.exemplar, self.allowed, field, self.recipe.uniformity, self.recipe.seed)
+        return Matcher(self.device, buffers, self.geometry, *arguments)
+
+    def value_range(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.exemplar.min(axis=(0, 1)), self.exemplar.max(axis=(0, 1))
+
+    def projection(self, buffers: Buffers) -> Projection:
+        return Projection(self.device, buffers, self.cells, self.recipe.sigma, *self.value_range(), True, True)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    with tempfile.TemporaryDirectory() as folder:
+        save(stained(gravel()), Path(folder) / "photo.png")
+        photo = oiio.ImageBuf(f"{folder}/photo.png")
+        photo.read(force=True)
+    session = Session(device_name=os.environ.get("OIIOTEX_DEVICE") or "cpu")
+    device = open_device(session.device_name)
+    image = from_buffer(photo)
+    lab = working_values(image, session.color).values
+    recipe = Stationarize(exemplar=image).recipe(512, 512)
+    geometry = Geometry(512, 512, 512, 512, recipe.patch, True, True)
+    allowed = allowed_patches(None, geometry)
+    fields = {
+        "scrambled": random_field(geometry, allowed, recipe.seed),
+        "settled": synthesize(device, lab, None, recipe, session.budget, lambda done, total: None).field,
+    }
+    cells = Cells.of(512, 512, recipe.sigma)
+    return Scene(device, recipe, geometry, cells, to_grid(lab, recipe.patch), allowed, fields, session.budget)
+
+
+@dataclass(frozen=True)
+class Match:
+    """An outer iteration up to the search for patches: field, voted image, projected image."""
+
+    scene: Scene
+    buffers: Buffers
+    matcher: Matcher
+    bound: BoundMatcher
+    field: np.ndarray
+
+    def reset(self) -> None:
+        """The field as it was before."""
+        self.scene.device.write(self.buffers["field"], self.field)
+        self.scene.device.finish()
+        self.bound.field[:] = self.field
+
+    def improve(self) -> None:
+        self.matcher.improve(1, STEP)
+        self.scene.device.finish()
+
+    def improve_bound(self) -> None:
+        self.bound.improve(1, STEP)
+
+
+@pytest.fixture(scope="module", params=["scrambled", "settled"])
+def match(request: pytest.FixtureRequest, scene: Scene) -> Iterator[Match]:
+    field = scene.fields[request.param]
+    with scene.buffers() as buffers:
+        matcher = scene.matcher(buffers, field)
+        matcher.vote()
+        scene.projection(buffers).project("image", "matched", OVERSHOOT)
+        buffers.swap("image", "matched")
+        target = scene.device.read(buffers["image"], SHAPE, np.int16)
+        weight = scene.recipe.uniformity * _penalty_unit(scene.exemplar, scene.geometry)
+        bound = BoundMatcher(scene.geometry, scene.exemplar, scene.allowed, target, field, weight, scene.recipe.seed)
+        both = Match(scene, buffers, matcher, bound, field)
+        both.improve()
+        both.improve_bound()
+        assert (matcher.field() != field).mean() > 0.01, "there was nothing to do"
+        np.testing.assert_array_equal(bound.field, matcher.field())
+        np.testing.assert_array_equal(bound.distance, matcher.distances())
+        yield both
+
+
+@pytest.mark.parametrize("by", ["opencl", "numba"])
+def test_patchmatch(benchmark, match: Match, request: pytest.FixtureRequest, by: str) -> None:
+    """pad, score, uniformity, propagate with jumps 4, 2, 1, search: `Matcher.improve(1, step)`."""
+    benchmark.group = f"PatchMatch, {request.node.callspec.params['match']} field"
+    run = match.improve if by == "opencl" else match.improve_bound
+    benchmark.pedantic(run, setup=match.reset, rounds=ROUNDS, warmup_rounds=WARMUPS)
+
+
+@dataclass(frozen=True)
+class Project:
+    """The projection of a voted image by both."""
+
+    scene: Scene
+    projection: Projection
+    bound: BoundProjection
+    image: np.ndarray
+    matched: np.ndarray
+
+    def project(self) -> None:
+        self.projection.project("image", "matched", OVERSHOOT)
+        self.scene.device.finish()
+
+    def project_bound(self) -> None:
+        self.bound.project(self.image, self.matched, OVERSHOOT)
+
+
+@pytest.fixture(scope="module")
+def project(scene: Scene) -> Iterator[Project]:
+    with scene.buffers() as buffers:
+        scene.matcher(buffers, scene.fields["settled"]).vote()
+        image = scene.device.read(buffers["image"], SHAPE, np.int16)
+        bound = BoundProjection(scene.cells, scene.recipe.sigma, *scene.value_range())
+        both = Project(scene, scene.projection(buffers), bound, image, np.empty_like(image))
+        both.project()
+        both.project_bound()
+        theirs = scene.device.read(buffers["matched"], SHAPE, np.int16)
+        assert (theirs != image).mean() > 0.05, "there was nothing to do"
+        apart = np.abs(both.matched.astype(np.int32) - theirs)
+        assert (apart <= 1).mean() >= 0.999
+        yield both
+
+
+@pytest.mark.parametrize("by", ["opencl", "numba"])
+def test_projection(benchmark, project: Project, by: str) -> None:
+    """gather, row sums, blur, cumulate, match: `Projection.project`."""
+    benchmark.group = "projection"
+    run = project.project if by == "opencl" else project.project_bound
+    benchmark.pedantic(run, rounds=ROUNDS, warmup_rounds=WARMUPS)

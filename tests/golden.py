@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Golden images: what the filters make of procedural pictures. `python -m tests.golden` renews them."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tests import pictures
+from tests.conftest import oiiotex, save
+
+FOLDER = Path(__file__).parents[1] / "golden"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A picture, and what is done to it."""
+
+    picture: Callable[[], np.ndarray]
+    words: tuple[str, ...]
+    space: str = "srgb_rec709_scene"
+
+
+def _with_hole() -> np.ndarray:
+    picture = pictures.moss(96, 96, 5)
+    alpha = np.ones((96, 96, 1))
+    alpha[40:60, 30:70] = 0
+    return np.concatenate([picture * alpha, alpha], -1)
+
+
+CASES = {
+    "stationarize_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarize:seed=1",)),
+    "stationarize_pebbles_larger": Case(
+        lambda: pictures.stained(pictures.pebbles(128, 128, 2)), ("--texstationarize:sigma=10:size=192x160:seed=2:patch=9",)
+    ),
+    "stationarize_moss_hdr": Case(
+        lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)), ("--texstationarize:target=exemplar:contrast=1",), "lin_rec709_scene"
+    ),
+    "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tile=x",)),
+    "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
+}
+
+
+def make(name: str, folder: Path) -> Path:
+    """Run a case, with the source map as the result: it says which pixel was chosen, whatever the pixel looks like."""
+    case = CASES[name]
+    save(case.picture(), folder / "in.exr", "half", case.space)
+    done = oiiotex("in.exr", f"{case.words[0]}:stmap=1", *case.words[1:], "-o", f"{name}.exr", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / f"{name}.exr"
+
+
+def main() -> None:
+    """Renew all goldens."""
+    FOLDER.mkdir(exist_ok=True)
+    for name in CASES:
+        with tempfile.TemporaryDirectory() as folder:
+            (FOLDER / f"{name}.exr").write_bytes(make(name, Path(folder)).read_bytes())
+        print(FOLDER / f"{name}.exr")
+
+
+if __name__ == "__main__":
+    main()

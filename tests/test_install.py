@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an installation needs: the wheel's own files, a linker that may be missing, a device that may be missing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from oiiotex import opencl_runtime
+from oiiotex.errors import DeviceError
+from tests.conftest import oiiotex
+
+
+def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
+    root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(tmp_path / "dist"), root]
+    subprocess.run(build, check=True, capture_output=True, cwd=tmp_path)
+    (wheel,) = (tmp_path / "dist").glob("*.whl")
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(tmp_path / "site"), str(wheel)]
+    subprocess.run(install, check=True, capture_output=True)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+    where = subprocess.run(
+        [sys.executable, "-c", "import oiiotex; print(oiiotex.__file__)"], env=environment, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert where.stdout.startswith(str(tmp_path / "site"))
+    done = oiiotex(photo, "--texstationarize:size=64x64:iterations=2", "-o", "tile.png", cwd=tmp_path, env=environment)
+    assert done.returncode == 0, done.stderr
+
+
+def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:
+    """Run a shell script in a mount namespace where every `ld` and gcc's folder are masked."""
+    mask = "for f in $(ls /usr/bin/ld /usr/bin/*-ld /usr/bin/*ld.bfd /usr/bin/*ld.gold /usr/bin/ld.lld* /usr/local/bin/ld 2>/dev/null); do mount --bind /dev/null $f || exit 77; done\n"
+    mask += f"if [ -d /usr/lib/gcc ]; then mkdir -p {cache}/empty; mount --bind {cache}/empty /usr/lib/gcc || exit 77; fi\n"
+    environment = {**os.environ, "XDG_CACHE_HOME": cache, "POCL_CACHE_DIR": f"{cache}/pocl"}
+    os.makedirs(f"{cache}/pocl")
+    command = ["unshare", "-m" if os.geteuid() == 0 else "-rm", "sh", "-c", mask + script]
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    except FileNotFoundError:
+        pytest.skip("no unshare")
+    if done.returncode == 77 or "unshare" in done.stderr:
+        pytest.skip(f"cannot mask the linker: {done.stderr}")
+    return done
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
+def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
+    pytest.importorskip("ziglang")
+    script = f"{sys.executable} -m oiiotex.cli.main {photo} --texstationarize:size=64x64:iterations=2 -o {tmp_path}/tile.png"
+    done = without_linker(script, str(tmp_path / "cache"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "tile.png").exists()
+    assert [p.read_text() for p in (tmp_path / "cache" / "oiiotex").glob("probe-*")] == ["lld"]
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
+def test_without_any_linker_the_advice_is_one_line(tmp_path, photo):
+    hide = "import sys; sys.modules['ziglang'] = None; import importlib.util as u; find = u.find_spec; " \
+        "u.find_spec = lambda n, *a: None if n == 'ziglang' else find(n, *a); from oiiotex.cli.main import main; " \
+        f"main([{str(photo)!r}, '--texstationarize', '-o', {str(tmp_path / 'tile.png')!r}])"
+    done = without_linker(f'{sys.executable} -c "{hide}"', str(tmp_path / "cache"))
+    assert done.returncode == 1
+    assert done.stderr.strip().splitlines()[-1].endswith("pip install oiiotex[linker]")
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+
+
+def test_without_any_device_the_advice_is_one_line(photo):
+    empty = {**os.environ, "OCL_ICD_VENDORS": "/nonexistent"}
+    script = (
+        "import pyopencl as cl\n"
+        "def none(): raise cl.LogicError('no platform')\n"
+        "cl.get_platforms = none\n"
+        f"from oiiotex.cli.main import main; main([{str(photo)!r}, '--texstationarize', '-o', 'x.png'])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], env=empty, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "pip install oiiotex[cpu]" in done.stderr and len(done.stderr.strip().splitlines()) == 1
+
+
+def test_the_probes_answer_is_kept_and_a_failure_is_not(tmp_path, monkeypatch):
+    monkeypatch.setattr(opencl_runtime, "_cache_folder", lambda: tmp_path)
+    answers = iter(["failed", "failed", None])
+    monkeypatch.setattr(opencl_runtime, "_try_in_subprocess", lambda platform, path: next(answers))
+    check = opencl_runtime.require_working.__wrapped__
+    with pytest.raises(DeviceError):
+        check("some platform", "1.0")
+    assert not list(tmp_path.glob("probe-*"))
+    check("some platform", "1.0")
+    check("some platform", "1.0")  # would raise StopIteration if it asked again
+    assert [p.read_text() for p in tmp_path.glob("probe-*")] == ["system"]
+
+
+def test_a_probe_that_fails_in_its_process_is_reported(monkeypatch):
+    assert opencl_runtime._try_in_subprocess("no such platform", os.environ["PATH"]) is not None
+
+
+def test_threads_follow_the_affinity_of_the_process():
+    script = "from oiiotex import opencl_runtime as r; r.load(); import os; print(os.environ['POCL_MAX_PTHREAD_COUNT'])"
+    clean = {k: v for k, v in os.environ.items() if k != "POCL_MAX_PTHREAD_COUNT"}
+    pinned = f"import os; os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}}); {script}"
+    assert subprocess.run([sys.executable, "-c", pinned], env=clean, capture_output=True, text=True).stdout == "1\n"
