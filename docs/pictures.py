@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures of README and docs, made by the repository's own programs: `python -m docs.pictures`."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from docs.demo import gravel, save, stained
+from oiiotex import filters
+
+FOLDER = Path(__file__).parent / "pictures"
+SIDE = 256  # px, longer side of a photo on a contact sheet
+PER_SHEET = 6
+
+
+def write_jpeg(pixels: np.ndarray, name: str) -> None:
+    """Save a picture small enough for a repository."""
+    buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8))
+    buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
+    buffer.specmod().attribute("Compression", "jpeg:82")
+    FOLDER.mkdir(exist_ok=True)
+    if not buffer.write(str(FOLDER / name)):
+        raise SystemExit(buffer.geterror())
+    print(FOLDER / name, (FOLDER / name).stat().st_size // 1024, "KB")
+
+
+def shrunk(photo: oiio.ImageBuf, side: int) -> oiio.ImageBuf:
+    """8-bit sRGB RGB with its longer side at most `side`."""
+    spec = photo.spec()
+    if spec.nchannels > 3:
+        photo = oiio.ImageBufAlgo.channels(photo, (0, 1, 2))
+    elif spec.nchannels == 1:
+        photo = oiio.ImageBufAlgo.channels(photo, (0, 0, 0), ("R", "G", "B"))
+    scale = min(1.0, side / max(spec.width, spec.height))
+    small = oiio.ImageBufAlgo.resize(photo, roi=oiio.ROI(0, round(spec.width * scale), 0, round(spec.height * scale)))
+    small.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    return small
+
+
+def pixels(buffer: oiio.ImageBuf) -> np.ndarray:
+    """(h, w, 3) uint8."""
+    return buffer.get_pixels(oiio.UINT8)[..., :3]
+
+
+def beside(*panes: np.ndarray, gap: int = 8) -> np.ndarray:
+    """Pictures side by side on white, top aligned."""
+    height = max(p.shape[0] for p in panes)
+    width = sum(p.shape[1] for p in panes) + gap * (len(panes) - 1)
+    sheet = np.full((height, width, 3), 255, np.uint8)
+    left = 0
+    for pane in panes:
+        sheet[: pane.shape[0], left : left + pane.shape[1]] = pane
+        left += pane.shape[1] + gap
+    return sheet
+
+
+def twice(tile: np.ndarray) -> np.ndarray:
+    """Laid out 2 x 2."""
+    return np.tile(tile, (2, 2, 1))
+
+
+def halved(picture: np.ndarray) -> np.ndarray:
+    """At half the size."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(picture, Path(folder) / "p.png")
+        return pixels(shrunk(oiio.ImageBuf(f"{folder}/p.png"), max(picture.shape) // 2))
+
+
+def demo_pictures() -> None:
+    """The demo's photo tiled as it is, by toroidal PatchMatch, and stationarized."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(stained(gravel()), Path(folder) / "photo.png")
+        photo = oiio.ImageBuf(f"{folder}/photo.png")
+        photo.read(force=True)
+    baseline, tile = filters.patchmatch(photo, seed=7), filters.stationarize(photo, seed=7)
+    write_jpeg(beside(*(halved(twice(pixels(b))) for b in (photo, baseline, tile))), "gravel_2x2.jpg")
+
+
+def contact_sheets() -> None:
+    """Every test photo beside its 2 x 2 preview."""
+    folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
+    if not folder.is_dir():
+        print(f"no photos in {folder}: the contact sheets stay as they are")
+        return
+    rows = []
+    for path in sorted(folder.iterdir()):
+        photo = shrunk(oiio.ImageBuf(str(path)), SIDE)
+        tile = filters.stationarize(photo, seed=1)
+        rows.append(beside(pixels(photo), twice(pixels(tile))))
+    for n in range(0, len(rows), PER_SHEET):
+        group = rows[n : n + PER_SHEET]
+        pairs = [beside(*group[i : i + 2], gap=24) for i in range(0, len(group), 2)]
+        width = max(p.shape[1] for p in pairs)
+        sheet = [np.pad(p, ((0, 12), (0, width - p.shape[1]), (0, 0)), constant_values=255) for p in pairs]
+        write_jpeg(np.concatenate(sheet), f"photos_{n // PER_SHEET + 1}.jpg")
+
+
+if __name__ == "__main__":
+    demo_pictures()
+    contact_sheets()
