@@ -75,7 +75,12 @@ def main() -> None:
     if arguments.csv:
         with open(arguments.csv, "w", newline="") as file:
             writer = csv.writer(file)
-            names = [f"{c} {m} {f}" for c in ("stationarity", "texture") for m in ("ours", "patchmatch") for f in ("mean", "variance")]
+            names = [
+                f"{c} {m} {f}"
+                for c in ("stationarity", "texture")
+                for m in ("ours", "patchmatch")
+                for f in ("mean", "variance")
+            ]
             writer.writerows([["photo", *names, "seeds won"], *table])
 
 

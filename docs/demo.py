@@ -66,7 +66,18 @@ def main() -> None:
         photo = out / "photo.png"
         save(stained(gravel()), photo)
     tile = out / "tile.png"
-    command = [sys.executable, "-m", "oiiotex.cli.main", "-v", str(photo), "--texstationarize:seed=7", "-d", "uint8", "-o", str(tile)]
+    command = [
+        sys.executable,
+        "-m",
+        "oiiotex.cli.main",
+        "-v",
+        str(photo),
+        "--texstationarize:seed=7",
+        "-d",
+        "uint8",
+        "-o",
+        str(tile),
+    ]
     print(" ".join(["oiiotex", *command[3:]]), flush=True)
     if subprocess.run(command).returncode != 0:
         sys.exit(1)

@@ -31,7 +31,10 @@ def page_text(op: type[Op], path: Path) -> str:
             lines.append(f"| `{p.name}` | {default} | {allowed} | {p.help} |")
         lines.append("")
     lines += ["| output | |", "|---|---|", *(f"| {o.name} | {o.help} |" for o in op.outputs), ""]
-    lines += [f"Works in {op.space.value}; looks at {op.reach.value}. Python: `oiiotex.filters.{op.name}{_call(op)}`.", ""]
+    lines += [
+        f"Works in {op.space.value}; looks at {op.reach.value}. Python: `oiiotex.filters.{op.name}{_call(op)}`.",
+        "",
+    ]
     return "\n".join([*lines, MARK]) + _by_hand(path)
 
 

@@ -35,7 +35,9 @@ class ColorConfig:
         try:
             self._config = ocio.Config.CreateFromFile(self.path)
         except ocio.Exception as error:
-            raise ColorError(f"{self.path}: not a colour config that can be used: {' '.join(str(error).split())}") from error
+            raise ColorError(
+                f"{self.path}: not a colour config that can be used: {' '.join(str(error).split())}"
+            ) from error
         self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
 
     def resolve(self, name: str) -> str:
@@ -142,7 +144,9 @@ def working_values(image: Image, config: ColorConfig | None, autocc: bool = Fals
         if not config.is_data(space):
             convert = config.to_lab(space)
             if len(channels.colour) not in (1, 3):
-                raise ImageError(f"{image.source} has {len(channels.colour)} channels beside alpha: no colour; add :data=1")
+                raise ImageError(
+                    f"{image.source} has {len(channels.colour)} channels beside alpha: no colour; add :data=1"
+                )
     values = np.zeros((part.spec.height, part.spec.width, 3), np.float32)
     alpha = np.ones((part.spec.height, part.spec.width), np.float32) if channels.alpha is not None else None
     broken = np.zeros(2, np.int64)
@@ -183,5 +187,3 @@ def _scaled(values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
         return values
     low, high = float(seen.min()), float(seen.max())
     return (values - np.float32(low)) * np.float32(100.0 / max(high - low, 1e-12))
-
-

@@ -64,6 +64,7 @@ class Image:
 
     @property
     def first(self) -> Part:
+        """The picture itself."""
         return self.parts[0]
 
     def part(self, name: str) -> Part | None:
@@ -163,10 +164,14 @@ def from_buffer(buffer: oiio.ImageBuf) -> Image:
     spec = oiio.ImageSpec(buffer.spec())
     pixels = buffer.get_pixels(spec.format, buffer.roi)
     name = spec.get_string_attribute("oiio:subimagename") or "part0"
-    return Image((from_pixels(name, pixels.reshape(spec.height, spec.width, spec.nchannels), spec),), buffer.name or "ImageBuf")
+    return Image(
+        (from_pixels(name, pixels.reshape(spec.height, spec.width, spec.nchannels), spec),), buffer.name or "ImageBuf"
+    )
 
 
-def _file_rows(path: str, file: oiio.ImageInput, subimage: int, spec: oiio.ImageSpec) -> Callable[[int, int], np.ndarray]:
+def _file_rows(
+    path: str, file: oiio.ImageInput, subimage: int, spec: oiio.ImageSpec
+) -> Callable[[int, int], np.ndarray]:
     def rows(begin: int, end: int) -> np.ndarray:
         top, right, channels = spec.y, spec.x + spec.width, spec.nchannels
         if spec.tile_height == 0:
@@ -225,7 +230,10 @@ def write(image: Image, path: str | os.PathLike, pixel_type: oiio.TypeDesc | Non
         if len(image.parts) > 1 and not out.supports("multiimage"):
             names = ", ".join(p.name for p in image.parts)
             raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
-        specs = [_output_spec(part, pixel_type if i == 0 else None, len(image.parts) > 1) for i, part in enumerate(image.parts)]
+        specs = [
+            _output_spec(part, pixel_type if i == 0 else None, len(image.parts) > 1)
+            for i, part in enumerate(image.parts)
+        ]
         wanted = [pixel_type, *(part.spec.format for part in image.parts[1:])]
         try:
             for i, part in enumerate(image.parts):
@@ -239,6 +247,7 @@ def write(image: Image, path: str | os.PathLike, pixel_type: oiio.TypeDesc | Non
         if not closed:
             raise ImageError(f"{path}: {_one_line(out.geterror())}")
         _check_arrived(temporary, image, path)
+
 
 def _output_spec(part: Part, pixel_type: oiio.TypeDesc | None, named: bool) -> oiio.ImageSpec:
     spec = oiio.ImageSpec(part.spec)

@@ -47,6 +47,7 @@ class Parameter:
 
     @property
     def required(self) -> bool:
+        """Whether it must be given."""
         return self.default is dataclasses.MISSING
 
     def allowed(self) -> str:

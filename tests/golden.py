@@ -35,10 +35,13 @@ def _with_hole() -> np.ndarray:
 CASES = {
     "stationarize_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarize:seed=1",)),
     "stationarize_pebbles_larger": Case(
-        lambda: pictures.stained(pictures.pebbles(128, 128, 2)), ("--texstationarize:sigma=10:size=192x160:seed=2:patch=9",)
+        lambda: pictures.stained(pictures.pebbles(128, 128, 2)),
+        ("--texstationarize:sigma=10:size=192x160:seed=2:patch=9",),
     ),
     "stationarize_moss_hdr": Case(
-        lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)), ("--texstationarize:target=exemplar:contrast=1",), "lin_rec709_scene"
+        lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
+        ("--texstationarize:target=exemplar:contrast=1",),
+        "lin_rec709_scene",
     ),
     "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tile=x",)),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),

@@ -47,7 +47,10 @@ def test_the_projection_on_cells_is_close_to_the_dense_one(any_lanes, height, wi
 def test_projection_makes_an_image_stationary(device):
     image = lab_like(96, 96)
     found, _, _ = projected(device, image, 6.0, True, True)
-    drift = [np.std(reference.gaussian_rows(96, 6.0, True) @ i[..., 0] @ reference.gaussian_rows(96, 6.0, True).T) for i in (image, found)]
+    drift = [
+        np.std(reference.gaussian_rows(96, 6.0, True) @ i[..., 0] @ reference.gaussian_rows(96, 6.0, True).T)
+        for i in (image, found)
+    ]
     assert drift[1] < 0.35 * drift[0]
     assert abs(np.mean(found) - np.mean(image)) < 0.03 * np.std(image)
 
@@ -98,7 +101,9 @@ def test_a_global_match_takes_over_the_targets_histogram():
     assert (np.diff(table.astype(int), axis=1) >= 0).all()
     identity = histograms.matching_table(counts, goal, first, 0.0)
     np.testing.assert_array_equal(identity[0], first + np.arange(entries))
-    np.testing.assert_allclose(histograms.matching_table(counts, goal, first, 0.5), (table + identity.astype(float)) / 2, atol=0.51)
+    np.testing.assert_allclose(
+        histograms.matching_table(counts, goal, first, 0.5), (table + identity.astype(float)) / 2, atol=0.51
+    )
 
 
 def test_a_table_is_applied_per_channel(any_lanes):

@@ -264,7 +264,7 @@ def test_a_deep_image_is_refused(tmp_path):
         (("R", "G", "B"), -1, (0, 1, 2)),
         (("R", "G", "B", "A"), 3, (0, 1, 2)),
         (("B", "G", "R"), -1, (2, 1, 0)),
-        (("r", "g", "b"), -1, (0, 1, 2)),
+        (("z", "r", "g", "b"), -1, (1, 2, 3)),
         (("A", "B", "G", "R"), 0, (3, 2, 1)),
         (("R", "A", "G", "B"), 1, (0, 2, 3)),
         (("Z", "R", "G", "B", "A"), 4, (1, 2, 3)),
@@ -282,6 +282,13 @@ def test_colour_is_rgb_by_name_else_the_first_three_that_are_not_alpha(names, al
     spec = spec_of("half", 2, 2, names)
     spec.alpha_channel = alpha
     assert channels_of(spec) == Channels(colour, None if alpha < 0 else alpha)
+
+
+@pytest.mark.parametrize(("names", "alpha"), [(("R", "G", "B", "A"), 3), (("a", "y"), 0), (("R", "G", "B"), None)])
+def test_alpha_is_found_by_name_where_the_spec_does_not_say_it(names, alpha):
+    spec = spec_of("half", 2, 2, names)
+    spec.alpha_channel = -1
+    assert channels_of(spec).alpha == alpha
 
 
 @pytest.mark.parametrize("name", list(NUMPY))
@@ -580,7 +587,7 @@ def test_a_dead_run_is_swept_and_a_living_one_and_another_hosts_stay(tmp_path, d
     for name in gone + kept:
         (tmp_path / name).write_bytes(b"half")
     write(small(), tmp_path / "a.png")
-    assert sorted(os.listdir(tmp_path)) == sorted([*kept, "a.png"])
+    assert sorted(os.listdir(tmp_path)) == sorted({*kept, "a.png"})
 
 
 def test_what_cannot_be_swept_stops_no_one(tmp_path, dead_pid):

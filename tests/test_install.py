@@ -19,11 +19,25 @@ def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
     build = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(tmp_path / "dist"), root]
     subprocess.run(build, check=True, capture_output=True, cwd=tmp_path)
     (wheel,) = (tmp_path / "dist").glob("*.whl")
-    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(tmp_path / "site"), str(wheel)]
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--no-deps",
+        "--target",
+        str(tmp_path / "site"),
+        str(wheel),
+    ]
     subprocess.run(install, check=True, capture_output=True)
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
     where = subprocess.run(
-        [sys.executable, "-c", "import oiiotex; print(oiiotex.__file__)"], env=environment, cwd=tmp_path, capture_output=True, text=True
+        [sys.executable, "-c", "import oiiotex; print(oiiotex.__file__)"],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
     )
     assert where.stdout.startswith(str(tmp_path / "site"))
     done = oiiotex(photo, "--texstationarize:size=64x64:iterations=2", "-o", "tile.png", cwd=tmp_path, env=environment)
@@ -33,7 +47,9 @@ def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
 def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:
     """Run a shell script in a mount namespace where every `ld` and gcc's folder are masked."""
     mask = "for f in $(ls /usr/bin/ld /usr/bin/*-ld /usr/bin/*ld.bfd /usr/bin/*ld.gold /usr/bin/ld.lld* /usr/local/bin/ld 2>/dev/null); do mount --bind /dev/null $f || exit 77; done\n"
-    mask += f"if [ -d /usr/lib/gcc ]; then mkdir -p {cache}/empty; mount --bind {cache}/empty /usr/lib/gcc || exit 77; fi\n"
+    mask += (
+        f"if [ -d /usr/lib/gcc ]; then mkdir -p {cache}/empty; mount --bind {cache}/empty /usr/lib/gcc || exit 77; fi\n"
+    )
     environment = {**os.environ, "XDG_CACHE_HOME": cache, "POCL_CACHE_DIR": f"{cache}/pocl"}
     os.makedirs(f"{cache}/pocl")
     command = ["unshare", "-m" if os.geteuid() == 0 else "-rm", "sh", "-c", mask + script]
@@ -49,7 +65,9 @@ def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
 def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
     pytest.importorskip("ziglang")
-    script = f"{sys.executable} -m oiiotex.cli.main {photo} --texstationarize:size=64x64:iterations=2 -o {tmp_path}/tile.png"
+    script = (
+        f"{sys.executable} -m oiiotex.cli.main {photo} --texstationarize:size=64x64:iterations=2 -o {tmp_path}/tile.png"
+    )
     done = without_linker(script, str(tmp_path / "cache"))
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "tile.png").exists()
@@ -58,9 +76,11 @@ def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
 def test_without_any_linker_the_advice_is_one_line(tmp_path, photo):
-    hide = "import sys; sys.modules['ziglang'] = None; import importlib.util as u; find = u.find_spec; " \
-        "u.find_spec = lambda n, *a: None if n == 'ziglang' else find(n, *a); from oiiotex.cli.main import main; " \
+    hide = (
+        "import sys; sys.modules['ziglang'] = None; import importlib.util as u; find = u.find_spec; "
+        "u.find_spec = lambda n, *a: None if n == 'ziglang' else find(n, *a); from oiiotex.cli.main import main; "
         f"main([{str(photo)!r}, '--texstationarize', '-o', {str(tmp_path / 'tile.png')!r}])"
+    )
     done = without_linker(f'{sys.executable} -c "{hide}"', str(tmp_path / "cache"))
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1].endswith("pip install oiiotex[linker]")

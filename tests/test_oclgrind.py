@@ -39,7 +39,11 @@ def test_oclgrind_finds_nothing(tmp_path, lanes):
     # Its check for uninitialised values is left out: it crashes on wide vectors, and in single lanes it doubts pixels
     # that the host has just written.
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT.format(lanes=lanes)], env={**os.environ, **checks}, capture_output=True, text=True, timeout=300
+        [sys.executable, "-c", SCRIPT.format(lanes=lanes)],
+        env={**os.environ, **checks},
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     found = log.read_text() if log.exists() else ""

@@ -169,7 +169,7 @@ def test_a_falsy_word_is_a_choice_too():
         ("count", "0x5"),
         ("count", "five"),
         ("count", ""),
-        ("count", "9" * 5000),  # more digits than Python converts
+        pytest.param("count", "9" * 5000, id="count-more digits than Python converts"),
         ("strength", "-1.01"),
         ("strength", "2.51"),
         ("strength", "1,5"),

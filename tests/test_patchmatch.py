@@ -158,6 +158,9 @@ def test_a_field_keeps_its_coherence_when_it_is_upsampled():
 
 def test_the_hash_of_host_and_device_is_one(device):
     y, x = np.mgrid[0:5, 0:7]
-    expected = [reference.pcg(int(c) + reference.pcg(int(r) + reference.pcg(9 + reference.pcg(3)))) for r, c in zip(y.ravel(), x.ravel(), strict=True)]
+    expected = [
+        reference.pcg(int(c) + reference.pcg(int(r) + reference.pcg(9 + reference.pcg(3))))
+        for r, c in zip(y.ravel(), x.ravel(), strict=True)
+    ]
     # the oracle test above runs the device's hash against the same function
     np.testing.assert_array_equal(pm.hash_at(3, 9, y, x).ravel(), np.array(expected, np.uint64) & 0xFFFFFFFF)

@@ -66,7 +66,9 @@ PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
 @every_filter
 def test_every_filter_is_a_function_with_its_declared_parameters(op):
     function = getattr(filters, op.name)
-    assert set(function.__signature__.parameters) == {i.name for i in op.images()} | {p.name for p in op.parameters()} | {"session"}
+    assert set(function.__signature__.parameters) == {i.name for i in op.images()} | {
+        p.name for p in op.parameters()
+    } | {"session"}
     for name in (p.name for p in op.parameters()):
         assert f"{name} : " in function.__doc__
 
@@ -105,7 +107,9 @@ def test_lanes_do_not_show(op, narrow_device):
 @every_filter
 def test_every_pixel_is_a_copy_of_a_source_pixel_with_all_channels(op):
     random = np.random.default_rng(0)
-    many = np.concatenate([PHOTO * 30 - 1, random.random((64, 72, 1)) * 0.5 + 0.5, random.normal(0, 1e4, (64, 72, 2))], -1)
+    many = np.concatenate(
+        [PHOTO * 30 - 1, random.random((64, 72, 1)) * 0.5 + 0.5, random.normal(0, 1e4, (64, 72, 2))], -1
+    )
     photo = buffer(many, oiio.HALF, "lin_rec709_scene", ("R", "G", "B", "A", "Z", "id"))
     made = apply(op, photo)
     assert made.spec().format == oiio.HALF
@@ -152,7 +156,12 @@ def test_data_skips_colour(op):
 @pytest.mark.parametrize("kind", [oiio.UINT8, oiio.UINT16, oiio.HALF, oiio.FLOAT], ids=str)
 def test_gray_alpha_and_all_pixel_types_work(op, channels, kind):
     gray = PHOTO[..., :1]
-    picture = {1: gray, 2: np.concatenate([gray, np.ones_like(gray)], -1), 3: PHOTO, 4: np.concatenate([PHOTO, np.ones_like(gray)], -1)}
+    picture = {
+        1: gray,
+        2: np.concatenate([gray, np.ones_like(gray)], -1),
+        3: PHOTO,
+        4: np.concatenate([PHOTO, np.ones_like(gray)], -1),
+    }
     names = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
     made = apply(op, buffer(picture[channels], kind, names=names[channels]))
     assert (made.spec().nchannels, made.spec().format) == (channels, kind)

@@ -64,7 +64,9 @@ def test_modules_stay_small_and_say_their_licence(path):
 
 def test_kernel_names_start_with_their_file():
     for path in (PACKAGE / "cl").glob("*.cl"):
-        names = [line.split("(")[0].split()[-1] for line in path.read_text().splitlines() if line.startswith("__kernel")]
+        names = [
+            line.split("(")[0].split()[-1] for line in path.read_text().splitlines() if line.startswith("__kernel")
+        ]
         assert names and all(name.startswith(f"{path.stem}_") for name in names)
 
 

@@ -104,5 +104,6 @@ def _whole_number(settings: dict[str, tuple[str, ...]], name: str) -> int:
         raise ParameterError(f"{name} {text}: allowed is a whole number >= 0")
     return int(text)
 
+
 if __name__ == "__main__":
     main()

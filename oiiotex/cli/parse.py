@@ -29,7 +29,12 @@ OPTIONS = (
     Option("--fixnan", ("MODE",), "repair NaN and Inf of the top image: black or box3"),
     Option("--autocc", (), "let the config's file rules name the space of files that do not say it", setting=True),
     Option("--colorconfig", ("FILE",), "OCIO config; else $OCIO, else a built-in one", setting=True),
-    Option("--device", ("DEVICE",), "OpenCL device: number, gpu, cpu or part of its name; else $OIIOTEX_DEVICE", setting=True),
+    Option(
+        "--device",
+        ("DEVICE",),
+        "OpenCL device: number, gpu, cpu or part of its name; else $OIIOTEX_DEVICE",
+        setting=True,
+    ),
     Option("--devices", (), "list the OpenCL devices", setting=True),
     Option("--threads", ("N",), "CPU threads; 0: as many as the process may use", setting=True),
     Option("--cache", ("MB",), "memory budget; a quarter of the machine's when left out", setting=True),

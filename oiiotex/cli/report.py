@@ -41,10 +41,18 @@ def page(name: str) -> str:
     pages = {op.name: op for op in FILTERS}
     bare = name.lstrip("-").removeprefix("tex")
     if bare not in pages:
-        raise ParameterError(f"no filter '{name}'{nearest(bare, pages)}; there is {', '.join(op.flag() for op in FILTERS)}")
+        raise ParameterError(
+            f"no filter '{name}'{nearest(bare, pages)}; there is {', '.join(op.flag() for op in FILTERS)}"
+        )
     op = pages[bare]
     images = " ".join(i.name for i in op.images())
-    lines = [f"{op.flag()}  ({images} -> {', '.join(o.name for o in op.outputs)})", "", description(op), "", "Modifiers:"]
+    lines = [
+        f"{op.flag()}  ({images} -> {', '.join(o.name for o in op.outputs)})",
+        "",
+        description(op),
+        "",
+        "Modifiers:",
+    ]
     lines += [_modifier(p) for p in op.parameters()] or ["  none"]
     lines += ["", "Outputs:", *(f"  {o.name:12s} {o.help}" for o in op.outputs)]
     lines += ["", f"Works in {op.space.value}; looks at {op.reach.value}."]
@@ -86,7 +94,9 @@ def device_list(threads: int) -> str:
 
     found = device.devices(threads)
     lines = [f"{d.number}: {d.name} ({d.kind}), {d.platform}, {d.version}, {d.memory >> 20} MB" for d in found]
-    return "\n".join(lines) or "no OpenCL device: install a GPU driver, or a CPU runtime with 'pip install oiiotex[cpu]'"
+    return (
+        "\n".join(lines) or "no OpenCL device: install a GPU driver, or a CPU runtime with 'pip install oiiotex[cpu]'"
+    )
 
 
 def progress_bar() -> Progress | None:

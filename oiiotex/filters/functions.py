@@ -34,7 +34,9 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
 def _bound(op: type[Op], images: tuple[oiio.ImageBuf, ...], values: dict[str, Any]) -> Op:
     declared = op.images()
     if len(images) != len(declared):
-        raise ParameterError(f"{op.name} takes {len(declared)} images ({', '.join(i.name for i in declared)}), not {len(images)}")
+        raise ParameterError(
+            f"{op.name} takes {len(declared)} images ({', '.join(i.name for i in declared)}), not {len(images)}"
+        )
     known = [p.name for p in op.parameters()]
     for name in values:
         if name not in known:

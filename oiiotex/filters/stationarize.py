@@ -13,7 +13,7 @@ import OpenImageIO as oiio
 
 from ..analysis.stationarity import seam_ratio, stationarity_cost, texture_cost
 from ..color import Working, working_values
-from ..images import Image, derived_spec, from_pixels, write
+from ..images import Image, Part, derived_spec, write
 from ..op import Op, Output, Reach, Space
 from ..params import Size, image, param
 from ..session import Session
@@ -23,7 +23,9 @@ from ..synthesis.stationarize import Recipe, Synthesis, synthesize
 log = logging.getLogger("oiiotex")
 
 _PATCHES = tuple(range(5, 23, 2))
-_ST = Output("st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them")
+_ST = Output(
+    "st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,11 +42,16 @@ class _PatchSynthesis(Op):
     exemplar: Image = image(help="the photo")
     size: Size | None = param(None, ge=5, le=65536, unit="px", help="of the result; the exemplar's own when left out")
     tile: str = param("xy", choices=("xy", "x", "y", "none"), help="along which axes the result tiles")
-    patch: int = param(11, choices=_PATCHES, unit="px", help="side of a patch: the scale up to which detail is copied whole")
+    patch: int = param(
+        11, choices=_PATCHES, unit="px", help="side of a patch: the scale up to which detail is copied whole"
+    )
     iterations: int = param(30, ge=1, le=1000, help="on the coarsest level; each finer one has 3")
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
     uniformity: float = param(
-        0.01, ge=0, le=1, help="how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence"
+        0.01,
+        ge=0,
+        le=1,
+        help="how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence",
     )
     stmap: bool | Path = param(False, help="1: source coordinates as part 'st' of the result; a file name: there")
     data: bool = param(False, help="the channels are no colours: compare them as they are")
@@ -77,14 +84,19 @@ class _PatchSynthesis(Op):
             pixels = source.pixels()
         device = session.device
         recipe = self.recipe(width, height)
-        made = synthesize(device, working.values, working.opaque, recipe, session.budget - pixels.nbytes, session.advance)
+        made = synthesize(
+            device, working.values, working.opaque, recipe, session.budget - pixels.nbytes, session.advance
+        )
         device.collect(session.stats)
-        y, x = unpack(made.source)
         if session.measure:
             with session.stats.time("measure"):
                 self._report(working, made, recipe, session)
-        tile = from_pixels(source.name, pixels[y, x], _tile_spec(source.spec, self, width, height))
-        st = from_pixels("st", source_coordinates(y, x, source.spec), _st_spec(width, height))
+        tile = Part(
+            source.name, _tile_spec(source.spec, self, width, height), lambda a, b: pixels[unpack(made.source[a:b])]
+        )
+        st = Part(
+            "st", _st_spec(width, height), lambda a, b: source_coordinates(*unpack(made.source[a:b]), source.spec)
+        )
         if isinstance(self.stmap, Path):
             write(Image((st,), str(self.stmap)), self.stmap)
         return Image((tile, st) if self.stmap is True else (tile,), self.exemplar.source)
@@ -120,9 +132,14 @@ class Stationarize(_PatchSynthesis):
     name: ClassVar[str] = "stationarize"
 
     sigma: float | None = param(
-        None, ge=0.5, unit="px", help="scale above which the texture must look the same everywhere; longer side / 32 when left out"
+        None,
+        ge=0.5,
+        unit="px",
+        help="scale above which the texture must look the same everywhere; longer side / 32 when left out",
     )
-    contrast: float = param(0.7, ge=0, le=1, help="how strongly the overall histogram is held to the target's; 0: not at all")
+    contrast: float = param(
+        0.7, ge=0, le=1, help="how strongly the overall histogram is held to the target's; 0: not at all"
+    )
     target: str = param(
         "flat",
         choices=("flat", "exemplar"),
@@ -144,7 +161,9 @@ class PatchMatch(_PatchSynthesis):
 
     name: ClassVar[str] = "patchmatch"
 
-    contrast: float = param(1.0, ge=0, le=1, help="how strongly the histogram is held to the photo's at first; it fades out")
+    contrast: float = param(
+        1.0, ge=0, le=1, help="how strongly the histogram is held to the photo's at first; it fades out"
+    )
 
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 without stationarity."""
@@ -173,5 +192,3 @@ def _st_spec(width: int, height: int) -> oiio.ImageSpec:
     spec.channelnames = ("R", "G")
     spec.attribute("oiio:ColorSpace", "data")
     return spec
-
-

@@ -20,8 +20,8 @@ class Warp(Op):
     """Re-make an image from a map of source coordinates, pixel for pixel, to the bit.
 
     `oiiotex normal.exr st.exr --texwarp -o normal_tile.exr` gives the normals that belong to a tile made with
-    `:stmap=st.exr`. The result has the map's size; nothing is interpolated, so normals stay normals. The image must have
-    the display window of the photo from which the map was made.
+    `:stmap=st.exr`. The result has the map's size; nothing is interpolated, so normals stay normals. The image must
+    have the display window of the photo from which the map was made.
     """
 
     name: ClassVar[str] = "warp"
@@ -36,7 +36,9 @@ class Warp(Op):
         """The re-made first part; the map is read band by band, the image is held."""
         part, st = self.source.first, self.st.part("st") or self.st.first
         if st.spec.nchannels < 2 or not np.issubdtype(dtype_of(st.spec), np.floating):
-            raise ImageError(f"{self.st.source}: source coordinates are two channels of floats, here are {_channels(st)}")
+            raise ImageError(
+                f"{self.st.source}: source coordinates are two channels of floats, here are {_channels(st)}"
+            )
         with session.stats.time("read"):
             pixels = part.pixels()
 
@@ -44,7 +46,9 @@ class Warp(Op):
             y, x = _places(st.rows(begin, end), part, self.st.source)
             return pixels[y, x]
 
-        return Image((Part(part.name, derived_spec(part.spec, st.spec.width, st.spec.height), rows),), self.source.source)
+        return Image(
+            (Part(part.name, derived_spec(part.spec, st.spec.width, st.spec.height), rows),), self.source.source
+        )
 
 
 def _places(coordinates: np.ndarray, part: Part, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -26,7 +26,9 @@ def value_counts(image: np.ndarray, first: int, entries: int) -> np.ndarray:
 
 
 def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: float) -> np.ndarray:
-    """Table value -> c' = alpha G^-1(F(c)) + (1 - alpha) c per channel (MJH17 section 4.2, blending along the CDF's x axis).
+    """Table value -> c' = alpha G^-1(F(c)) + (1 - alpha) c per channel (MJH17 section 4.2).
+
+    Blending values at equal shares is blending along the x axis of the cumulatives.
 
     Parameters
     ----------
@@ -116,7 +118,9 @@ class Projection:
         self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
         per_bin = (BINS - 1) / np.maximum(self._high - self._low, np.float32(1.0))
         self._bins = (device.upload(self._low), device.upload(per_bin.astype(np.float32)))
-        self._kernels = [self._gaussian(sigma * n / size) for n, size in ((cells.x, cells.width), (cells.y, cells.height))]
+        self._kernels = [
+            self._gaussian(sigma * n / size) for n, size in ((cells.x, cells.width), (cells.y, cells.height))
+        ]
 
     def project(self, image: str, matched: str, strength: float = 1.0) -> None:
         """Write to buffer `matched` what lies `strength` times the way from buffer `image` to its projection."""
@@ -137,7 +141,17 @@ class Projection:
         self._run("cumulate", (3 * cells.x * cells.y,), b["grid"], 3 * cells.x * cells.y)
         rows = self._device.read(b["row_sums"], (3, cells.y, BINS), np.float32)
         inverse = self._device.upload(self._inverse(rows))
-        self._run("match", (cells.width, cells.height, 3), b[image], b["grid"], inverse, b[matched], *self._bins, strength, *size)
+        self._run(
+            "match",
+            (cells.width, cells.height, 3),
+            b[image],
+            b["grid"],
+            inverse,
+            b[matched],
+            *self._bins,
+            strength,
+            *size,
+        )
 
     def _gaussian(self, sigma: float) -> tuple[object, int]:
         """Weights over cells and their radius; the tents of gathering and reading blur by 1/3 cell^2 already."""

@@ -19,7 +19,7 @@ JUMPS = (4, 2, 1)
 SEARCHES = 6
 MATCH_PASSES = 8  # for a field on its own, with nothing to refine it later
 PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from its centre
-LARGEST_SIDE = 65536  # corners are packed into 2 x 16 bits
+_BAND = 128  # rows of a field worked on at a time
 
 
 def grid_steps(patch: int) -> int:
@@ -75,22 +75,27 @@ class Geometry:
 
     @property
     def columns(self) -> int:
+        """Patches of the target along x."""
         return self.width if self.wrap_x else self.width - self.patch + 1
 
     @property
     def rows(self) -> int:
+        """Patches of the target along y."""
         return self.height if self.wrap_y else self.height - self.patch + 1
 
     @property
     def exemplar_columns(self) -> int:
+        """Patches of the exemplar along x."""
         return self.exemplar_width - self.patch + 1
 
     @property
     def exemplar_rows(self) -> int:
+        """Patches of the exemplar along y."""
         return self.exemplar_height - self.patch + 1
 
     @property
     def padded_width(self) -> int:
+        """Of the target with the columns that patches at its right border see."""
         return self.width + self.patch - 1
 
     def layout(self) -> dict[str, int]:
@@ -130,7 +135,9 @@ def allowed_patches(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarra
     whole = inside == patch * patch
     if not whole.any():
         size = f"{geometry.exemplar_width}x{geometry.exemplar_height}"
-        raise ImageError(f"no {patch}x{patch} patch of the exemplar, {size} px on this level, is free of transparent pixels")
+        raise ImageError(
+            f"no {patch}x{patch} patch of the exemplar, {size} px on this level, is free of transparent pixels"
+        )
     return whole
 
 
@@ -158,10 +165,11 @@ def _random_places(
 
 def _only_allowed(field: np.ndarray, allowed: np.ndarray, seed: int, step: int) -> np.ndarray:
     """The field with every match that is not allowed replaced by a random one that is."""
-    y, x = unpack(field)
-    bad_y, bad_x = np.nonzero(~allowed[y, x])
-    if len(bad_y):
-        field[bad_y, bad_x] = pack(*_random_places(allowed, seed, step, bad_y, bad_x))
+    for begin in range(0, field.shape[0], _BAND):
+        bad_y, bad_x = np.nonzero(~allowed[unpack(field[begin : begin + _BAND])])
+        if len(bad_y):
+            bad_y += begin
+            field[bad_y, bad_x] = pack(*_random_places(allowed, seed, step, bad_y, bad_x))
     return field
 
 
@@ -178,9 +186,7 @@ def hash_at(seed: int, step: int, y: np.ndarray, x: np.ndarray) -> np.ndarray:
     return pcg(x.astype(np.uint32) + pcg(y.astype(np.uint32) + bits))
 
 
-def upsample_field(
-    field: np.ndarray, coarse: Geometry, fine: Geometry, allowed: np.ndarray, seed: int
-) -> np.ndarray:
+def upsample_field(field: np.ndarray, coarse: Geometry, fine: Geometry, allowed: np.ndarray, seed: int) -> np.ndarray:
     """A field carried to the next finer level.
 
     Patch centres are scaled; the offset inside a coarse pixel is kept, so that neighbours stay coherent.
@@ -191,16 +197,18 @@ def upsample_field(
         source = np.clip((centre / ratio).astype(np.int64) - fine.patch // 2, 0, from_n - 1)
         return source, centre - (source + fine.patch // 2 + 0.5) * ratio
 
-    ratio_y, ratio_x = fine.height / coarse.height, fine.width / coarse.width
-    from_y, rest_y = axis(fine.rows, coarse.rows, ratio_y)
-    from_x, rest_x = axis(fine.columns, coarse.columns, ratio_x)
-    y, x = unpack(field[from_y][:, from_x])
+    from_y, rest_y = axis(fine.rows, coarse.rows, fine.height / coarse.height)
+    from_x, rest_x = axis(fine.columns, coarse.columns, fine.width / coarse.width)
     half = fine.patch // 2
-    e_ratio_y = fine.exemplar_height / coarse.exemplar_height
-    e_ratio_x = fine.exemplar_width / coarse.exemplar_width
-    y = np.floor((y + half + 0.5) * e_ratio_y + rest_y[:, None]).astype(np.int64) - half
-    x = np.floor((x + half + 0.5) * e_ratio_x + rest_x[None, :]).astype(np.int64) - half
-    finer = pack(np.clip(y, 0, fine.exemplar_rows - 1), np.clip(x, 0, fine.exemplar_columns - 1))
+    ratio_y = fine.exemplar_height / coarse.exemplar_height
+    ratio_x = fine.exemplar_width / coarse.exemplar_width
+    finer = np.empty((fine.rows, fine.columns), np.uint32)
+    for begin in range(0, fine.rows, _BAND):  # bands keep the temporaries small
+        band = slice(begin, begin + _BAND)
+        y, x = unpack(field[from_y[band]][:, from_x])
+        y = np.floor((y + half + 0.5) * ratio_y + rest_y[band, None]).astype(np.int64) - half
+        x = np.floor((x + half + 0.5) * ratio_x + rest_x[None, :]).astype(np.int64) - half
+        finer[band] = pack(np.clip(y, 0, fine.exemplar_rows - 1), np.clip(x, 0, fine.exemplar_columns - 1))
     return _only_allowed(finer, allowed, seed, fine.width)
 
 
@@ -258,7 +266,15 @@ class Matcher:
         field = (g.columns, g.rows)
         self._run("pad", (g.padded_width, g.height + g.patch - 1), b["image"], b["target"], g.width, g.height)
         self._run(
-            "score", field, b["target"], b["exemplar"], b["field"], b["distance"], *field, g.padded_width, g.exemplar_width
+            "score",
+            field,
+            b["target"],
+            b["exemplar"],
+            b["field"],
+            b["distance"],
+            *field,
+            g.padded_width,
+            g.exemplar_width,
         )
         e_size = (g.exemplar_columns, g.exemplar_rows, g.exemplar_width)
         for i in range(iterations):

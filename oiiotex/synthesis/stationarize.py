@@ -101,15 +101,15 @@ def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometr
         max(1, round(n * scale)) for n in (recipe.width, recipe.height, shape[1], shape[0])
     )
     patch = recipe.patch
+    if max(shape[:2]) > 65536:
+        raise ImageError(f"the exemplar of {shape[1]}x{shape[0]} px is larger than 65536 px on a side")
     for what, size, full in (
         ("exemplar", (e_width, e_height), (shape[1], shape[0])),
         ("tile", (width, height), (recipe.width, recipe.height)),
     ):
         if min(size) < patch:
             coarse = "" if size == full else f" is {size[0]}x{size[1]} on the coarsest level, which"
-            raise ImageError(
-                f"the {what} of {full[0]}x{full[1]} px{coarse} is smaller than a patch of {patch}x{patch}"
-            )
+            raise ImageError(f"the {what} of {full[0]}x{full[1]} px{coarse} is smaller than a patch of {patch}x{patch}")
     return Geometry(width, height, e_width, e_height, patch, recipe.wrap_x, recipe.wrap_y)
 
 

@@ -21,7 +21,9 @@ def soft_members(values: np.ndarray, low: float, high: float, bins: int) -> np.n
     return np.maximum(0.0, 1.0 - np.abs(place - centres))
 
 
-def project(image: np.ndarray, sigma: float, low: np.ndarray, high: np.ndarray, bins: int, wrap_x: bool, wrap_y: bool) -> np.ndarray:
+def project(
+    image: np.ndarray, sigma: float, low: np.ndarray, high: np.ndarray, bins: int, wrap_x: bool, wrap_y: bool
+) -> np.ndarray:
     """c' = G^-1(F_x(c)) per channel, with F_x the Gaussian-weighted local cumulative and G the whole image's."""
     height, width = image.shape[:2]
     down, right = gaussian_rows(height, sigma, wrap_y), gaussian_rows(width, sigma, wrap_x)

@@ -34,7 +34,9 @@ def penalties(field_y: np.ndarray, field_x: np.ndarray, g: Geometry, weight: flo
 class Oracle:
     """One level, as `Matcher` does it."""
 
-    def __init__(self, target: np.ndarray, exemplar: np.ndarray, g: Geometry, y: np.ndarray, x: np.ndarray, penalty: np.ndarray):
+    def __init__(
+        self, target: np.ndarray, exemplar: np.ndarray, g: Geometry, y: np.ndarray, x: np.ndarray, penalty: np.ndarray
+    ):
         self.target, self.exemplar, self.g, self.penalty = target, exemplar, g, penalty
         self.y, self.x = y.copy(), x.copy()
         self.cost = np.array([[self._cost(r, c, y[r, c], x[r, c]) for c in range(g.columns)] for r in range(g.rows)])
@@ -57,7 +59,7 @@ class Oracle:
                 best = [self.cost[r, c], old_y[r, c], old_x[r, c]]
                 for dy, dx in ((0, -jump), (0, jump), (-jump, 0), (jump, 0)):
                     rr, cc = r + dy, c + dx
-                    if not g.wrap_y and not 0 <= rr < g.rows or not g.wrap_x and not 0 <= cc < g.columns:
+                    if (not g.wrap_y and not 0 <= rr < g.rows) or (not g.wrap_x and not 0 <= cc < g.columns):
                         continue
                     rr, cc = rr % g.rows, cc % g.columns
                     self._offer(r, c, int(old_y[rr, cc]) - dy, int(old_x[rr, cc]) - dx, best)
@@ -98,7 +100,9 @@ def pcg(v: int) -> int:
     return ((word >> 22) ^ word) & 0xFFFFFFFF
 
 
-def votes(exemplar: np.ndarray, y: np.ndarray, x: np.ndarray, g: Geometry) -> list[list[list[tuple[int, int, int, int]]]]:
+def votes(
+    exemplar: np.ndarray, y: np.ndarray, x: np.ndarray, g: Geometry
+) -> list[list[list[tuple[int, int, int, int]]]]:
     """For every target pixel all votes over it: (row in patch, column in patch, source y, source x)."""
     found = [[[] for _ in range(g.width)] for _ in range(g.height)]
     for r in range(g.rows):
