@@ -46,10 +46,11 @@ def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
 
 def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:
     """Run a shell script in a mount namespace where every `ld` and gcc's folder are masked."""
-    mask = "for f in $(ls /usr/bin/ld /usr/bin/*-ld /usr/bin/*ld.bfd /usr/bin/*ld.gold /usr/bin/ld.lld* /usr/local/bin/ld 2>/dev/null); do mount --bind /dev/null $f || exit 77; done\n"
-    mask += (
-        f"if [ -d /usr/lib/gcc ]; then mkdir -p {cache}/empty; mount --bind {cache}/empty /usr/lib/gcc || exit 77; fi\n"
-    )
+    linkers = "/usr/bin/ld /usr/bin/*-ld /usr/bin/*ld.bfd /usr/bin/*ld.gold /usr/bin/ld.lld* /usr/local/bin/ld"
+    mask = f"""
+      for f in $(ls {linkers} 2>/dev/null); do mount --bind /dev/null $f || exit 77; done
+      if [ -d /usr/lib/gcc ]; then mkdir -p {cache}/empty; mount --bind {cache}/empty /usr/lib/gcc || exit 77; fi
+    """
     environment = {**os.environ, "XDG_CACHE_HOME": cache, "POCL_CACHE_DIR": f"{cache}/pocl"}
     os.makedirs(f"{cache}/pocl")
     command = ["unshare", "-m" if os.geteuid() == 0 else "-rm", "sh", "-c", mask + script]

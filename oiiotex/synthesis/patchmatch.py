@@ -315,7 +315,7 @@ class Matcher:
         return self._device.read(b["distance_next"], (g.height, g.width), np.uint32)
 
     def _count_uses(self) -> None:
-        """The uniformity penalty of every exemplar patch, frozen for one pass: refreshed more often, all flee together."""
+        """The uniformity penalty of every exemplar patch, frozen for one pass: refreshed oftener, all flee at once."""
         g, b = self.geometry, self._buffers
         patches, size = g.columns * g.rows, (g.exemplar_columns, g.exemplar_rows)
         self._device.fill(b["count"], np.int32(0), size[0] * size[1])

@@ -76,7 +76,7 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Synthesis:
-    """The result: for every pixel the exemplar pixel it copies, and the field that led there (both packed y << 16 | x)."""
+    """For every pixel the exemplar pixel it copies, and the field that led there (both packed y << 16 | x)."""
 
     source: np.ndarray
     field: np.ndarray
