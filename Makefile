@@ -17,7 +17,7 @@ test-all: $(VENV)/test  # with the slow sweeps
 	$(BIN)/python -m pytest -n 2
 
 lint: $(VENV)/test
-	$(BIN)/python -m pip install -q -e ".[lint]"
+	$(BIN)/python -m pip install -qq -e ".[lint]"
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
@@ -28,7 +28,7 @@ golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden
 
 benchmark: $(VENV)/test
-	$(BIN)/python -m pip install -q -e ".[benchmark]"
+	$(BIN)/python -m pip install -qq -e ".[benchmark]"
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.gravel
 	$(BIN)/python -m pytest benchmarks/test_kernels.py
@@ -42,13 +42,13 @@ $(VENV)/checked:
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || \
 	  { echo "this Python has no venv: install it (Debian: apt install python3-venv)"; exit 1; }
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install -q --upgrade pip
+	@$(BIN)/python -m pip install -qq --upgrade pip
 	@touch $@
 
 $(VENV)/demo: $(VENV)/checked pyproject.toml
-	$(BIN)/python -m pip install -q -e ".[$(EXTRAS)]"
+	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS)]"
 	@touch $@
 
 $(VENV)/test: $(VENV)/demo pyproject.toml
-	$(BIN)/python -m pip install -q -e ".[$(EXTRAS),test]"
+	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS),test]"
 	@touch $@

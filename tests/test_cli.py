@@ -235,8 +235,12 @@ def test_help_version_and_devices(tmp_path):
 
 def test_help_and_warp_need_no_opencl(tmp_path, photo):
     """pyopencl is imported by what computes on a device, and by nothing else."""
-    script = "import sys; sys.modules['pyopencl'] = None\nfrom oiiotex.cli.main import main\nmain(['--help'])"
-    assert subprocess.run([sys.executable, "-c", script], capture_output=True).returncode == 0
+    assert oiiotex(photo, f"--texstationarize{QUICK}:stmap=st.exr", "-o", "tile.png", cwd=tmp_path).returncode == 0
+    for words in (["--help"], [str(photo), "st.exr", "--texwarp", "-o", "again.png"]):
+        script = f"import sys; sys.modules['pyopencl'] = None; from oiiotex.cli.main import main; main({words!r})"
+        done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(load(tmp_path / "again.png"), load(tmp_path / "tile.png"))
 
 
 def test_debug_shows_the_traceback(tmp_path):

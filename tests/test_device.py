@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Choosing a device, memory that is declared before it is taken, time by kernel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oiiotex import device as devices
+from oiiotex.errors import DeviceError
+from oiiotex.session import Session, memory
+from oiiotex.stats import Stats
+
+
+def test_a_device_is_chosen_by_number_kind_or_name(monkeypatch):
+    first = devices.devices()[0]
+    monkeypatch.delenv("OIIOTEX_DEVICE", raising=False)
+    for wanted in (None, "0", first.kind, first.kind.upper(), first.platform[:8].lower(), first.name[-6:]):
+        assert devices.choose(wanted) == first
+    monkeypatch.setenv("OIIOTEX_DEVICE", first.kind)
+    assert devices.choose() == first
+    monkeypatch.setenv("OIIOTEX_DEVICE", "abacus")
+    with pytest.raises(DeviceError, match="no device 'abacus'; there is 0 = "):
+        devices.choose()
+    assert devices.choose("0") == first  # the option wins over the environment
+    with pytest.raises(DeviceError, match="no device '99'"):
+        devices.choose("99")
+
+
+def test_a_checker_is_never_the_default():
+    assert devices.devices()[0].platform != "Oclgrind"
+
+
+def test_buffers_are_refused_before_they_are_taken(device):
+    with pytest.raises(DeviceError, match=r"a test needs 3 MB, the budget is 2 MB"):
+        devices.Buffers(device, {"a": 1 << 20, "b": 1 << 20}, 2 << 20, "a test", held=1 << 20)
+    with pytest.raises(DeviceError, match=r"a test needs \d+ MB, .* gives \d+ MB at most"):
+        devices.Buffers(device, {"a": 1 << 50}, 1 << 60, "a test")
+
+
+def test_buffers_hold_what_is_written_and_change_places(device):
+    with devices.Buffers(device, {"a": 16, "b": 16, "empty": 0}, 1 << 20, "a test") as buffers:
+        device.write(buffers["a"], np.arange(4, dtype=np.int32))
+        device.fill(buffers["b"], np.int32(7), 4)
+        buffers.swap("a", "b")
+        assert device.read(buffers["a"], (4,), np.int32).tolist() == [7] * 4
+        assert device.read(buffers["b"], (2, 2), np.int32).tolist() == [[0, 1], [2, 3]]
+
+
+def test_a_kernel_that_cannot_be_built_is_an_error_of_ours(device):
+    with pytest.raises(DeviceError, match=r"cannot build patchmatch\.cl"):
+        device.program("patchmatch", PATCH="(")
+
+
+def test_programs_are_built_once(device):
+    assert device.program("patchmatch", PATCH=7) is device.program("patchmatch", PATCH=7)
+    assert device.program("patchmatch", PATCH=7) is not device.program("patchmatch", PATCH=9)
+
+
+def test_kernels_are_timed_by_name():
+    opened = devices.Device(devices.choose())
+    opened.record = True
+    with devices.Buffers(opened, {"image": 6 * 12, "padded": 6 * 100}, 1 << 20, "a test") as buffers:
+        opened.write(buffers["image"], np.zeros((3, 4, 3), np.int16))
+        opened.program("patchmatch", PATCH=5)("pad", (8, 7), buffers["image"], buffers["padded"], 4, 3)
+        stats = Stats()
+        opened.collect(stats)
+    assert set(stats.seconds) == {"upload", "patchmatch_pad"}
+    assert all(seconds >= 0 for seconds in stats.seconds.values())
+
+
+def test_the_default_budget_is_a_quarter_of_what_the_process_may_use():
+    assert Session().budget == memory() // 4
+    assert memory() > 1 << 28
