@@ -34,7 +34,7 @@ class ColorConfig:
         self.path = path or os.environ.get("OCIO") or DEFAULT_CONFIG
         try:
             self._config = ocio.Config.CreateFromFile(self.path)
-        except ocio.Exception as error:
+        except (ocio.Exception, ocio.ExceptionMissingFile) as error:
             raise ColorError(
                 f"{self.path}: not a colour config that can be used: {' '.join(str(error).split())}"
             ) from error
@@ -72,7 +72,7 @@ class ColorConfig:
         try:
             processor = ocio.Config.GetProcessorFromConfigs(self._config, self.resolve(name), _lab_config(), "Lab")
             return processor.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS).applyRGB
-        except ocio.Exception as error:
+        except (ocio.Exception, ocio.ExceptionMissingFile) as error:
             raise ColorError(f"no way from '{name}' to CIE Lab: {' '.join(str(error).split())}") from error
 
 
@@ -132,7 +132,7 @@ def working_values(image: Image, config: ColorConfig | None, autocc: bool = Fals
     Raises
     ------
     ImageError
-        NaN or Inf in the image, or two channels that are to be taken as colour.
+        NaN or Inf in its colour or alpha, or two channels that are to be taken as colour.
     ColorError
         As by `space_of`.
     """
@@ -150,16 +150,20 @@ def working_values(image: Image, config: ColorConfig | None, autocc: bool = Fals
     values = np.zeros((part.spec.height, part.spec.width, 3), np.float32)
     alpha = np.ones((part.spec.height, part.spec.width), np.float32) if channels.alpha is not None else None
     broken = np.zeros(2, np.int64)
+    used = [*channels.colour, *([] if channels.alpha is None else [channels.alpha])]
     for begin, end in part.bands():
         rows = _as_float(part.rows(begin, end))
-        broken += np.isnan(rows).sum(), np.isinf(rows).sum()
+        seen = rows[..., used]  # depth and the like may well be infinite
+        broken += np.isnan(seen).sum(), np.isinf(seen).sum()
         _fill(values[begin:end], None if alpha is None else alpha[begin:end], rows, channels)
         if convert is not None and not broken.any():
             convert(values[begin:end])
     if broken.any():
         raise ImageError(f"{image.source} has {broken[0]} NaN and {broken[1]} Inf values: add --fixnan box3 after it")
     opaque = None if alpha is None or alpha.all() else alpha != 0
-    return Working(values if convert is not None else _scaled(values, opaque), opaque)
+    if convert is None:
+        values = _scaled(values, opaque, 3 if len(channels.colour) == 1 else len(channels.colour))
+    return Working(values, opaque)
 
 
 def _as_float(rows: np.ndarray) -> np.ndarray:
@@ -174,16 +178,17 @@ def _fill(values: np.ndarray, alpha: np.ndarray | None, rows: np.ndarray, channe
     colour = rows[..., list(channels.colour)]
     if channels.alpha is not None:
         alpha[:] = rows[..., channels.alpha]
-        colour = colour / np.where(alpha == 0, np.float32(1.0), alpha)[..., None]
+        colour = colour / np.where(np.abs(alpha) < np.finfo(np.float32).tiny, np.float32(1.0), alpha)[..., None]
     values[..., : colour.shape[-1]] = colour
     if len(channels.colour) == 1:
         values[..., 1:] = colour
 
 
-def _scaled(values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
+def _scaled(values: np.ndarray, opaque: np.ndarray | None, count: int) -> np.ndarray:
     """Data on Lab's scale: the common range of all channels becomes 0 .. 100, so that distances mean the same."""
-    seen = values if opaque is None else values[opaque]
+    seen = (values if opaque is None else values[opaque])[..., :count]
     if seen.size == 0:
         return values
     low, high = float(seen.min()), float(seen.max())
+    values[..., count:] = low
     return (values - np.float32(low)) * np.float32(100.0 / max(high - low, 1e-12))

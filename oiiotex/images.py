@@ -7,12 +7,8 @@ a buffer, an op not yet computed) is the part's own business.
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import itertools
 import os
-import re
-import socket
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +17,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from .errors import ImageError
+from .temporary import temporary_beside
 
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
 _BAND_BYTES = 8 << 20
@@ -28,7 +25,6 @@ _NUMPY = {
     oiio.UINT8: np.uint8, oiio.INT8: np.int8, oiio.UINT16: np.uint16, oiio.INT16: np.int16, oiio.UINT32: np.uint32,
     oiio.INT32: np.int32, oiio.HALF: np.float16, oiio.FLOAT: np.float32, oiio.DOUBLE: np.float64,
 }  # fmt: skip
-_temporary_number = itertools.count()
 
 
 @dataclass(frozen=True)
@@ -81,11 +77,13 @@ class Channels:
 
 
 def channels_of(spec: oiio.ImageSpec) -> Channels:
-    """Colour is R, G, B by name, else the first three that are not alpha, or the one there is."""
+    """Colour is R, G, B or Y by name, else the first three that are not alpha, or the one there is."""
     names = [n.upper() for n in spec.channelnames]
     alpha = spec.alpha_channel if spec.alpha_channel >= 0 else names.index("A") if "A" in names else None
     if all(c in names for c in "RGB"):
         return Channels(tuple(names.index(c) for c in "RGB"), alpha)
+    if "Y" in names and "X" not in names:
+        return Channels((names.index("Y"),), alpha)
     others = [i for i in range(spec.nchannels) if i != alpha]
     return Channels(tuple(others[:3]), alpha)
 
@@ -107,7 +105,11 @@ def type_named(name: str) -> oiio.TypeDesc:
         There is no such type. OpenImageIO would silently fall back to another one ('uint32' is spelt 'uint').
     """
     described = oiio.TypeDesc(name)
-    if oiio.BASETYPE(described.basetype) not in _NUMPY or str(described) != name:
+    if (
+        oiio.BASETYPE(described.basetype) not in _NUMPY
+        or described != oiio.TypeDesc(oiio.BASETYPE(described.basetype))
+        or str(described) != name
+    ):
         raise ImageError(f"no pixel type '{name}'; there is {', '.join(str(oiio.TypeDesc(t)) for t in _NUMPY)}")
     return described
 
@@ -153,7 +155,10 @@ def read(path: str | os.PathLike) -> Image:
         if spec.deep or spec.depth > 1:
             raise ImageError(f"{path}: deep and volume images are not supported")
         name = spec.get_string_attribute("oiio:subimagename") or f"part{len(parts)}"
+        if file.format_name() == "tiff" and spec.format == oiio.DOUBLE:
+            raise ImageError(f"{path}: TIFF files of doubles are not supported")
         parts.append(Part(name, spec, _file_rows(path, file, len(parts), spec)))
+    file.geterror()  # there is no part after the last
     return Image(tuple(parts), path)
 
 
@@ -162,6 +167,8 @@ def from_buffer(buffer: oiio.ImageBuf) -> Image:
     if buffer.has_error or not buffer.initialized:
         raise ImageError(f"{buffer.name or 'ImageBuf'}: {_one_line(buffer.geterror()) or 'holds no image'}")
     spec = oiio.ImageSpec(buffer.spec())
+    if spec.deep or spec.depth > 1:
+        raise ImageError(f"{buffer.name or 'ImageBuf'}: deep and volume images are not supported")
     pixels = buffer.get_pixels(spec.format, buffer.roi)
     name = spec.get_string_attribute("oiio:subimagename") or "part0"
     return Image(
@@ -183,8 +190,9 @@ def _file_rows(
             pixels = file.read_tiles(
                 subimage, 0, spec.x, right, top + begin - skip, top + below, 0, 1, 0, channels, spec.format
             )
-        if pixels is None:
-            raise ImageError(f"{path}: rows {begin} to {end - 1} cannot be read: {_one_line(file.geterror())}")
+        message = _one_line(file.geterror())
+        if pixels is None or message:  # libjpeg fills up what is missing, and only says so
+            raise ImageError(f"{path}: rows {begin} to {end - 1} cannot be read: {message}")
         return pixels.reshape(-1, spec.width, channels)[skip : skip + end - begin]
 
     return rows
@@ -226,14 +234,19 @@ def write(image: Image, path: str | os.PathLike, pixel_type: oiio.TypeDesc | Non
     with temporary_beside(path) as temporary:
         out = oiio.ImageOutput.create(str(temporary))
         if out is None:
-            raise ImageError(f"{path}: no format writes '{path.suffix}': {_one_line(oiio.geterror())}")
+            oiio.geterror()  # it names the temporary file
+            raise ImageError(f"{path}: no format writes '{path.suffix}'")
         if len(image.parts) > 1 and not out.supports("multiimage"):
             names = ", ".join(p.name for p in image.parts)
             raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
+        shared = image.first.spec.getattribute("PixelAspectRatio")
         specs = [
             _output_spec(part, pixel_type if i == 0 else None, len(image.parts) > 1)
             for i, part in enumerate(image.parts)
         ]
+        for spec in specs[1:]:
+            if shared is not None:
+                spec.attribute("PixelAspectRatio", shared)
         wanted = [pixel_type, *(part.spec.format for part in image.parts[1:])]
         try:
             for i, part in enumerate(image.parts):
@@ -246,6 +259,8 @@ def write(image: Image, path: str | os.PathLike, pixel_type: oiio.TypeDesc | Non
             closed = out.close()
         if not closed:
             raise ImageError(f"{path}: {_one_line(out.geterror())}")
+        if not temporary.exists():
+            raise ImageError(f"{path}: {out.format_name()} writes no file")
         _check_arrived(temporary, image, path)
 
 
@@ -289,50 +304,6 @@ def _check_arrived(temporary: Path, image: Image, path: Path) -> None:
         raise ImageError(f"{path}: the file could not be written whole: is the disk full?") from error
 
 
-@contextlib.contextmanager
-def temporary_beside(path: Path) -> Iterator[Path]:
-    """A name beside `path` that becomes `path` when the block ends well, and is gone when it does not.
-
-    What SIGKILL leaves bears host and pid; it is swept here by the next run that writes into the folder.
-    """
-    folder = path.parent
-    if not folder.is_dir():
-        raise ImageError(f"{path}: no such folder as {folder}")
-    if not os.access(folder, os.W_OK):
-        raise ImageError(f"{path}: the folder {folder} cannot be written")
-    _sweep(folder)
-    mark = f"{_host()}-{os.getpid()}-{next(_temporary_number)}"
-    temporary = folder / f".{path.stem}.oiiotex-{mark}{path.suffix}"
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _sweep(folder: Path) -> None:
-    """Remove temporary files of this host's processes that are no more."""
-    pattern = re.compile(rf"\..*\.oiiotex-{re.escape(_host())}-(\d+)-\d+(\.\w+)?")
-    for entry in folder.iterdir():
-        match = pattern.fullmatch(entry.name)
-        if match and not _alive(int(match[1])):
-            entry.unlink(missing_ok=True)
-
-
-def _alive(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass
-    return True
-
-
-def _host() -> str:
-    return re.sub(r"[^A-Za-z0-9]", "_", socket.gethostname())
-
-
 def _one_line(text: str) -> str:
     return " ".join(text.split())
 
@@ -362,7 +333,7 @@ def without_nonfinite(image: Image, mode: str) -> Image:
         buffer = to_buffer(part)
         if not oiio.ImageBufAlgo.fixNonFinite(buffer, buffer, modes[mode]):
             raise ImageError(f"{image.source}: {_one_line(buffer.geterror())}")
-        return from_buffer(buffer).first
+        return dataclasses.replace(from_buffer(buffer).first, name=part.name)
 
     return Image((fixed(image.first), *image.parts[1:]), image.source)
 

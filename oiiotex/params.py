@@ -10,15 +10,19 @@ import dataclasses
 import difflib
 import functools
 import math
+import re
 import types
 import typing
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from .errors import ParameterError
 
 _FIELD = "oiiotex"
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Python's int and float take more: 1_0, ٣
 _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
@@ -73,7 +77,13 @@ class Parameter:
         if value is None and self.default is None:
             return None
         if self.choices:
-            return value if value in self.choices else self._refuse(value)
+            for choice in self.choices:
+                try:
+                    if _convert(type(choice), value) == choice:
+                        return choice
+                except (TypeError, ValueError, OverflowError):
+                    continue
+            return self._refuse(value)
         for kind in self.kind or ():
             try:
                 converted = _convert(kind, value)
@@ -87,7 +97,8 @@ class Parameter:
     def parse(self, text: str) -> Any:
         """The value that a modifier's text means; raises as `check` does."""
         if self.choices:
-            return next((c for c in self.choices if str(c) == text), None) or self._refuse(text)
+            found = [c for c in self.choices if str(c) == text]
+            return found[0] if found else self._refuse(text)
         for kind in self.kind or ():
             try:
                 return self.check(_parse(kind, text))
@@ -96,7 +107,7 @@ class Parameter:
         return self._refuse(text)
 
     def _refuse(self, value: Any) -> typing.NoReturn:
-        raise ParameterError(f"{self.name}={value}: allowed is {self.allowed()}")
+        raise ParameterError(f"{self.name}={' '.join(str(value).split())}: allowed is {self.allowed()}")
 
 
 def param(
@@ -165,10 +176,10 @@ def _parse(kind: type, text: str) -> Any:
             raise ValueError(text)
         return text.lower() in _TRUE
     if kind is Size:
-        width, x, height = text.lower().partition("x")
-        if not x:
-            raise ValueError(text)
-        return Size(int(width), int(height))
+        width, _, height = text.lower().partition("x")
+        return Size(_parse(int, width), _parse(int, height))
+    if not text or (kind in (int, float) and not _NUMBER.fullmatch(text)):
+        raise ValueError(text)
     return kind(text)
 
 
@@ -178,12 +189,12 @@ def _convert(kind: type, value: Any) -> Any:
         width, height = value
         return Size(_convert(int, width), _convert(int, height))
     if kind in (int, float):
-        if isinstance(value, (bool, str)):
+        if isinstance(value, (bool, np.bool_, str)):
             raise TypeError(value)
         converted = kind(value)
         if converted != value or not math.isfinite(converted):
             raise ValueError(value)
         return converted
-    if kind is bool and not isinstance(value, bool):
+    if kind in (bool, str) and not isinstance(value, kind):
         raise TypeError(value)
     return kind(value)

@@ -201,7 +201,7 @@ def test_a_signal_leaves_the_old_output_and_nothing_half(tmp_path, photo, number
 
 def test_what_kill_9_leaves_is_swept_by_the_next_run(tmp_path, photo):
     script = (
-        "import os, signal; from pathlib import Path; from oiiotex.images import temporary_beside\n"
+        "import os, signal; from pathlib import Path; from oiiotex.temporary import temporary_beside\n"
         f"with temporary_beside(Path({str(tmp_path / 'tile.png')!r})) as t:\n"
         "    t.write_bytes(b'half'); os.kill(os.getpid(), signal.SIGKILL)"
     )

@@ -16,6 +16,7 @@ PACKAGE = ROOT / "oiiotex"
 # each may import from its own floor and from those below it
 FLOORS = [
     {"errors", "stats"},
+    {"temporary"},
     {"params", "__init__"},
     {"op"},
     {"opencl_runtime"},

@@ -79,9 +79,28 @@ __kernel void patchmatch_score(const __global short *restrict target, const __gl
       exemplar + 3 * (corner_y(at) * e_width + corner_x(at)), 3 * e_width, INT_MAX);
 }
 
+// A match with its distance, and its cost: the distance plus the penalty of the exemplar patch.
+typedef struct { uint at; int distance, cost; } match;
+
+inline match present_match(uint at, int distance, const __global int *penalty, int e_columns) {
+  match found = {at, distance, add_sat(distance, penalty[corner_y(at) * e_columns + corner_x(at)])};
+  return found;
+}
+
+// The better of `best` and the exemplar patch at (ex, ey). A tie keeps `best`.
+inline match better_match(match best, int ex, int ey, const __global short *patch, int t_width,
+                          const __global short *exemplar, const __global int *penalty, int e_columns, int e_width) {
+  int extra = penalty[ey * e_columns + ex];
+  if (extra >= best.cost || corner(ey, ex) == best.at) return best;
+  int d = patch_distance(patch, 3 * t_width, exemplar + 3 * (ey * e_width + ex), 3 * e_width, best.cost - extra);
+  if (d >= best.cost - extra) return best;
+  match found = {corner(ey, ex), d, d + extra};
+  return found;
+}
+
 // One Jacobi pass of propagation: every patch is offered the matches of its four neighbours `jump` pixels away,
-// shifted back. Ties keep the earlier candidate. Columns and rows of the field wrap where the target does
-// (MJH17 section 4.2, toroidal boundary conditions).
+// shifted back. Columns and rows of the field wrap where the target does (MJH17 section 4.2, toroidal boundary
+// conditions).
 __kernel void patchmatch_propagate(const __global short *restrict target, const __global short *restrict exemplar,
                                    const __global int *restrict penalty,
                                    const __global uint *restrict field, const __global int *restrict distance,
@@ -92,9 +111,7 @@ __kernel void patchmatch_propagate(const __global short *restrict target, const 
   if (x >= columns || y >= rows) return;
   int p = y * columns + x;
   const __global short *patch = target + 3 * (y * t_width + x);
-  uint best = field[p];
-  int best_distance = distance[p];
-  int best_cost = add_sat(best_distance, penalty[corner_y(best) * e_columns + corner_x(best)]);
+  match best = present_match(field[p], distance[p], penalty, e_columns);
   for (int k = 0; k < 4; k++) {
     int dx = k == 0 ? -jump : k == 1 ? jump : 0, dy = k == 2 ? -jump : k == 3 ? jump : 0;
     int nx = x + dx, ny = y + dy;
@@ -108,18 +125,11 @@ __kernel void patchmatch_propagate(const __global short *restrict target, const 
     }
     uint other = field[ny * columns + nx];
     int ex = corner_x(other) - dx, ey = corner_y(other) - dy;
-    if (ex < 0 || ey < 0 || ex >= e_columns || ey >= e_rows || corner(ey, ex) == best) continue;
-    int extra = penalty[ey * e_columns + ex];
-    if (extra >= best_cost) continue;
-    int d = patch_distance(patch, 3 * t_width, exemplar + 3 * (ey * e_width + ex), 3 * e_width, best_cost - extra);
-    if (d < best_cost - extra) {
-      best = corner(ey, ex);
-      best_distance = d;
-      best_cost = d + extra;
-    }
+    if (ex < 0 || ey < 0 || ex >= e_columns || ey >= e_rows) continue;
+    best = better_match(best, ex, ey, patch, t_width, exemplar, penalty, e_columns, e_width);
   }
-  field_out[p] = best;
-  distance_out[p] = best_distance;
+  field_out[p] = best.at;
+  distance_out[p] = best.distance;
 }
 
 // Random search: one candidate in each of `searches` windows around the best so far, shrinking from the whole
@@ -133,29 +143,20 @@ __kernel void patchmatch_search(const __global short *restrict target, const __g
   if (x >= columns || y >= rows) return;
   int p = y * columns + x;
   const __global short *patch = target + 3 * (y * t_width + x);
-  uint best = field[p];
-  int best_distance = distance[p];
-  int best_cost = add_sat(best_distance, penalty[corner_y(best) * e_columns + corner_x(best)]);
+  match best = present_match(field[p], distance[p], penalty, e_columns);
   uint bits = hash_at(seed, step, y, x);
   for (int k = 0; k < searches; k++) {
-    int r = radius[k], bx = corner_x(best), by = corner_y(best);
+    int r = radius[k], bx = corner_x(best.at), by = corner_y(best.at);
     int x0 = bx > r ? bx - r : 0, x1 = bx + r < e_columns ? bx + r : e_columns - 1;
     int y0 = by > r ? by - r : 0, y1 = by + r < e_rows ? by + r : e_rows - 1;
     bits = hash_pcg(bits + 2u * (uint)k + 1u);
     int ex = x0 + hash_below(bits, x1 - x0 + 1);
     bits = hash_pcg(bits + 2u * (uint)k + 2u);
     int ey = y0 + hash_below(bits, y1 - y0 + 1);
-    int extra = penalty[ey * e_columns + ex];
-    if (extra >= best_cost || corner(ey, ex) == best) continue;
-    int d = patch_distance(patch, 3 * t_width, exemplar + 3 * (ey * e_width + ex), 3 * e_width, best_cost - extra);
-    if (d < best_cost - extra) {
-      best = corner(ey, ex);
-      best_distance = d;
-      best_cost = d + extra;
-    }
+    best = better_match(best, ex, ey, patch, t_width, exemplar, penalty, e_columns, e_width);
   }
-  field[p] = best;
-  distance[p] = best_distance;
+  field[p] = best.at;
+  distance[p] = best.distance;
 }
 
 // --- spatial uniformity (MJH17 eq. 6, after KNL*15) ---

@@ -100,7 +100,7 @@ def _first(settings: dict[str, tuple[str, ...]], name: str) -> str | None:
 
 def _whole_number(settings: dict[str, tuple[str, ...]], name: str) -> int:
     text = _first(settings, name) or "0"
-    if not text.isdigit():
+    if not (text.isascii() and text.isdigit()):
         raise ParameterError(f"{name} {text}: allowed is a whole number >= 0")
     return int(text)
 

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Temp-then-rename: a file appears under its name whole, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import re
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+from .errors import ImageError
+
+_number = itertools.count()
+_STEM = 100  # letters of the name that a temporary one keeps: names have a limit
+
+
+@contextlib.contextmanager
+def temporary_beside(path: Path) -> Iterator[Path]:
+    """A name beside `path` that becomes `path` when the block ends well, and is gone when it does not.
+
+    What SIGKILL leaves bears host and pid; it is swept here by the next run that writes into the folder.
+    """
+    folder = path.parent
+    if not folder.is_dir():
+        raise ImageError(f"{path}: no such folder as {folder}")
+    if not os.access(folder, os.W_OK):
+        raise ImageError(f"{path}: the folder {folder} cannot be written")
+    _sweep(folder)
+    mark = f"{_host()}-{os.getpid()}-{next(_number)}"
+    temporary = folder / f".{path.stem[:_STEM]}.oiiotex-{mark}{path.suffix}"
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove temporary files of this host's processes that are no more."""
+    pattern = re.compile(rf"\..*\.oiiotex-{re.escape(_host())}-(\d+)-\d+(\.\w+)?")
+    for entry in folder.iterdir():
+        match = pattern.fullmatch(entry.name)
+        if match and not _alive(int(match[1])):
+            with contextlib.suppress(OSError):
+                entry.unlink(missing_ok=True)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        pass
+    return True
+
+
+def _host() -> str:
+    return re.sub(r"[^A-Za-z0-9]", "_", socket.gethostname())
