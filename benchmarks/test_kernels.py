@@ -19,7 +19,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from benchmarks.numba_kernels import BoundMatcher, BoundProjection
+from benchmarks.numba_histograms import BoundProjection
+from benchmarks.numba_patchmatch import BoundMatcher
 from docs.demo import gravel, save, stained
 from oiiotex.color import working_values
 from oiiotex.device import Buffers, Device, open_device

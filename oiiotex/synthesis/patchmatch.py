@@ -16,7 +16,7 @@ from ..device import Buffers, Device
 from ..errors import ImageError
 
 JUMPS = (4, 2, 1)
-SEARCHES = 6
+SEARCHES = 6  # windows of random search, from the whole exemplar down to about 2 px
 MATCH_PASSES = 8  # for a field on its own, with nothing to refine it later
 PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from its centre
 _BAND = 128  # rows of a field worked on at a time
@@ -229,6 +229,8 @@ class Matcher:
     uniformity : float
         Weight lambda of the spatial uniformity term, in units of the exemplar's variance.
     seed : int
+    searches : int
+        How many of the `SEARCHES` windows are searched, the narrowest ones.
     """
 
     def __init__(
@@ -241,6 +243,7 @@ class Matcher:
         field: np.ndarray,
         uniformity: float,
         seed: int,
+        searches: int = SEARCHES,
     ):
         self._device, self._buffers, self.geometry, self._seed = device, buffers, geometry, seed
         self._run = device.program("patchmatch", PATCH=geometry.patch)
@@ -250,7 +253,8 @@ class Matcher:
         device.write(buffers["allowed"], allowed.view(np.uint8))
         reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
         shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
-        self._radius = device.upload(np.array([max(1, int(reach * shrink**k)) for k in range(SEARCHES)], np.int32))
+        radius = [max(1, int(reach * shrink**k)) for k in range(SEARCHES)][-searches:]
+        self._radius, self._searches = device.upload(np.array(radius, np.int32)), searches
 
     def field(self) -> np.ndarray:
         """The present field."""
@@ -289,7 +293,7 @@ class Matcher:
                 b.swap("distance", "distance_next")
             self._run(
                 "search", field, b["target"], b["exemplar"], b["penalty"], b["field"], b["distance"],
-                *field, g.padded_width, *e_size, self._radius, SEARCHES,
+                *field, g.padded_width, *e_size, self._radius, self._searches,
                 np.uint32(self._seed & 0xFFFFFFFF), np.uint32(16 * step + i),
             )  # fmt: skip
 

@@ -21,13 +21,13 @@ from ..device import Buffers, Device
 from ..errors import ImageError
 from ..images import resized
 from .histograms import Cells, Projection, apply_table, matching_table, value_counts
-from .patchmatch import Geometry, Matcher, allowed_patches, random_field, to_grid, upsample_field
+from .patchmatch import SEARCHES, Geometry, Matcher, allowed_patches, random_field, to_grid, upsample_field
 
 SCALE = 1.3  # between pyramid levels (section 4.2)
 COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
 FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
-PASSES = 2  # of PatchMatch in an iteration, and in the very last one:
-LAST_PASSES = 3
+COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
+FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
 
 
@@ -158,11 +158,15 @@ def synthesize(
                 field = random_field(geometry, allowed, recipe.seed)
             else:
                 field = upsample_field(field, coarser, geometry, allowed, recipe.seed)
-            matcher = Matcher(device, buffers, geometry, image, allowed, field, recipe.uniformity, recipe.seed)
+            searches = SEARCHES if done == 0 else FINE_SEARCHES
+            matcher = Matcher(
+                device, buffers, geometry, image, allowed, field, recipe.uniformity, recipe.seed, searches
+            )
             level = _Level(device, buffers, matcher, image, recipe, scale)
-            for _ in range(recipe.iterations if done == 0 else FINE_ITERATIONS):
+            coarsest = done == 0
+            for _ in range(recipe.iterations if coarsest else FINE_ITERATIONS):
                 last = done == total - 1
-                level.iterate(done, LAST_PASSES if last else PASSES)
+                level.iterate(done, LAST_PASSES if last else COARSE_PASSES if coarsest else FINE_PASSES)
                 done += 1
                 progress(done, total)
             field, coarser = matcher.field(), geometry
