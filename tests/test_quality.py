@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the filter is for, on real photographs: slow sweeps behind a marker."""
+
+from __future__ import annotations
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from benchmarks import measures
+from benchmarks.gravel import row
+from benchmarks.photos import costs
+from docs.demo import gravel, save, stained
+from oiiotex import filters
+from oiiotex.session import Session
+from tests.conftest import data_folder
+
+pytestmark = pytest.mark.slow
+
+
+def test_the_demos_gravel_loses_gradient_and_stain_and_keeps_its_detail(tmp_path):
+    clean = gravel().astype(np.float64)
+    save(stained(gravel()), tmp_path / "photo.png")
+    photo = oiio.ImageBuf(str(tmp_path / "photo.png"))
+    tiles = [filters.stationarize(photo, seed=seed).get_pixels(oiio.UINT8) for seed in range(4)]
+    wrap_x, wrap_y, low, sharp, contrast = np.mean([row(tile, clean) for tile in tiles], axis=0)
+    assert wrap_x < 75 and wrap_y < 75  # 50 is the middle; the mean of four seeds spreads by 14
+    assert low <= measures.low_frequency(clean)
+    assert 0.95 <= sharp <= 1.05
+    assert contrast >= 0.95
+
+
+def test_photos_become_more_stationary_than_toroidal_patchmatch_makes_them():
+    session = Session()
+    won, ratios = [], []
+    for path in sorted((data_folder() / "photos").iterdir()):
+        photo = measures.load(path, 160)
+        ours, baseline = (
+            costs(photo, getattr(filters, op)(photo, seed=1, stmap=True, session=session), session)[0]
+            for op in ("stationarize", "patchmatch")
+        )
+        won.append(ours < baseline)
+        ratios.append(ours / baseline)
+    assert np.mean(won) >= 0.95
+    assert np.median(ratios) < 0.5
