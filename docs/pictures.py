@@ -14,7 +14,7 @@ from docs.demo import gravel, save, stained
 from oiiotex import filters
 
 FOLDER = Path(__file__).parent / "pictures"
-SIDE = 256  # px, longer side of a photo on a contact sheet
+SIDE = 192  # px, longer side of a photo on a contact sheet
 PER_SHEET = 6
 
 
@@ -22,7 +22,7 @@ def write_jpeg(pixels: np.ndarray, name: str) -> None:
     """Save a picture small enough for a repository."""
     buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8))
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
-    buffer.specmod().attribute("Compression", "jpeg:82")
+    buffer.specmod().attribute("Compression", "jpeg:75")
     FOLDER.mkdir(exist_ok=True)
     if not buffer.write(str(FOLDER / name)):
         raise SystemExit(buffer.geterror())
