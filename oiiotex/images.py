@@ -164,6 +164,8 @@ def read(path: str | os.PathLike) -> Image:
 
 def from_buffer(buffer: oiio.ImageBuf) -> Image:
     """An ImageBuf as it stands now."""
+    if not isinstance(buffer, oiio.ImageBuf):
+        raise ImageError(f"an OpenImageIO.ImageBuf is wanted, not {type(buffer).__name__}")
     if buffer.has_error or not buffer.initialized:
         raise ImageError(f"{buffer.name or 'ImageBuf'}: {_one_line(buffer.geterror()) or 'holds no image'}")
     spec = oiio.ImageSpec(buffer.spec())

@@ -44,6 +44,8 @@ class Session:
         Time every kernel.
     stats : Stats
         Where the time went.
+    written : set of str
+        Real paths of files that ops wrote beside their result; `-o` must not overwrite them.
     """
 
     device_name: str | None = None
@@ -55,6 +57,7 @@ class Session:
     measure: bool = False
     profile: bool = False
     stats: Stats = field(default_factory=Stats)
+    written: set[str] = field(default_factory=set)
 
     @functools.cached_property
     def device(self) -> Device:

@@ -91,7 +91,7 @@ def test_a_tile_has_no_seam_along_the_axes_it_tiles(tmp_path, tile):
 BAD = {
     "no such file": (["none.png", "--texstationarize"], "none.png: no such file"),
     "not an image": ([__file__, "--texstationarize"], "not an image that can be read"),
-    "sigma 0": (["photo.png", "--texstationarize:sigma=0"], "sigma=0: allowed is a number >= 0.5 px"),
+    "sigma 0": (["photo.png", "--texstationarize:sigma=0"], "sigma=0: allowed is a number >= 0.5"),
     "a size without width": (["photo.png", "--texstationarize:size=0x10"], "size=0x10: allowed is WIDTHxHEIGHT >= 5"),
     "a word for a size": (["photo.png", "--texstationarize:size=big"], "size=big: allowed is"),
     "an even patch": (["photo.png", "--texstationarize:patch=10"], "patch=10: allowed is 5 | 7"),
@@ -121,6 +121,20 @@ BAD = {
     "too few images": (["photo.png", "--texwarp"], "takes 2 image(s), there are 1"),
     "no image": (["--texstationarize"], "takes 1 image(s), there are 0"),
     "a photo for an ST map": (["photo.png", "photo.png", "--texwarp"], "two channels of floats, here are 3 of uint8"),
+    "an ST map over the photo": (
+        ["photo.png", f"--texstationarize{QUICK}:stmap=photo.png"],
+        "would overwrite the photo",
+    ),
+    "an ST map under the tile": (
+        ["photo.png", f"--texstationarize{QUICK}:stmap=old.png"],
+        "cannot hold part 'st' as float",
+    ),
+    "an ST map as JPEG": (["photo.png", f"--texstationarize{QUICK}:stmap=st.jpg"], "cannot hold part 'st' as float"),
+    "coordinates out of range": (
+        ["photo.png", "far.exr", "--texwarp"],
+        "--texwarp : far.exr has 4 coordinates outside",
+    ),
+    "an endless sigma": (["photo.png", "--texstationarize:sigma=1e30"], "allowed is a number >= 0.5 and <= 1000000"),
     "ST parts in a PNG": (
         ["photo.png", f"--texstationarize{QUICK}:stmap=1"],
         "png holds one image, here are part0, st",
@@ -144,6 +158,7 @@ def bad_inputs(tmp_path, photo):
     broken[9, 9, 2] = np.inf
     save(broken, tmp_path / "nan.exr", "float")
     save(np.concatenate([picture, 0 * picture[..., :1]], -1), tmp_path / "clear.exr", "half")
+    save(np.full((2, 2, 2), 1.5), tmp_path / "far.exr", "float")
     whole = (tmp_path / "photo.exr").read_bytes()
     (tmp_path / "half.exr").write_bytes(whole[: len(whole) // 2])
 
@@ -152,6 +167,24 @@ def bad_inputs(tmp_path, photo):
 def test_bad_input_is_one_clear_line(case, bad_inputs, fails):
     words, expected = BAD[case]
     assert expected in fails(*words)
+
+
+def test_a_tile_does_not_overwrite_the_map_just_written(tmp_path, photo):
+    done = oiiotex(photo, f"--texstationarize{QUICK}:stmap=x.exr", "-o", "x.exr", cwd=tmp_path)
+    assert done.returncode == 1 and "has just been written" in done.stderr
+    assert load(tmp_path / "x.exr").shape == (64, 64, 2)
+
+
+def test_a_sigma_larger_than_the_photo_is_a_flat_window(tmp_path, photo):
+    for n, sigma in enumerate((1e6, 1e5)):
+        assert oiiotex(photo, f"--texstationarize{QUICK}:sigma={sigma}", "-o", f"{n}.exr", cwd=tmp_path).returncode == 0
+    np.testing.assert_array_equal(load(tmp_path / "0.exr"), load(tmp_path / "1.exr"))
+
+
+def test_a_full_stdout_is_one_line(tmp_path):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "oiiotex.cli.main", "--help"], stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 1 and b"Traceback" not in done.stderr
 
 
 def test_fixnan_makes_a_broken_photo_usable(tmp_path, bad_inputs):

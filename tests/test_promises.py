@@ -229,6 +229,13 @@ def test_progress_is_reported_and_can_stop_a_run(op):
 
 
 @every_filter
+def test_what_is_no_image_is_refused(op):
+    for wrong in (None, np.zeros((64, 64, 3)), "photo.png", oiio.ImageBuf()):
+        with pytest.raises(errors.ImageError):
+            getattr(filters, op.name)(*[wrong] * len(op.images()))
+
+
+@every_filter
 def test_the_library_never_prints(op, capfd):
     apply(op, buffer(PHOTO))
     assert capfd.readouterr() == ("", "")

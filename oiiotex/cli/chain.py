@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import os
 
 from ..color import TAG
 from ..errors import Error, ParameterError
@@ -96,6 +97,8 @@ class Chain:
     def _write(self, path: str) -> None:
         if not self._stack:
             raise ParameterError("there is no image to write")
+        if os.path.realpath(path) in self._session.written:
+            raise ParameterError(f"{path} has just been written by an op's modifier")
         with self._session.stats.time("write"):
             write(self._stack[-1], path, self._pixel_type)
         log.info("wrote %s", path)

@@ -30,8 +30,9 @@ def main(words: list[str] | None = None) -> NoReturn:
         signal.signal(number, _raise_signal)
     try:
         _run(words)
+        sys.stdout.flush()
     except Error as error:
-        if any(word.lstrip("-") == "debug" for word in words):
+        if _debugging(words):
             traceback.print_exc()
         sys.exit(f"oiiotex ERROR: {error}")
     except MemoryError:
@@ -40,7 +41,16 @@ def main(words: list[str] | None = None) -> NoReturn:
         sys.exit(0)
     except _Signal as stop:
         sys.exit(128 + stop.number)
+    except Exception as error:  # a fault of ours or of the machine: still one line, the rest on demand
+        if _debugging(words):
+            traceback.print_exc()
+        kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
+        sys.exit(f"oiiotex ERROR: {kind}{' '.join(str(error).split())} (--debug shows where)")
     sys.exit(0)
+
+
+def _debugging(words: list[str]) -> bool:
+    return any(word in ("--debug", "-debug") for word in words)
 
 
 def _raise_signal(number: int, _: FrameType | None) -> NoReturn:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -13,6 +14,7 @@ import OpenImageIO as oiio
 
 from ..analysis.stationarity import seam_ratio, stationarity_cost, texture_cost
 from ..color import Working, working_values
+from ..errors import ParameterError
 from ..images import Image, Part, derived_spec, write
 from ..op import Op, Output, Reach, Space
 from ..params import Size, image, param
@@ -66,7 +68,8 @@ class _PatchSynthesis(Op):
             height=height,
             wrap_x="x" in self.tile,
             wrap_y="y" in self.tile,
-            sigma=sigma,
+            # twice the tile is a flat window already
+            sigma=None if sigma is None else min(sigma, 2.0 * max(width, height)),
             patch=self.patch,
             iterations=self.iterations,
             seed=self.seed,
@@ -77,6 +80,8 @@ class _PatchSynthesis(Op):
 
     def compute(self, session: Session) -> Image:
         """The tile, followed by the part 'st' where it is asked for."""
+        if isinstance(self.stmap, Path) and os.path.realpath(self.stmap) == os.path.realpath(self.exemplar.source):
+            raise ParameterError(f"stmap={self.stmap} would overwrite the photo")
         source = self.exemplar.first
         width, height = self.size or Size(source.spec.width, source.spec.height)
         with session.stats.time("read and colour"):
@@ -98,7 +103,10 @@ class _PatchSynthesis(Op):
             "st", _st_spec(width, height), lambda a, b: source_coordinates(*unpack(made.source[a:b]), source.spec)
         )
         if isinstance(self.stmap, Path):
-            write(Image((st,), str(self.stmap)), self.stmap)
+            write(Image((st,), str(self.stmap)), self.stmap, st.spec.format)
+            session.written.add(os.path.realpath(self.stmap))
+        for part in self.exemplar.parts[1:]:
+            log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, self.exemplar.source)
         return Image((tile, st) if self.stmap is True else (tile,), self.exemplar.source)
 
     def _report(self, working: Working, made: Synthesis, recipe: Recipe, session: Session) -> None:
@@ -134,6 +142,7 @@ class Stationarize(_PatchSynthesis):
     sigma: float | None = param(
         None,
         ge=0.5,
+        le=1e6,
         unit="px",
         help="scale above which the texture must look the same everywhere; longer side / 32 when left out",
     )

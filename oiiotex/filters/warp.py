@@ -33,14 +33,16 @@ class Warp(Op):
     st: Image = image(help="source coordinates: part 'st', else the first part")
 
     def compute(self, session: Session) -> Image:
-        """The re-made first part; the map is read band by band, the image is held."""
+        """The re-made first part; the map is read band by band, once to check it; the image is held."""
         part, st = self.source.first, self.st.part("st") or self.st.first
-        if st.spec.nchannels < 2 or not np.issubdtype(dtype_of(st.spec), np.floating):
+        if st.spec.nchannels != 2 or dtype_of(st.spec) not in (np.float32, np.float64):
             raise ImageError(
                 f"{self.st.source}: source coordinates are two channels of floats, here are {_channels(st)}"
             )
         with session.stats.time("read"):
             pixels = part.pixels()
+            for begin, end in st.bands():  # what is wrong with the map is said here, not while the result is written
+                _places(st.rows(begin, end), part, self.st.source)
 
         def rows(begin: int, end: int) -> np.ndarray:
             y, x = _places(st.rows(begin, end), part, self.st.source)
