@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 import sys
 import time
@@ -38,15 +39,22 @@ def main(words: list[str] | None = None) -> NoReturn:
     except MemoryError:
         sys.exit("oiiotex ERROR: out of memory: lower --cache, or make the tile or the photo smaller")
     except BrokenPipeError:
+        _drop_stdout()
         sys.exit(0)
     except _Signal as stop:
         sys.exit(128 + stop.number)
     except Exception as error:  # a fault of ours or of the machine: still one line, the rest on demand
         if _debugging(words):
             traceback.print_exc()
+        _drop_stdout()
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
         sys.exit(f"oiiotex ERROR: {kind}{' '.join(str(error).split())} (--debug shows where)")
     sys.exit(0)
+
+
+def _drop_stdout() -> None:
+    """What is left to print goes nowhere: Python would try a full or broken stdout once more at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _debugging(words: list[str]) -> bool:
