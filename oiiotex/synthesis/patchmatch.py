@@ -41,11 +41,6 @@ def to_grid(lab: np.ndarray, patch: int) -> np.ndarray:
     return np.rint(np.clip(lab, LAB_LOW, LAB_HIGH) * steps).astype(np.int16)
 
 
-def from_grid(image: np.ndarray, patch: int) -> np.ndarray:
-    """int16 steps -> Lab, float32."""
-    return image.astype(np.float32) / np.float32(grid_steps(patch))
-
-
 def unpack(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Packed corners -> (y, x), int64."""
     packed = field.astype(np.int64)
