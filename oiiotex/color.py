@@ -15,6 +15,7 @@ import PyOpenColorIO as ocio
 
 from .errors import ColorError, ImageError
 from .images import Channels, Image, channels_of
+from .tiles import bands
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
 DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
@@ -151,13 +152,14 @@ def working_values(image: Image, config: ColorConfig | None, autocc: bool = Fals
     alpha = np.ones((part.spec.height, part.spec.width), np.float32) if channels.alpha is not None else None
     broken = np.zeros(2, np.int64)
     used = [*channels.colour, *([] if channels.alpha is None else [channels.alpha])]
-    for begin, end in part.bands():
-        rows = _as_float(part.rows(begin, end))
+    for window in bands(part):
+        place = window.inside(part.window)
+        rows = _as_float(part.read(window))
         seen = rows[..., used]  # depth and the like may well be infinite
         broken += np.isnan(seen).sum(), np.isinf(seen).sum()
-        _fill(values[begin:end], None if alpha is None else alpha[begin:end], rows, channels)
+        _fill(values[place], None if alpha is None else alpha[place], rows, channels)
         if convert is not None and not broken.any():
-            convert(values[begin:end])
+            convert(values[place])
     if broken.any():
         raise ImageError(f"{image.source} has {broken[0]} NaN and {broken[1]} Inf values: add --fixnan box3 after it")
     opaque = None if alpha is None or alpha.all() else alpha != 0

@@ -1,54 +1,114 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How images enter and leave: windows, channels, alpha, parts, metadata, temp-then-rename.
+"""What travels between ops: a lazy `Image`, parts that know their spec and can produce any window of their pixels.
 
-Between ops travels a lazy `Image`: parts that know their spec and can produce rows. Where the rows come from (a file,
-a buffer, an op not yet computed) is the part's own business.
+Where pixels come from (a file, a buffer, an op not yet computed) is the part's own business. ImageBuf is what
+OpenImageIO's algorithms and Python callers take; numpy arrays are what our filters take; a part gives either.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
 from .errors import ImageError
-from .temporary import temporary_beside
+from .windows import Window
 
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
-_BAND_BYTES = 8 << 20
 _NUMPY = {
     oiio.UINT8: np.uint8, oiio.INT8: np.int8, oiio.UINT16: np.uint16, oiio.INT16: np.int16, oiio.UINT32: np.uint32,
     oiio.INT32: np.int32, oiio.HALF: np.float16, oiio.FLOAT: np.float32, oiio.DOUBLE: np.float64,
 }  # fmt: skip
 
+Pixels = np.ndarray | oiio.ImageBuf
+
 
 @dataclass(frozen=True)
 class Part:
-    """One image of a file.
+    """One image of a file (a subimage).
 
-    `spec` holds data and display window, channels, pixel type and metadata. `rows(begin, end)` gives rows counted from
-    the top of the data window as an (end - begin, width, channels) array of the spec's own pixel type.
+    Attributes
+    ----------
+    name : str
+    spec : oiio.ImageSpec
+        Data and display window, channels, pixel type, metadata. Never changed in place.
+    fetch : callable
+        Window inside the data window -> its pixels: (height, width, channels) of the spec's pixel type, or an
+        ImageBuf with that data window.
+    stored : oiio.TypeDesc or None
+        The pixel type in which it is written unless the user says another; None for what an op of the host has
+        computed, which is written as the first file of the run was.
+    native : bool
+        Ops of the host work on the part's own pixel type; else what is `stored` comes to them as float.
+    ready : bool
+        Pixels cost little however often and in whatever order they are asked for.
+    levels : tuple of Part
+        Its smaller versions, where the file is MIP-mapped.
     """
 
     name: str
     spec: oiio.ImageSpec
-    rows: Callable[[int, int], np.ndarray]
+    fetch: Callable[[Window], Pixels]
+    stored: oiio.TypeDesc | None = None
+    native: bool = False
+    ready: bool = False
+    levels: tuple[Part, ...] = ()
+
+    @property
+    def window(self) -> Window:
+        """The data window."""
+        return Window.data(self.spec)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of a pixel as `read` gives it."""
+        return self.spec.nchannels * np.dtype(dtype_of(self.spec)).itemsize
+
+    def read(self, window: Window) -> np.ndarray:
+        """(height, width, channels) of the spec's pixel type; do not write into it."""
+        pixels = self.fetch(window)
+        if isinstance(pixels, oiio.ImageBuf):
+            array = pixels.get_pixels(self.spec.format, window.roi(self.spec.nchannels))
+            return array.reshape(window.height, window.width, self.spec.nchannels)
+        return pixels
+
+    def buffer(self, window: Window) -> oiio.ImageBuf:
+        """As an ImageBuf with that data window, for ops of the host; do not write into it."""
+        pixels = self.fetch(window)
+        if isinstance(pixels, oiio.ImageBuf) and (pixels.spec().format == self.working_type):
+            return pixels
+        spec = window.apply_to(self.spec)
+        spec.set_format(self.working_type)
+        buffer = oiio.ImageBuf(spec, False)
+        if isinstance(pixels, oiio.ImageBuf):
+            pixels = pixels.get_pixels(self.working_type, window.roi(self.spec.nchannels))
+        buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
+        return buffer
 
     def pixels(self) -> np.ndarray:
         """The whole data window, (height, width, channels)."""
-        return self.rows(0, self.spec.height)
+        return self.read(self.window)
 
-    def bands(self) -> Iterator[tuple[int, int]]:
-        """Row ranges of a few megabytes each that cover the part from top to bottom."""
-        row_bytes = self.spec.width * self.spec.nchannels * np.dtype(dtype_of(self.spec)).itemsize
-        step = max(1, _BAND_BYTES // max(1, row_bytes))
-        for begin in range(0, self.spec.height, step):
-            yield begin, min(begin + step, self.spec.height)
+    @property
+    def working_type(self) -> oiio.TypeDesc:
+        """The pixel type in which ops of the host see it."""
+        if self.stored is not None and not self.native:
+            return oiio.TypeDesc(oiio.FLOAT)
+        return self.spec.format
+
+    def respecced(self, change: Callable[[oiio.ImageSpec], object]) -> Part:
+        """The same pixels under a changed copy of the spec, whose data window may have moved."""
+        spec = oiio.ImageSpec(self.spec)
+        change(spec)
+        x, y = spec.x - self.spec.x, spec.y - self.spec.y
+
+        def fetch(window: Window) -> np.ndarray:
+            return self.read(window.shifted(-x, -y))
+
+        return dataclasses.replace(self, spec=spec, fetch=fetch, levels=())
 
 
 @dataclass(frozen=True)
@@ -102,8 +162,9 @@ def type_named(name: str) -> oiio.TypeDesc:
     Raises
     ------
     ImageError
-        There is no such type. OpenImageIO would silently fall back to another one ('uint32' is spelt 'uint').
+        There is no such type. OpenImageIO would silently fall back to another one.
     """
+    name = {"uint32": "uint", "int32": "int", "sint8": "int8", "sint16": "int16", "sint32": "int"}.get(name, name)
     described = oiio.TypeDesc(name)
     if (
         oiio.BASETYPE(described.basetype) not in _NUMPY
@@ -114,9 +175,42 @@ def type_named(name: str) -> oiio.TypeDesc:
     return described
 
 
-def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec) -> Part:
-    """A part that lies in memory."""
-    return Part(name, spec, lambda begin, end: pixels[begin:end])
+def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec, stored: oiio.TypeDesc | None = None) -> Part:
+    """A part that lies in memory as an array."""
+    whole = Window.data(spec)
+    return Part(name, spec, lambda window: pixels[window.inside(whole)], stored, ready=True)
+
+
+def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
+    """A part that lies in memory as an ImageBuf which nobody changes any more."""
+    spec = oiio.ImageSpec(buffer.spec())
+    whole = Window.data(spec)
+
+    def fetch(window: Window) -> Pixels:
+        if window == whole:
+            return buffer
+        pixels = buffer.get_pixels(spec.format, window.roi(spec.nchannels))
+        return pixels.reshape(window.height, window.width, spec.nchannels)
+
+    return Part(name, spec, fetch, ready=True)
+
+
+def cropped(part: Part, window: Window) -> Part:
+    """The part with another data window: what lies beyond its own is black."""
+    if window == part.window:
+        return part
+    dtype, channels = dtype_of(part.spec), part.spec.nchannels
+
+    def fetch(wanted: Window) -> np.ndarray:
+        shared = wanted & part.window
+        if shared == wanted:
+            return part.read(wanted)
+        out = np.zeros((wanted.height, wanted.width, channels), dtype)
+        if not shared.empty:
+            out[shared.inside(wanted)] = part.read(shared)
+        return out
+
+    return dataclasses.replace(part, spec=window.apply_to(derived_spec(part.spec)), fetch=fetch, levels=())
 
 
 def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | None = None) -> oiio.ImageSpec:
@@ -132,219 +226,47 @@ def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | N
     return new
 
 
-# --- in ---
-
-
-def read(path: str | os.PathLike) -> Image:
-    """Open an image file; pixels are read when they are asked for.
-
-    Raises
-    ------
-    ImageError
-        It is not there, or not an image, or of a kind that cannot be used (deep, volume).
-    """
-    path = os.fspath(path)
-    if not os.path.exists(path):
-        raise ImageError(f"{path}: no such file")
-    file = oiio.ImageInput.open(path)
-    if file is None:
-        raise ImageError(f"{path}: not an image that can be read: {_one_line(oiio.geterror())}")
-    parts: list[Part] = []
-    while file.seek_subimage(len(parts), 0):
-        spec = oiio.ImageSpec(file.spec())
-        if spec.deep or spec.depth > 1:
-            raise ImageError(f"{path}: deep and volume images are not supported")
-        name = spec.get_string_attribute("oiio:subimagename") or f"part{len(parts)}"
-        if file.format_name() == "tiff" and spec.format == oiio.DOUBLE:
-            raise ImageError(f"{path}: TIFF files of doubles are not supported")
-        parts.append(Part(name, spec, _file_rows(path, file, len(parts), spec)))
-    file.geterror()  # there is no part after the last
-    return Image(tuple(parts), path)
+# --- the Python edge ---
 
 
 def from_buffer(buffer: oiio.ImageBuf) -> Image:
-    """An ImageBuf as it stands now."""
+    """An ImageBuf as it stands now.
+
+    Raises
+    ------
+    ImageError
+        It holds no image, or one of a kind that cannot be used (deep, volume).
+    """
     if not isinstance(buffer, oiio.ImageBuf):
         raise ImageError(f"an OpenImageIO.ImageBuf is wanted, not {type(buffer).__name__}")
     if buffer.has_error or not buffer.initialized:
-        raise ImageError(f"{buffer.name or 'ImageBuf'}: {_one_line(buffer.geterror()) or 'holds no image'}")
+        raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror()) or 'holds no image'}")
     spec = oiio.ImageSpec(buffer.spec())
     if spec.deep or spec.depth > 1:
         raise ImageError(f"{buffer.name or 'ImageBuf'}: deep and volume images are not supported")
-    pixels = buffer.get_pixels(spec.format, buffer.roi)
+    pixels = buffer.get_pixels(spec.format, buffer.roi).reshape(spec.height, spec.width, spec.nchannels)
     name = spec.get_string_attribute("oiio:subimagename") or "part0"
-    return Image(
-        (from_pixels(name, pixels.reshape(spec.height, spec.width, spec.nchannels), spec),), buffer.name or "ImageBuf"
-    )
-
-
-def _file_rows(
-    path: str, file: oiio.ImageInput, subimage: int, spec: oiio.ImageSpec
-) -> Callable[[int, int], np.ndarray]:
-    def rows(begin: int, end: int) -> np.ndarray:
-        top, right, channels = spec.y, spec.x + spec.width, spec.nchannels
-        if spec.tile_height == 0:
-            pixels = file.read_scanlines(subimage, 0, top + begin, top + end, 0, 0, channels, spec.format)
-            skip = 0
-        else:  # tiles are read whole
-            skip = begin % spec.tile_height
-            below = min(spec.height, -(-end // spec.tile_height) * spec.tile_height)
-            pixels = file.read_tiles(
-                subimage, 0, spec.x, right, top + begin - skip, top + below, 0, 1, 0, channels, spec.format
-            )
-        message = _one_line(file.geterror())
-        if pixels is None or message:  # libjpeg fills up what is missing, and only says so
-            raise ImageError(f"{path}: rows {begin} to {end - 1} cannot be read: {message}")
-        return pixels.reshape(-1, spec.width, channels)[skip : skip + end - begin]
-
-    return rows
-
-
-# --- out ---
+    return Image((from_pixels(name, pixels, spec, spec.format),), buffer.name or "ImageBuf")
 
 
 def to_buffer(part: Part) -> oiio.ImageBuf:
-    """The part as an ImageBuf."""
+    """The part as an ImageBuf of its own pixel type, which the caller may change."""
     buffer = oiio.ImageBuf(part.spec)
-    for begin, end in part.bands():
-        top = part.spec.y
-        roi = oiio.ROI(part.spec.x, part.spec.x + part.spec.width, top + begin, top + end, 0, 1, 0, part.spec.nchannels)
-        buffer.set_pixels(roi, np.ascontiguousarray(part.rows(begin, end)))
+    rows = max(1, (8 << 20) // max(1, part.spec.width * part.pixel_bytes))
+    for window in part.window.cells(part.spec.width, rows):
+        buffer.set_pixels(window.roi(part.spec.nchannels), np.ascontiguousarray(part.read(window)))
     return buffer
 
 
-def write(image: Image, path: str | os.PathLike, pixel_type: oiio.TypeDesc | None = None) -> None:
-    """Write to a temporary file beside `path` and rename it: a run that fails leaves what was there.
-
-    Parameters
-    ----------
-    image : Image
-        Its first part goes in `pixel_type` or its own type, as far as the file format has it; the others must be held
-        exactly as they are.
-    path : path
-    pixel_type : oiio.TypeDesc, optional
-        An error where the format cannot hold it.
-
-    Raises
-    ------
-    ImageError
-        The format is unknown or cannot hold a part, or the disk says no.
-    """
-    path = Path(path)
-    if path.exists() and not path.is_file():
-        raise ImageError(f"{path}: not a regular file")  # renaming over a device would replace it
-    with temporary_beside(path) as temporary:
-        out = oiio.ImageOutput.create(str(temporary))
-        if out is None:
-            oiio.geterror()  # it names the temporary file
-            raise ImageError(f"{path}: no format writes '{path.suffix}'")
-        if len(image.parts) > 1 and not out.supports("multiimage"):
-            names = ", ".join(p.name for p in image.parts)
-            raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
-        shared = image.first.spec.getattribute("PixelAspectRatio")
-        specs = [
-            _output_spec(part, pixel_type if i == 0 else None, len(image.parts) > 1)
-            for i, part in enumerate(image.parts)
-        ]
-        for spec in specs[1:]:
-            if shared is not None:
-                spec.attribute("PixelAspectRatio", shared)
-        wanted = [pixel_type, *(part.spec.format for part in image.parts[1:])]
-        try:
-            for i, part in enumerate(image.parts):
-                _open_part(out, temporary, specs, i, path)
-                held = out.spec().format
-                _write_rows(out, part, path)  # even in vain: libpng talks on stderr about files left without rows
-                if wanted[i] is not None and held != wanted[i]:
-                    raise ImageError(f"{path}: {out.format_name()} cannot hold part '{part.name}' as {wanted[i]}")
-        finally:
-            closed = out.close()
-        if not closed:
-            raise ImageError(f"{path}: {_one_line(out.geterror())}")
-        if not temporary.exists():
-            raise ImageError(f"{path}: {out.format_name()} writes no file")
-        _check_arrived(temporary, image, path)
-
-
-def _output_spec(part: Part, pixel_type: oiio.TypeDesc | None, named: bool) -> oiio.ImageSpec:
-    spec = oiio.ImageSpec(part.spec)
-    spec.tile_width = spec.tile_height = spec.tile_depth = 0
-    if pixel_type is not None:
-        spec.set_format(pixel_type)
-    if named:
-        spec.attribute("oiio:subimagename", part.name)
-    return spec
-
-
-def _open_part(out: oiio.ImageOutput, temporary: Path, specs: list[oiio.ImageSpec], i: int, path: Path) -> None:
-    if i > 0:
-        opened = out.open(str(temporary), specs[i], "AppendSubimage")
-    elif len(specs) > 1 and out.format_name() == "openexr":  # multi-part EXR wants all specs up front
-        opened = out.open(str(temporary), tuple(specs))
-    else:
-        opened = out.open(str(temporary), specs[0])
-    if not opened:
-        raise ImageError(f"{path}: cannot be written: {_one_line(out.geterror())}")
-
-
-def _write_rows(out: oiio.ImageOutput, part: Part, path: Path) -> None:
-    top = part.spec.y
-    for begin, end in part.bands():
-        if not out.write_scanlines(top + begin, top + end, 0, np.ascontiguousarray(part.rows(begin, end))):
-            raise ImageError(f"{path}: writing failed at row {begin}: {_one_line(out.geterror())}")
-
-
-def _check_arrived(temporary: Path, image: Image, path: Path) -> None:
-    """Refuse a file that did not reach the disk whole: several of OpenImageIO's writers do not notice a full one."""
-    disk = os.statvfs(temporary) if hasattr(os, "statvfs") else None
-    try:
-        if disk is not None and disk.f_bfree == 0:
-            raise ImageError("no space left")
-        for written, part in zip(read(temporary).parts, image.parts, strict=True):
-            written.rows(part.spec.height - 1, part.spec.height)
-    except (ImageError, ValueError) as error:
-        raise ImageError(f"{path}: the file could not be written whole: is the disk full?") from error
-
-
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
+    """An error's text without its line breaks."""
     return " ".join(text.split())
-
-
-# --- pixels ---
-
-
-def without_nonfinite(image: Image, mode: str) -> Image:
-    """NaN and Inf repaired as oiiotool's --fixnan does.
-
-    Parameters
-    ----------
-    image : Image
-    mode : str
-        'black', or 'box3': the mean of the finite neighbours.
-
-    Raises
-    ------
-    ImageError
-        Another mode.
-    """
-    modes = {"black": oiio.NONFINITE_BLACK, "box3": oiio.NONFINITE_BOX3}
-    if mode not in modes:
-        raise ImageError(f"no mode '{mode}'; allowed is {', '.join(modes)}")
-
-    def fixed(part: Part) -> Part:
-        buffer = to_buffer(part)
-        if not oiio.ImageBufAlgo.fixNonFinite(buffer, buffer, modes[mode]):
-            raise ImageError(f"{image.source}: {_one_line(buffer.geterror())}")
-        return dataclasses.replace(from_buffer(buffer).first, name=part.name)
-
-    return Image((fixed(image.first), *image.parts[1:]), image.source)
 
 
 def tagged(image: Image, name: str, value: str) -> Image:
     """The image with an attribute of its first part set."""
-    spec = oiio.ImageSpec(image.first.spec)
-    spec.attribute(name, value)
-    return Image((dataclasses.replace(image.first, spec=spec), *image.parts[1:]), image.source)
+    first = image.first.respecced(lambda spec: spec.attribute(name, value))
+    return Image((first, *image.parts[1:]), image.source)
 
 
 def resized(pixels: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -42,19 +42,22 @@ class Output:
 
 @dataclass(frozen=True, kw_only=True)
 class Op:
-    """Base of all ops. A subclass must say `name`, `reach`, `space` and `outputs`: none has a default.
+    """Base of all ops. An op must say `name`, `reach`, `space` and `outputs`: none has a default.
 
-    A subclass whose own name starts with an underscore is not an op but a common ground of several.
+    On the command line a filter of ours is `--tex` + name; the host's ops have no prefix.
+
+    A subclass that has no `name` is not an op but a common ground of several.
     """
 
+    prefix: ClassVar[str] = "--tex"
     name: ClassVar[str]
     reach: ClassVar[Reach]
     space: ClassVar[Space]
     outputs: ClassVar[tuple[Output, ...]]
 
     def __init_subclass__(cls) -> None:
-        missing = [fact for fact in ("name", "reach", "space", "outputs") if not hasattr(cls, fact)]
-        if missing and not cls.__name__.startswith("_"):
+        missing = [fact for fact in ("reach", "space", "outputs") if not hasattr(cls, fact)]
+        if missing and "name" in cls.__dict__:
             raise TypeError(f"{cls.__name__} does not declare {', '.join(missing)}")
 
     def __post_init__(self) -> None:
@@ -78,7 +81,22 @@ class Op:
     @classmethod
     def flag(cls) -> str:
         """The option's name on the command line."""
-        return f"--tex{cls.name}"
+        return f"{cls.prefix}{cls.name}"
+
+    @classmethod
+    def arguments(cls) -> tuple[Parameter, ...]:
+        """The parameters that are words of their own behind the op."""
+        return tuple(p for p in cls.parameters() if p.positional)
+
+    @classmethod
+    def modifiers(cls) -> tuple[Parameter, ...]:
+        """The parameters that are modifiers: `--op:name=value`."""
+        return tuple(p for p in cls.parameters() if not p.positional)
+
+    @classmethod
+    def arity(cls, values: dict[str, Any], depth: int) -> int:
+        """How many images it takes from a stack of that depth; more than the depth: it waits for them."""
+        return len(cls.images())
 
     def values(self) -> dict[str, Any]:
         """This use's parameter values by name."""

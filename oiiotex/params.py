@@ -26,6 +26,13 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Py
 _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
+class Numbers(tuple):
+    """Numbers separated by commas: a colour, a matrix, a list of coordinates."""
+
+    def __str__(self) -> str:
+        return ",".join(f"{n:g}" for n in self)
+
+
 class Size(NamedTuple):
     """Width x height in pixels."""
 
@@ -48,6 +55,8 @@ class Parameter:
     ge: float | None = None
     le: float | None = None
     choices: tuple[Any, ...] = ()
+    positional: bool = False  # on the command line a word of its own behind the op; else a modifier
+    many: bool = False  # an input that is a tuple of images, as many as the op takes
 
     @property
     def required(self) -> bool:
@@ -59,6 +68,7 @@ class Parameter:
         if self.choices:
             return " | ".join(map(str, self.choices))
         words = {int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name"}
+        words |= {str: "text", Numbers: "numbers with commas between them"}
         text = " or ".join(words[k] for k in self.kind or ())
         if self.ge is not None:
             text += f" >= {self.ge:g}"
@@ -124,6 +134,19 @@ def param(
     return dataclasses.field(default=default, metadata={_FIELD: facts})
 
 
+def argument(
+    *,
+    help: str,
+    unit: str = "",
+    ge: float | None = None,
+    le: float | None = None,
+    choices: Iterable[Any] = (),
+) -> Any:
+    """Declare a parameter that is a word of its own behind the op: `--resize 50%`."""
+    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "positional": True}
+    return dataclasses.field(metadata={_FIELD: facts})
+
+
 def image(default: Any = dataclasses.MISSING, *, help: str) -> Any:
     """Declare an input image as a dataclass field."""
     return dataclasses.field(default=default, metadata={_FIELD: {"help": help}})
@@ -137,25 +160,30 @@ def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     for field in dataclasses.fields(op):
         facts = field.metadata[_FIELD]
         is_parameter = "unit" in facts
-        found = Parameter(field.name, _kinds(hints[field.name]) if is_parameter else None, field.default, **facts)
+        hint = hints[field.name]
+        if is_parameter:
+            found = Parameter(field.name, _kinds(hint), field.default, **facts)
+        else:
+            found = Parameter(field.name, None, field.default, **facts, many=typing.get_origin(hint) is tuple)
         (parameters if is_parameter else images).append(found)
     return tuple(images), tuple(parameters)
 
 
-def parse_modifiers(op: type, modifiers: Mapping[str, str]) -> dict[str, Any]:
-    """Values of an op's parameters from modifier texts.
+def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
+    """Values of an op's parameters from modifier texts; a text of None is passed over, but its name must be right.
 
     Raises
     ------
     ParameterError
         An unknown modifier (the text names the nearest one), or a value that is not allowed.
     """
-    known = {p.name: p for p in declared(op)[1]}
+    known = {p.name: p for p in declared(op)[1] if not p.positional}
     values = {}
     for name, text in modifiers.items():
         if name not in known:
-            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known)}")
-        values[name] = known[name].parse(text)
+            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}")
+        if text is not None:
+            values[name] = known[name].parse(text)
     return values
 
 
@@ -175,6 +203,8 @@ def _parse(kind: type, text: str) -> Any:
         if text.lower() not in _TRUE + _FALSE:
             raise ValueError(text)
         return text.lower() in _TRUE
+    if kind is Numbers:
+        return Numbers(_parse(float, piece.strip()) for piece in text.split(","))
     if kind is Size:
         width, _, height = text.lower().partition("x")
         return Size(_parse(int, width), _parse(int, height))
@@ -188,6 +218,8 @@ def _convert(kind: type, value: Any) -> Any:
     if kind is Size:
         width, height = value
         return Size(_convert(int, width), _convert(int, height))
+    if kind is Numbers:
+        return Numbers(_convert(float, n) for n in (value if np.ndim(value) else [value]))
     if kind in (int, float):
         if isinstance(value, (bool, np.bool_, str)):
             raise TypeError(value)

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .errors import Interrupted
+from .errors import ImageError, Interrupted
 from .stats import Stats
+from .tiles import PieceCache
 
 if TYPE_CHECKING:
     from .color import ColorConfig
@@ -36,6 +37,8 @@ class Session:
         An OCIO config; None: $OCIO or a built-in one.
     autocc : bool
         Let the config's file rules name the space of an untagged file.
+    all_parts : bool
+        Ops of the host work on all parts of an image, not on the first alone.
     progress : callable or None
         Called with (done, total) as work goes on; returning False stops the run.
     measure : bool
@@ -53,6 +56,7 @@ class Session:
     budget: int = field(default_factory=lambda: memory() // 4)
     colorconfig: str | None = None
     autocc: bool = False
+    all_parts: bool = False
     progress: Progress | None = None
     measure: bool = False
     profile: bool = False
@@ -75,6 +79,25 @@ class Session:
         from .color import ColorConfig
 
         return ColorConfig(self.colorconfig)
+
+    @functools.cached_property
+    def cache(self) -> PieceCache:
+        """Decoded pieces of files and of results that are asked for again."""
+        return PieceCache(max(32 << 20, min(self.budget // 4, 1 << 30)))
+
+    def require(self, need: int, what: str) -> None:
+        """Refuse what does not fit the budget.
+
+        Raises
+        ------
+        ImageError
+            With the figure.
+        """
+        if need > self.budget:
+            raise ImageError(
+                f"{what} needs the whole image in memory, {-(-need >> 20)} MB; the budget is {self.budget >> 20} MB:"
+                " raise --cache, or make the image smaller"
+            )
 
     def advance(self, done: int, total: int) -> None:
         """Report progress.

@@ -1,113 +1,238 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The image stack: runs the actions of a command line one after the other."""
+"""The image stack: does the steps of a command line one after the other."""
 
 from __future__ import annotations
 
 import logging
-import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
-from ..color import TAG
+import OpenImageIO as oiio
+
 from ..errors import Error, ParameterError
-from ..images import Image, read, tagged, type_named, without_nonfinite, write
-from ..params import parse_modifiers
+from ..images import Image, type_named
+from ..op import Op
+from ..params import Parameter
 from ..session import Session
-from .parse import Action
+from .expressions import Expressions
+from .parse import Step, split_modifiers, values_of
 
 log = logging.getLogger("oiiotex")
 
 
-class ActionError(Error):
-    """An error together with the action that raised it."""
+class StepError(Error):
+    """An error together with the step that raised it."""
 
-    def __init__(self, action: Action, cause: Error):
-        super().__init__(f"{action.word.split(':')[0]} : {cause}" if action.word.startswith("-") else str(cause))
+    def __init__(self, step: Step, cause: Error):
+        super().__init__(f"{step.name} : {cause}" if step.word.startswith("-") else str(cause))
+
+
+@dataclass
+class Frame:
+    """Where in a sequence the run is."""
+
+    number: int | None = None
+    padding: int = 0
+
+
+@dataclass
+class First:
+    """What the first image read says of how computed images are written."""
+
+    spec: oiio.ImageSpec | None = None
+    pixel_type: oiio.TypeDesc | None = None
+    channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
+    bits: int = 0
+
+    def learn(self, image: Image) -> None:
+        """Take in an image that has been read: its type, where it has a wider one than those before."""
+        for part in image.parts:
+            self.spec = self.spec or part.spec
+            own = part.spec.format
+            merged = own if self.pixel_type is None else _merged(self.pixel_type, own)
+            self.pixel_type = merged
+            self.bits = self.bits or part.spec.get_int_attribute("oiio:BitsPerSample")
+            for channel, name in enumerate(part.spec.channelnames):
+                self.channel_types.setdefault(name, part.spec.channelformat(channel))
+
+
+def _merged(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:
+    """The type that holds the values of both, as oiiotool merges them."""
+    order = ("uint8", "int8", "uint16", "int16", "half", "uint", "int", "float", "double")
+    low, high = sorted((str(a), str(b)), key=order.index)
+    if low in ("int8", "int16") and high in ("uint16", "half") and low != high:
+        return oiio.TypeDesc("float") if high == "half" else oiio.TypeDesc("int")
+    if low in ("uint16", "int16") and high == "half":
+        return oiio.TypeDesc("float")
+    return type_named(high)
 
 
 class Chain:
-    """A stack of images and what is to be done with it."""
+    """A stack of images, what is set for what follows, and what waits.
 
-    def __init__(self, session: Session):
-        self._session = session
-        self._stack: list[Image] = []
-        self._waiting: list[Action] = []  # ops that lack operands yet: infix order works
-        self._pixel_type = None
-        self._unwritten = False
+    Attributes
+    ----------
+    session : Session
+    stack : list of Image
+        The last is the top.
+    labelled : dict of str to Image
+        By the names of --label.
+    user : dict
+        The user's variables, for expressions.
+    first : First
+    settings : dict
+        What options have set for later ones, by the option's name.
+    status : int
+        Exit code of the run so far.
+    idle : str
+        Why the run would be in vain, or nothing: an image has been made and not written.
+    """
 
-    def run(self, actions: tuple[Action, ...]) -> None:
-        """Do all actions.
+    def __init__(self, session: Session, frame: Frame | None = None):
+        self.session = session
+        self.frame = frame or Frame()
+        self.stack: list[Image] = []
+        self.labelled: dict[str, Image] = {}
+        self.user: dict[str, int | float | str] = {}
+        self.first = First()
+        self.settings: dict[str, Any] = {}
+        self.status = 0
+        self.evaluating = True
+        self.position = 0
+        self.skipping = False
+        self.loops: list[Any] = []
+        self.unwritten = False
+        self.used = False  # something was written or printed
+        self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
+        self._expressions = Expressions(self)
+
+    # --- the stack ---
+
+    @property
+    def top(self) -> Image:
+        """The current image."""
+        if not self.stack:
+            raise ParameterError("there is no image to work on")
+        return self.stack[-1]
+
+    def push(self, image: Image) -> None:
+        """Put an image on the stack."""
+        self.stack.append(image)
+
+    def pop(self) -> Image:
+        """Take the top image."""
+        image = self.top
+        self.stack.pop()
+        return image
+
+    # --- running ---
+
+    def run(self, steps: tuple[Step, ...]) -> None:
+        """Do all steps.
 
         Raises
         ------
-        ActionError
+        StepError
             One failed; its text names it.
         """
-        for action in actions:
-            if action.op is not None:
-                self._waiting.append(action)
-            else:
-                if action.option != "-i":
-                    self._nothing_waits()
-                try:
-                    self._do(action)
-                except Error as error:
-                    raise ActionError(action, error) from error
-            self._run_waiting()
+        self.position = 0
+        while self.position < len(steps):
+            step = steps[self.position]
+            self.position += 1
+            if self.skipping and not (step.option and step.option.control):
+                continue
+            try:
+                self._do(step)
+            except Error as error:
+                raise error if isinstance(error, StepError) else StepError(step, error) from error
         self._nothing_waits()
-        if self._unwritten:
+        if self.loops:
+            raise ParameterError(f"{self.loops[-1].name} has no end")
+        if self.unwritten and not self.used:
             log.warning("nothing was written: did you forget -o?")
 
-    def _do(self, action: Action) -> None:
-        argument = action.arguments[0] if action.arguments else ""
-        if action.option == "-i":
-            log.info("read %s", argument)
-            self._push(read(argument))
-        elif action.option == "-d":
-            self._pixel_type = type_named(argument)
-        elif action.option == "-o":
-            self._write(argument)
-        elif action.option == "--iscolorspace":
-            self._push(tagged(self._pop(), TAG, self._session.color.resolve(argument)))
-        elif action.option == "--fixnan":
-            self._push(without_nonfinite(self._pop(), argument))
+    def _do(self, step: Step) -> None:
+        word = self.expressed(step.word) if not (self.skipping and step.option) else step.word
+        if step.op is None and step.option is None:
+            from .reading import read_input
+
+            read_input(self, word)
+            return self._run_waiting()
+        texts = step.arguments if step.option and step.option.control else tuple(map(self.expressed, step.arguments))
+        if step.op is not None:
+            self._waiting.append((step, texts, values_of(step, split_modifiers(word)[1])))
+            return self._run_waiting()
+        option = step.option
+        assert option is not None and option.run is not None
+        if option.needs > len(self.stack):
+            self._waiting.append((step, texts, values_of(step, split_modifiers(word)[1])))
+            return None
+        if not (option.state or option.control or option.name == "-i"):
+            self._nothing_waits()
+        option.run(self, *texts, **values_of(step, split_modifiers(word)[1]))
+        return self._run_waiting()
+
+    def expressed(self, text: str) -> str:
+        """The text with its expressions evaluated."""
+        return self._expressions.substitute(text) if self.evaluating and "{" in text else text
 
     def _nothing_waits(self) -> None:
         """Refuse to go on past an op that still lacks operands: what follows would happen to the wrong image."""
         if self._waiting:
-            action = self._waiting[0]
-            need = len(action.op.images())  # type: ignore[union-attr]
-            raise ActionError(action, ParameterError(f"takes {need} image(s), there are {len(self._stack)}"))
+            step, _, values = self._waiting[0]
+            need = self._need(step, values)
+            raise StepError(step, ParameterError(f"takes {need} image(s), there are {len(self.stack)}"))
+
+    def _need(self, step: Step, values: dict[str, Any]) -> int:
+        if step.op is not None:
+            return step.op.arity(values, len(self.stack))
+        assert step.option is not None
+        return step.option.needs
 
     def _run_waiting(self) -> None:
-        while self._waiting and len(self._stack) >= len(self._waiting[0].op.images()):  # type: ignore[union-attr]
-            action = self._waiting.pop(0)
-            assert action.op is not None
+        while self._waiting and len(self.stack) >= self._need(self._waiting[0][0], self._waiting[0][2]):
+            step, texts, values = self._waiting.pop(0)
             try:
-                images = action.op.images()
-                operands = self._stack[-len(images) :]
-                given = {declared.name: image for declared, image in zip(images, operands, strict=True)}
-                op = action.op(**given, **parse_modifiers(action.op, action.modifiers))
-                log.info("%s on %s", action.word, ", ".join(image.source for image in operands))
-                result = op.compute(self._session)
+                if step.op is not None:
+                    self.apply(step.op, texts, values)
+                else:
+                    assert step.option is not None and step.option.run is not None
+                    step.option.run(self, *texts, **values)
             except Error as error:
-                raise ActionError(action, error) from error
-            del self._stack[-len(images) :]
-            self._push(result)
-            self._unwritten = True
+                raise error if isinstance(error, StepError) else StepError(step, error) from error
 
-    def _write(self, path: str) -> None:
-        if not self._stack:
-            raise ParameterError("there is no image to write")
-        if os.path.realpath(path) in self._session.written:
-            raise ParameterError(f"{path} has just been written by an op's modifier")
-        with self._session.stats.time("write"):
-            write(self._stack[-1], path, self._pixel_type)
-        log.info("wrote %s", path)
-        self._unwritten = False
+    def apply(self, op: type[Op], texts: tuple[str, ...], values: dict[str, Any]) -> None:
+        """Replace the op's operands on the stack by its result."""
+        count = op.arity(values, len(self.stack))
+        operands = self.stack[len(self.stack) - count :]
+        given = _bound(op.images(), operands)
+        arguments = {p.name: p.parse(text) for p, text in zip(op.arguments(), texts, strict=True)}
+        log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
+        with self.session.stats.time(op.flag()):
+            result = op(**given, **arguments, **values).compute(self.session)
+        del self.stack[len(self.stack) - count :]
+        self.push(result)
+        self.unwritten = True
 
-    def _push(self, image: Image) -> None:
-        self._stack.append(image)
+    # --- what expressions ask for ---
 
-    def _pop(self) -> Image:
-        if not self._stack:
-            raise ParameterError("there is no image to work on")
-        return self._stack.pop()
+    def image(self, index: int) -> Image:
+        """The image at that depth, 0 the top."""
+        if not 0 <= index < len(self.stack):
+            raise ParameterError(f"there is no image {index}: the stack holds {len(self.stack)}")
+        return self.stack[-1 - index]
+
+    def depth(self) -> int:
+        """How many images the stack holds."""
+        return len(self.stack)
+
+
+def _bound(declared: tuple[Parameter, ...], operands: list[Image]) -> dict[str, Any]:
+    """The operands by the names under which an op declares them."""
+    if len(declared) == 1 and declared[0].many:
+        return {declared[0].name: tuple(operands)}
+    return {parameter.name: image for parameter, image in zip(declared, operands, strict=True)}
+
+
+Run = Callable[..., None]

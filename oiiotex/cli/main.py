@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import signal
@@ -14,6 +15,7 @@ from typing import NoReturn
 
 from ..errors import Error, ParameterError
 from ..session import Session
+from .language import LANGUAGE
 from .parse import CommandLine, parse
 
 
@@ -29,8 +31,9 @@ def main(words: list[str] | None = None) -> NoReturn:
     words = sys.argv[1:] if words is None else words
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _raise_signal)
+    status = 0
     try:
-        _run(words)
+        status = run(words)
         sys.stdout.flush()
     except Error as error:
         if _debugging(words):
@@ -49,7 +52,7 @@ def main(words: list[str] | None = None) -> NoReturn:
         _drop_stdout()
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
         sys.exit(f"oiiotex ERROR: {kind}{' '.join(str(error).split())} (--debug shows where)")
-    sys.exit(0)
+    sys.exit(status)
 
 
 def _drop_stdout() -> None:
@@ -65,13 +68,23 @@ def _raise_signal(number: int, _: FrameType | None) -> NoReturn:
     raise _Signal(number)
 
 
-def _run(words: list[str]) -> None:
+def run(words: list[str], folder: str | os.PathLike | None = None) -> int:
+    """Do what a command line says, in `folder` if one is given; returns the exit code, 1 where images differ.
+
+    Raises
+    ------
+    Error
+        Something is wrong.
+    """
+    if folder is not None:
+        with contextlib.chdir(folder):
+            return run(words)
     start = time.perf_counter()
-    command = parse(words)
+    command = parse(words, LANGUAGE)
     settings = command.settings
     logging.basicConfig(format="%(message)s", level=logging.INFO if _wants_report(command) else logging.WARNING)
     if _prints_only(command):
-        return
+        return 0
     from . import report
     from .chain import Chain
 
@@ -86,9 +99,11 @@ def _run(words: list[str]) -> None:
     )
     if "--cache" in settings:
         session.budget = _whole_number(settings, "--cache") << 20
-    Chain(session).run(command.actions)
+    chain = Chain(session)
+    chain.run(command.steps)
     if "--runstats" in settings:
         print(report.time_table(session.stats, time.perf_counter() - start))
+    return chain.status
 
 
 def _prints_only(command: CommandLine) -> bool:
@@ -96,7 +111,7 @@ def _prints_only(command: CommandLine) -> bool:
     from . import report
 
     settings = command.settings
-    if "--help" in settings or not (settings or command.actions):
+    if "--help" in settings or not (settings or command.steps):
         topic = _first(settings, "--help")
         print(report.page(topic) if topic else report.overview())
     elif "--version" in settings:

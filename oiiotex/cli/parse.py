@@ -1,61 +1,123 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Words of a command line -> commands: settings of the run, and actions on the image stack."""
+"""Words of a command line -> settings of the run, and steps to be done one after the other."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ..errors import ParameterError
-from ..filters import FILTERS
 from ..op import Op
-from ..params import nearest
+from ..params import nearest, parse_modifiers
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option that is not an op: what it is called, what follows it, what it does."""
+    """An option that is not an op: what it is called, what follows it, what it does.
+
+    Attributes
+    ----------
+    name : str
+    arguments : tuple of str
+        What follows it, for help.
+    help : str
+    run : callable or None
+        Called with the chain, the arguments as text and the modifiers as keywords. None: a setting that holds for the
+        whole run wherever it stands.
+    modifiers : type or None
+        A frozen dataclass whose `param` fields are its modifiers.
+    needs : int
+        Images that must be on the stack; with fewer it waits for the next ones, as ops do.
+    state : bool
+        It only sets what later options use, so it may stand between an op and the operands that the op waits for.
+    control : bool
+        It decides what is done: it is seen even where steps are skipped.
+    aliases : tuple of str
+        Other spellings.
+    """
 
     name: str
     arguments: tuple[str, ...]
     help: str
-    setting: bool = False  # holds for the whole run, wherever it stands
-
-
-OPTIONS = (
-    Option("-i", ("FILE",), "read an image (as naming it does) and put it on the stack"),
-    Option("-o", ("FILE",), "write the top image; a run that fails leaves the old file as it was"),
-    Option("-d", ("TYPE",), "pixel type of what is written from here on: uint8, uint16, half, float ..."),
-    Option("--iscolorspace", ("SPACE",), "say which colour space the top image is in; nothing is converted"),
-    Option("--fixnan", ("MODE",), "repair NaN and Inf of the top image: black or box3"),
-    Option("--autocc", (), "let the config's file rules name the space of files that do not say it", setting=True),
-    Option("--colorconfig", ("FILE",), "OCIO config; else $OCIO, else a built-in one", setting=True),
-    Option(
-        "--device",
-        ("DEVICE",),
-        "OpenCL device: number, gpu, cpu or part of its name; else $OIIOTEX_DEVICE",
-        setting=True,
-    ),
-    Option("--devices", (), "list the OpenCL devices", setting=True),
-    Option("--threads", ("N",), "CPU threads; 0: as many as the process may use", setting=True),
-    Option("--cache", ("MB",), "memory budget; a quarter of the machine's when left out", setting=True),
-    Option("-v", (), "say what is done, and measure the results", setting=True),
-    Option("--runstats", (), "say where the time went, and measure the results", setting=True),
-    Option("--debug", (), "show a traceback where something fails", setting=True),
-    Option("--version", (), "print versions", setting=True),
-    Option("--help", (), "print this, or with a name behind it that filter's page", setting=True),
-)
-_ALIASES = {"--verbose": "-v", "-h": "--help"}
+    run: Callable[..., None] | None = None
+    modifiers: type | None = None
+    needs: int = 0
+    state: bool = False
+    control: bool = False
+    aliases: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class Action:
-    """One step on the stack: an op of ours, or an option with its arguments."""
+class Refused:
+    """An option of oiiotool that is not here, and why."""
 
-    word: str  # as the user wrote it, for messages
-    op: type[Op] | None = None
-    modifiers: dict[str, str] = field(default_factory=dict)
-    option: str = ""
+    name: str
+    arguments: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing to do, as the user wrote it: expressions in it are evaluated when its turn comes."""
+
+    word: str  # the option with its modifiers, or a file's name
     arguments: tuple[str, ...] = ()
+    op: type[Op] | None = None
+    option: Option | None = None
+
+    @property
+    def name(self) -> str:
+        """For messages: the option without modifiers."""
+        return self.word.split(":")[0] if self.word.startswith("-") else self.word
+
+
+@dataclass(frozen=True)
+class Language:
+    """All that a command line may say.
+
+    Attributes
+    ----------
+    ops : mapping of str to Op class
+        By option name.
+    options : tuple of Option
+    refused : tuple of Refused
+    """
+
+    ops: Mapping[str, type[Op]]
+    options: tuple[Option, ...]
+    refused: tuple[Refused, ...] = ()
+    _names: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._names.update(self.ops)
+        self._names.update({option.name: option for option in self.options})
+        self._names.update({alias: option for option in self.options for alias in option.aliases})
+        self._names.update({refused.name: refused for refused in self.refused})
+
+    def find(self, name: str) -> type[Op] | Option | Refused:
+        """What an option's name means; one dash or two mean the same, as in oiiotool.
+
+        Raises
+        ------
+        ParameterError
+            Nothing; the text names the nearest one.
+        """
+        bare = name.lstrip("-")
+        for spelling in (name, f"--{bare}", f"-{bare}"):
+            if spelling in self._names:
+                return self._names[spelling]
+        raise ParameterError(f"unknown option '{name}'{nearest(f'--{bare}', self._names)}")
+
+    def takes(self, word: str) -> int:
+        """How many words follow an option; 0 for what is no option."""
+        try:
+            found = self.find(word.split(":")[0])
+        except ParameterError:
+            return 0
+        if isinstance(found, Refused):
+            return found.arguments
+        return len(found.arguments) if isinstance(found, Option) else len(found.arguments())
 
 
 @dataclass(frozen=True)
@@ -63,63 +125,95 @@ class CommandLine:
     """A parsed command line."""
 
     settings: dict[str, tuple[str, ...]]
-    actions: tuple[Action, ...]
+    steps: tuple[Step, ...]
 
 
-def parse(words: list[str]) -> CommandLine:
+def parse(words: list[str], language: Language) -> CommandLine:
     """Read a command line.
+
+    What can be known to be wrong before any work begins is refused here.
 
     Raises
     ------
     ParameterError
-        An unknown option, a missing argument, a malformed modifier.
+        An unknown or refused option, a missing argument, a malformed or unknown modifier.
     """
-    ops = {op.flag(): op for op in FILTERS}
-    options = {option.name: option for option in OPTIONS}
     settings: dict[str, tuple[str, ...]] = {}
-    actions: list[Action] = []
+    steps: list[Step] = []
     left = iter(words)
     for word in left:
         if not word.startswith("-") or word == "-":
-            actions.append(Action(word, option="-i", arguments=(word,)))
+            steps.append(Step(word))
             continue
         name, modifiers = split_modifiers(word)
-        name = _canonical(name, ops.keys() | options.keys())
-        if name in ops:
-            actions.append(Action(word, op=ops[name], modifiers=modifiers))
+        found = language.find(name)
+        if isinstance(found, Refused):
+            raise ParameterError(f"{name} of oiiotool is not here: {found.reason}")
+        if isinstance(found, Option) and found.name == "--help":
+            settings[found.name] = tuple(left)[:1]
             continue
-        option = options[name]
+        step = _step(word, found, left)
+        if step.option is not None and step.option.run is None:
+            if modifiers:
+                raise ParameterError(f"{word}: {name} has no modifiers")
+            settings[step.option.name] = step.arguments
+            continue
+        _check_early(step, modifiers)
+        steps.append(step)
+    return CommandLine(settings, tuple(steps))
+
+
+def _step(word: str, found: type[Op] | Option, left: Iterator[str]) -> Step:
+    if isinstance(found, Option):
+        return Step(word, tuple(_argument(left, found.name, what) for what in found.arguments), option=found)
+    names = [parameter.name.upper() for parameter in found.arguments()]
+    return Step(word, tuple(_argument(left, found.flag(), what) for what in names), op=found)
+
+
+def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
+    """Refuse modifiers that no expression can make right any more."""
+    plain = {name: text for name, text in modifiers.items() if "{" not in text}
+    try:
+        values_of(step, {**plain, **{name: None for name in modifiers if name not in plain}})
+    except ParameterError as error:
+        raise ParameterError(f"{step.name} : {error}") from None
+
+
+def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
+    """The modifiers' values by name; None stands for a text that is not known yet.
+
+    Raises
+    ------
+    ParameterError
+        An unknown modifier, or a value that is not allowed.
+    """
+    declaring = step.op or (step.option.modifiers if step.option else None)
+    if declaring is None:
         if modifiers:
-            raise ParameterError(f"{word}: {name} has no modifiers")
-        if name == "--help":
-            settings[name] = tuple(left)[:1]
-            continue
-        arguments = tuple(_argument(left, option, what) for what in option.arguments)
-        if option.setting:
-            settings[name] = arguments
-        else:
-            actions.append(Action(word, option=name, arguments=arguments))
-    return CommandLine(settings, tuple(actions))
+            raise ParameterError(f"unknown modifier '{next(iter(modifiers))}'; there is none")
+        return {}
+    return parse_modifiers(declaring, modifiers)
 
 
 def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
-    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes may hold colons.
+    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes, or an expression, may hold colons.
 
     Raises
     ------
     ParameterError
         A modifier without a value, twice the same, or an open quote.
     """
-    pieces, quote = [""], ""
+    pieces, quote, braces = [""], "", 0
     for letter in word:
         if quote:
             quote = "" if letter == quote else quote
             pieces[-1] += letter if quote else ""
-        elif letter in "\"'" and pieces[-1].endswith("="):
+        elif letter in "\"'" and pieces[-1].endswith("=") and not braces:
             quote = letter
-        elif letter == ":":
+        elif letter == ":" and not braces:
             pieces.append("")
         else:
+            braces = max(0, braces + (letter == "{") - (letter == "}"))
             pieces[-1] += letter
     if quote:
         raise ParameterError(f"{word}: the quote {quote} is not closed")
@@ -134,18 +228,8 @@ def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
     return pieces[0], modifiers
 
 
-def _canonical(name: str, known: set[str]) -> str:
-    """The option's own spelling: one dash or two mean the same, as in oiiotool."""
-    bare = name.lstrip("-")
-    for spelling in (name, f"--{bare}", f"-{bare}"):
-        found = _ALIASES.get(spelling, spelling)
-        if found in known:
-            return found
-    raise ParameterError(f"unknown option '{name}'{nearest(f'--{bare}', known)}")
-
-
-def _argument(left: object, option: Option, what: str) -> str:
-    value = next(left, None)  # type: ignore[call-overload]
+def _argument(left: Iterator[str], option: str, what: str) -> str:
+    value = next(left, None)
     if value is None:
-        raise ParameterError(f"{option.name} wants {what} behind it")
+        raise ParameterError(f"{option} wants {what} behind it")
     return value

@@ -13,7 +13,7 @@ from ..op import Op
 from ..params import Parameter, nearest
 from ..session import Progress
 from ..stats import Stats
-from .parse import OPTIONS
+from .language import LANGUAGE
 
 _USAGE = """\
 oiiotex: texture filters in an oiiotool-style chain
@@ -24,7 +24,7 @@ usage: oiiotex photo.exr --iscolorspace ACEScg --texstationarize:sigma=32:size=1
 def overview() -> str:
     """The text of --help: our filters first."""
     rows = [(op.flag(), summary(op)) for op in FILTERS]
-    options = [(" ".join((o.name, *o.arguments)), o.help) for o in OPTIONS]
+    options = [(" ".join((o.name, *o.arguments)), o.help) for o in LANGUAGE.options]
     table = "\n".join(f"  {name:24s} {text}" for name, text in rows)
     others = "\n".join(f"  {name:24s} {text}" for name, text in options)
     return f"{_USAGE}\nTexture filters (--help NAME prints a filter's page):\n{table}\n\nOptions:\n{others}"

@@ -15,12 +15,14 @@ import OpenImageIO as oiio
 from ..analysis.stationarity import seam_ratio, stationarity_cost, texture_cost
 from ..color import Working, working_values
 from ..errors import ParameterError
-from ..images import Image, Part, derived_spec, write
+from ..images import Image, Part, derived_spec
 from ..op import Op, Output, Reach, Space
 from ..params import Size, image, param
 from ..session import Session
 from ..synthesis.patchmatch import match_patches, unpack
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
+from ..windows import Window
+from ..writing import write
 
 log = logging.getLogger("oiiotex")
 
@@ -96,12 +98,18 @@ class _PatchSynthesis(Op):
         if session.measure:
             with session.stats.time("measure"):
                 self._report(working, made, recipe, session)
+        whole = Window(0, 0, width, height)
+
+        def copied(window: Window) -> np.ndarray:
+            return pixels[unpack(made.source[window.inside(whole)])]
+
+        def coordinates(window: Window) -> np.ndarray:
+            return source_coordinates(*unpack(made.source[window.inside(whole)]), source.spec)
+
         tile = Part(
-            source.name, _tile_spec(source.spec, self, width, height), lambda a, b: pixels[unpack(made.source[a:b])]
+            source.name, _tile_spec(source.spec, self, width, height), copied, source.spec.format, ready=True
         )
-        st = Part(
-            "st", _st_spec(width, height), lambda a, b: source_coordinates(*unpack(made.source[a:b]), source.spec)
-        )
+        st = Part("st", _st_spec(width, height), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True)
         if isinstance(self.stmap, Path):
             write(Image((st,), str(self.stmap)), self.stmap, st.spec.format)
             session.written.add(os.path.realpath(self.stmap))

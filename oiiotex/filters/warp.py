@@ -13,6 +13,8 @@ from ..images import Image, Part, derived_spec, dtype_of
 from ..op import Op, Output, Reach, Space
 from ..params import image
 from ..session import Session
+from ..tiles import bands
+from ..windows import Window
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,16 +43,15 @@ class Warp(Op):
             )
         with session.stats.time("read"):
             pixels = part.pixels()
-            for begin, end in st.bands():  # what is wrong with the map is said here, not while the result is written
-                _places(st.rows(begin, end), part, self.st.source)
+            for window in bands(st):  # what is wrong with the map is said here, not while the result is written
+                _places(st.read(window), part, self.st.source)
 
-        def rows(begin: int, end: int) -> np.ndarray:
-            y, x = _places(st.rows(begin, end), part, self.st.source)
+        def fetch(window: Window) -> np.ndarray:
+            y, x = _places(st.read(window.shifted(st.spec.x, st.spec.y)), part, self.st.source)
             return pixels[y, x]
 
-        return Image(
-            (Part(part.name, derived_spec(part.spec, st.spec.width, st.spec.height), rows),), self.source.source
-        )
+        spec = derived_spec(part.spec, st.spec.width, st.spec.height)
+        return Image((Part(part.name, spec, fetch, part.spec.format),), self.source.source)
 
 
 def _places(coordinates: np.ndarray, part: Part, name: str) -> tuple[np.ndarray, np.ndarray]:

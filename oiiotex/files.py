@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How image files enter: through ImageInput, in pieces, decoded ahead. How they leave is in `writing`."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import threading
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import OpenImageIO as oiio
+
+from .errors import ImageError
+from .images import Image, Part, dtype_of, one_line
+from .tiles import PieceCache, assembled
+from .windows import Window
+
+_PIECE_BYTES = 4 << 20
+_BLOCK = 64  # rows of a piece are a multiple of it: no compressed block of a common format is decoded twice
+_CACHE_BYTES = 256 << 20
+
+
+def read(
+    path: str | os.PathLike,
+    cache: PieceCache | None = None,
+    *,
+    native: bool = False,
+    config: oiio.ImageSpec | None = None,
+) -> Image:
+    """Open an image file; pixels are read when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+    cache : PieceCache, optional
+        Where decoded pieces are kept; one of its own when left out.
+    native : bool
+        Ops of the host work on the file's own pixel type.
+    config : oiio.ImageSpec, optional
+        Hints for the file's reader, as its attributes.
+
+    Raises
+    ------
+    ImageError
+        It is not there, or not an image, or of a kind that cannot be used (deep, volume).
+    """
+    path = _name(path)
+    if not os.path.exists(path):
+        raise ImageError(f"{path}: no such file")
+    if os.path.isdir(path):
+        raise ImageError(f"{path}: a folder, not an image")
+    source = _Source(path, config)
+    cache = cache or PieceCache(_CACHE_BYTES)
+    parts = []
+    for specs in source.specs():
+        levels = [
+            _part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)
+        ]
+        parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
+    return Image(tuple(parts), path)
+
+
+def _name(path: str | os.PathLike) -> str:
+    path = os.fspath(path)
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        shown = path.encode(errors="surrogateescape").decode(errors="backslashreplace")
+        raise ImageError(f"{shown}: OpenImageIO opens only names that are UTF-8") from None
+    return path
+
+
+class _Source:
+    """An open file; one thread reads at a time."""
+
+    def __init__(self, path: str, config: oiio.ImageSpec | None):
+        self.path, self._config = path, config
+        self._lock = threading.Lock()
+        self._input = self._open()
+        self.format = self._input.format_name()
+
+    def _open(self) -> oiio.ImageInput:
+        opened = oiio.ImageInput.open(self.path, self._config) if self._config else oiio.ImageInput.open(self.path)
+        if opened is None:
+            message = one_line(oiio.geterror()) or "unknown format"
+            raise ImageError(f"{self.path}: not an image that can be read: {message}")
+        return opened
+
+    def specs(self) -> Iterator[list[oiio.ImageSpec]]:
+        """For each subimage the specs of its MIP levels."""
+        subimage = 0
+        while self._input.seek_subimage(subimage, 0):
+            found: list[oiio.ImageSpec] = []
+            while self._input.seek_subimage(subimage, len(found)):
+                spec = oiio.ImageSpec(self._input.spec())
+                if spec.deep or spec.depth > 1:
+                    raise ImageError(f"{self.path}: deep and volume images are not supported")
+                if self.format == "tiff" and spec.format == oiio.DOUBLE:
+                    raise ImageError(f"{self.path}: TIFF files of doubles are not supported")
+                found.append(spec)
+            yield found
+            subimage += 1
+        self._input.geterror()  # there is no subimage after the last
+
+    def read(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int]) -> np.ndarray:
+        """Pixels of whole rows, or of whole tiles, of (subimage, level)."""
+        channels = spec.nchannels
+        with self._lock:
+            if spec.tile_width == 0:
+                pixels = self._input.read_scanlines(
+                    *where, place.top, place.bottom, 0, 0, channels, spec.format
+                )
+            else:
+                pixels = self._input.read_tiles(
+                    *where, place.left, place.right, place.top, place.bottom, 0, 1, 0, channels, spec.format
+                )
+            message = one_line(self._input.geterror())
+        if pixels is None or message:  # libjpeg fills up what is missing, and only says so
+            rows = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
+            raise ImageError(f"{self.path}: {rows} cannot be read: {message}")
+        return pixels.reshape(place.height, place.width, channels)
+
+
+def _part(source: _Source, cache: PieceCache, spec: oiio.ImageSpec, where: tuple[int, int], native: bool) -> Part:
+    name = spec.get_string_attribute("oiio:subimagename") or f"part{where[0]}"
+    whole, cell = Window.data(spec), _piece_size(spec)
+    dtype_of(spec)  # refuses pixels that numpy lacks
+
+    def make(place: Window) -> Callable[[], np.ndarray]:
+        return lambda: source.read(place, spec, where)
+
+    def piece(place: Window) -> np.ndarray:
+        below = Window.sized(whole.left, place.bottom, *cell) & whole
+        right = Window.sized(place.right, place.top, *cell) & whole
+        pixels = cache.get((source, where, place), make(place))
+        following = right if not right.empty else below
+        if not following.empty:
+            cache.ahead((source, where, following), make(following))
+        return pixels
+
+    def fetch(window: Window) -> np.ndarray:
+        return assembled(window, cell, whole, piece)
+
+    return Part(name, spec, fetch, spec.format, native, ready=True)
+
+
+def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:
+    """(width, height) of what is decoded at once: rows of tiles, or full rows."""
+    pixel = spec.nchannels * np.dtype(dtype_of(spec)).itemsize
+    if spec.tile_width:
+        across = -(-spec.width // spec.tile_width)
+        fit = max(1, _PIECE_BYTES // (pixel * spec.tile_width * spec.tile_height))
+        return min(across, fit) * spec.tile_width, spec.tile_height * max(1, fit // across)
+    rows = max(1, _PIECE_BYTES // max(1, spec.width * pixel))
+    return spec.width, rows // _BLOCK * _BLOCK or min(rows, _BLOCK)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""oiiotool's texts for sizes, offsets and windows: 640x480, +10-20, 640x480+10-20, 0,0,639,479, 50%, 50%x25%."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import NamedTuple
+
+from ..errors import ParameterError
+from ..windows import Window
+
+_N = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_SIGNED = r"[+-](?:\d+\.?\d*|\.\d+)"
+_FORMS = {
+    "corners": re.compile(rf"({_N}),({_N}),({_N}),({_N})"),
+    "window": re.compile(rf"({_N})x({_N})({_SIGNED})({_SIGNED})"),
+    "window,": re.compile(rf"({_N})x({_N}),({_N}),({_N})"),
+    "size": re.compile(rf"({_N})x({_N})"),
+    "percents": re.compile(rf"({_N})%x({_N})%"),
+    "offset": re.compile(rf"({_N})({_SIGNED})"),
+    "offset,": re.compile(rf"({_N}),({_N})"),
+    "percent": re.compile(rf"({_N})%"),
+    "factor": re.compile(rf"({_N})"),
+}
+
+
+class Box(NamedTuple):
+    """A window of whole or broken pixels."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+    def window(self) -> Window:
+        """As whole pixels."""
+        return Window.sized(int(self.x), int(self.y), int(self.width), int(self.height))
+
+
+def box_of(window: Window) -> Box:
+    """A window as a Box."""
+    return Box(window.left, window.top, window.width, window.height)
+
+
+def parse_box(text: str, base: Box, *, scaling: bool = False, resizing: bool = True, whole: bool = True) -> Box:
+    """What a text makes of a window.
+
+    Parameters
+    ----------
+    text : str
+        WxH, WxH+X+Y, X0,Y0,X1,Y1 (both corners inside), +X+Y, and with `scaling` P%, P%xQ% or a factor. A width or
+        height of 0 follows from the other by the base's proportions.
+    base : Box
+        What stays where the text does not say it.
+    scaling : bool
+        Percentages and factors are allowed.
+    resizing : bool
+        Sizes are allowed; else only offsets.
+    whole : bool
+        Whole pixels: sizes are rounded, and the second corner is a pixel inside.
+
+    Raises
+    ------
+    ParameterError
+        Another form.
+    """
+    form, numbers = _match(text)
+    allowed = (
+        (form.startswith("offset"))
+        or (resizing and form in ("corners", "window", "window,", "size"))
+        or (scaling and form in ("percents", "percent", "factor"))
+    )
+    if not allowed or (whole and form not in ("percents", "percent", "factor") and any(n % 1 for n in numbers)):
+        forms = "+X+Y" + ", WxH, WxH+X+Y or X0,Y0,X1,Y1" * resizing + ", P% or P%xQ%" * scaling
+        raise ParameterError(f"'{text}' is no window here: allowed is {forms}")
+    x, y, width, height = base
+    if form == "corners":
+        extra = 1 if whole else 0
+        x, y = numbers[:2]
+        width, height = max(0, numbers[2] - x + extra), max(0, numbers[3] - y + extra)
+    elif form in ("window", "window,", "size"):
+        width, height = _proportional(*numbers[:2], base, whole)
+        if form != "size":
+            x, y = numbers[2:]
+    elif form.startswith("offset"):
+        x, y = numbers
+    else:
+        width, height = _scaled(form, numbers, base, whole)
+    return Box(x, y, width, height)
+
+
+def parse_size(text: str) -> tuple[float, float]:
+    """'5x3.5' -> (5.0, 3.5).
+
+    Raises
+    ------
+    ParameterError
+        It is something else.
+    """
+    form, numbers = _match(text)
+    if form != "size":
+        raise ParameterError(f"'{text}' is no size: allowed is WxH")
+    return numbers[0], numbers[1]
+
+
+def parse_offset(text: str) -> tuple[int, int]:
+    """'+10-20' or '10,-20' -> (10, -20).
+
+    Raises
+    ------
+    ParameterError
+        It is something else.
+    """
+    form, numbers = _match(text)
+    if not form.startswith("offset") or any(n % 1 for n in numbers):
+        raise ParameterError(f"'{text}' is no offset: allowed is +X+Y")
+    return int(numbers[0]), int(numbers[1])
+
+
+def _match(text: str) -> tuple[str, list[float]]:
+    for form, pattern in _FORMS.items():
+        found = pattern.fullmatch(text.strip())
+        if found:
+            return form, [float(n) for n in found.groups()]
+    raise ParameterError(f"'{text}' is no size, offset or window: allowed is WxH, +X+Y, WxH+X+Y or X0,Y0,X1,Y1")
+
+
+def _proportional(width: float, height: float, base: Box, whole: bool) -> tuple[float, float]:
+    if width == 0 and base.height:
+        width = _rounded(height * base.width / base.height, whole)
+    if height == 0 and base.width:
+        height = _rounded(width * base.height / base.width, whole)
+    return width, height
+
+
+def _scaled(form: str, numbers: list[float], base: Box, whole: bool) -> tuple[float, float]:
+    share = 1.0 if form == "factor" else 0.01
+    x, y = [max(0.0, n * share) for n in (numbers * 2)[:2]]
+    x, y = x or y, y or x
+    return _rounded(base.width * x, whole), _rounded(base.height * y, whole)
+
+
+def _rounded(value: float, whole: bool) -> float:
+    return math.floor(value + 0.5) if whole else value

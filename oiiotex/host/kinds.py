@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The kinds of host ops: how an ImageBufAlgo function is computed window by window.
+
+An op of the host declares its parameters as any `Op` and says in `apply` which ImageBufAlgo function computes it. The
+kinds differ in what `apply` is given: pixel for pixel (`Point`), with a halo (`Area`), from elsewhere (`Remap`), or the
+whole image (`Whole`); `Respec` changes no pixel at all. OpenImageIO's functions give a window the same pixels whatever
+lies around it, as long as what they look at is there (tests/test_streaming.py holds every op to it).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import OpenImageIO as oiio
+
+from ..errors import ImageError, ParameterError
+from ..images import Image, Part, cropped, in_memory, one_line
+from ..op import Op, Output, Reach, Space
+from ..params import image, param
+from ..tiles import remembered
+from ..windows import Window
+
+if TYPE_CHECKING:
+    from ..session import Session
+
+
+@dataclass(frozen=True, kw_only=True)
+class HostOp(Op):
+    """What all share: which parts of an image are worked on."""
+
+    prefix: ClassVar[str] = "--"
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (Output("image", "the result"),)
+
+    subimages: str | None = param(
+        None, help="parts to work on, by number or name with commas between them, or all; -N leaves one out"
+    )
+    allsubimages: bool | None = param(None, help="work on all parts; as -a says when left out")
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The op's result from one part of each input."""
+        raise NotImplementedError
+
+    def compute(self, session: Session) -> Image:
+        """The result for each part worked on; without `allsubimages` the others are dropped, as oiiotool does."""
+        inputs = self.inputs()
+        first = inputs[0]
+        wanted = _chosen(self.subimages, first)
+        everything = self.allsubimages if self.allsubimages is not None else session.all_parts
+        count = len(first.parts) if everything or self.subimages else 1
+        parts = []
+        for n, part in enumerate(first.parts[:count]):
+            operands = [given.parts[min(n, len(given.parts) - 1)] for given in inputs]
+            parts.append(self.result(operands, session) if wanted is None or n in wanted else part)
+        return Image(tuple(parts), first.source)
+
+    def inputs(self) -> list[Image]:
+        """The images that it was given, in the order of declaration."""
+        given: list[Image] = []
+        for declared in self.images():
+            value = getattr(self, declared.name)
+            given += value if declared.many else [value]
+        return given
+
+
+def _chosen(subimages: str | None, first: Image) -> set[int] | None:
+    """The numbers of the parts meant by a `subimages` modifier; None for all."""
+    if subimages is None:
+        return None
+    included: set[int] = set()
+    excluded: set[int] = set()
+    names = [part.name for part in first.parts]
+    for word in filter(None, (w.strip() for w in subimages.split(","))):
+        bare = word.removeprefix("-")
+        if bare == "all":
+            included |= set(range(len(names)))
+        elif bare.isdigit() or bare in names:
+            (excluded if word != bare else included).add(int(bare) if bare.isdigit() else names.index(bare))
+        else:
+            raise ParameterError(f"subimages={subimages}: {first.source} has no part '{bare}'; it has {', '.join(names)}")
+    return (included or set(range(len(names)))) - excluded
+
+
+def checked(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+    """The buffer, unless it holds an error of OpenImageIO.
+
+    Raises
+    ------
+    ImageError
+        With OpenImageIO's text.
+    """
+    if buffer.has_error:
+        raise ImageError(one_line(buffer.geterror()))
+    return buffer
+
+
+def _blank(part: Part, window: Window) -> oiio.ImageBuf:
+    """Black pixels of the part's kind: what an op makes of them tells the spec of its result."""
+    spec = window.apply_to(part.spec)
+    spec.set_format(part.working_type)
+    return oiio.ImageBuf(spec)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point(HostOp):
+    """A pixel of the result follows from the pixels at its place."""
+
+    reach: ClassVar[Reach] = Reach.POINT
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The result over the data window that all buffers have."""
+        raise NotImplementedError
+
+    def window(self, parts: Sequence[Part]) -> Window:
+        """The result's data window: that of all inputs together."""
+        whole = parts[0].window
+        for part in parts[1:]:
+            whole |= part.window
+        return whole
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed."""
+        whole = self.window(parts)
+        corner = Window.sized(whole.left, whole.top, 1, 1)
+        spec = checked(self.apply(*(_blank(part, corner) for part in parts))).spec()
+
+        def fetch(window: Window) -> oiio.ImageBuf:
+            return checked(self.apply(*(_padded(part, window) for part in parts)))
+
+        return Part(parts[0].name, whole.apply_to(spec), fetch)
+
+
+def _padded(part: Part, window: Window) -> oiio.ImageBuf:
+    """The part's pixels over a window, black where it has none."""
+    if window & part.window == window:
+        return part.buffer(window)
+    return cropped(part, window).buffer(window)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remap(HostOp):
+    """A pixel of the result follows from pixels elsewhere."""
+
+    reach: ClassVar[Reach] = Reach.AREA
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """The result's windows, in a copy of the first spec."""
+        return oiio.ImageSpec(specs[0])
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """For each input, the window that a window of the result looks at; it may reach beyond the data window."""
+        raise NotImplementedError
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The result over the data window of `target`, from buffers that hold what it looks at."""
+        raise NotImplementedError
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed."""
+        specs = [part.spec for part in parts]
+        target = self.target(specs)
+        whole = Window.data(target)
+        near = [remembered(part, session.cache) for part in parts]
+
+        def at(window: Window, blank: bool) -> oiio.ImageBuf:
+            buffers = []
+            for part, wanted in zip(near, self.needs(window, specs), strict=True):
+                seen = wanted & part.window
+                if seen.empty:  # an op needs a pixel to look at, be it far away
+                    seen = _nearest(wanted, part.window)
+                buffers.append(_blank(part, seen) if blank else part.buffer(seen))
+            return checked(self.apply(window.apply_to(target), *buffers))
+
+        corner = Window.sized(whole.left, whole.top, 1, 1)
+        spec = at(corner, True).spec()
+        return Part(parts[0].name, whole.apply_to(spec), lambda window: at(window, False))
+
+
+def _nearest(wanted: Window, whole: Window) -> Window:
+    """The pixel of `whole` that lies nearest to a window outside it."""
+    x = min(max(wanted.left, whole.left), whole.right - 1)
+    y = min(max(wanted.top, whole.top), whole.bottom - 1)
+    return Window.sized(x, y, 1, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Area(Remap):
+    """A pixel of the result follows from a neighbourhood in one image."""
+
+    def halo(self) -> tuple[int, int]:
+        """How many pixels it looks to each side: (x, y)."""
+        raise NotImplementedError
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """The window with its halo."""
+        return [window.grown(*self.halo())]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Whole(HostOp):
+    """The result follows from all pixels together: it is computed at once, and held."""
+
+    reach: ClassVar[Reach] = Reach.GLOBAL
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The result from whole images."""
+        raise NotImplementedError
+
+    def result_bytes(self, parts: Sequence[Part]) -> int:
+        """Bytes that it needs beside its inputs."""
+        return _bytes(parts[0])
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The computed result."""
+        session.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
+        return in_memory(parts[0].name, checked(self.apply(*(part.buffer(part.window) for part in parts))))
+
+
+def _bytes(part: Part) -> int:
+    return part.spec.width * part.spec.height * part.spec.nchannels * 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Respec(HostOp):
+    """Pixels stay; windows, channel names or metadata change."""
+
+    reach: ClassVar[Reach] = Reach.POINT
+
+    source: Image = image(help="the image")
+
+    def change(self, spec: oiio.ImageSpec) -> None:
+        """Make the change."""
+        raise NotImplementedError
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The part under its new spec, written in its own type as before."""
+        return parts[0].respecced(self.change)
+
+    def compute(self, session: Session) -> Image:
+        """The image with all its parts; those not worked on stay as they are."""
+        changed = super().compute(session).parts
+        return Image((*changed, *self.source.parts[len(changed) :]), self.source.source)
+
+
+def renamed(part: Part, name: str) -> Part:
+    """The part under another name."""
+    return dataclasses.replace(part, name=name)

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plan tiles, keep what will be asked for again, fetch with halo, stream.
+
+Images are pulled: a writer asks the last part of a chain for one window after another, each part asks those before it.
+Nothing here knows files or colours.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import tempfile
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+
+from .errors import ImageError
+from .images import Part, Pixels, dtype_of, from_pixels
+from .windows import Window
+
+BAND_BYTES = 8 << 20  # of pixels that travel at once: large enough to hide a call's cost, small enough for caches
+WRAPS = ("black", "clamp", "periodic", "mirror")
+
+
+def rows_for(part: Part, limit: int = BAND_BYTES, multiple: int = 1) -> int:
+    """How many full rows make a band of about `limit` bytes, as floats, in multiples of `multiple`."""
+    row = max(1, part.spec.width * max(part.pixel_bytes, 4 * part.spec.nchannels))
+    return max(1, limit // row // multiple) * multiple
+
+
+def bands(part: Part, limit: int = BAND_BYTES) -> Iterator[Window]:
+    """The part from top to bottom in full rows of a few megabytes, as floats."""
+    return part.window.cells(part.spec.width, rows_for(part, limit))
+
+
+class PieceCache:
+    """Pieces of images, the least recently used of which go when their bytes exceed `limit`. Any thread may ask.
+
+    A piece that two threads ask for is made once. What is made ahead runs on a thread of its own, so that decoding
+    goes on while what was decoded is worked on.
+    """
+
+    def __init__(self, limit: int):
+        self.limit = limit
+        self._pieces: OrderedDict[Hashable, Future[np.ndarray]] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    @functools.cached_property
+    def _ahead(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(2, "oiiotex-read")
+
+    def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """The piece of that name, made now if it is not there."""
+        with self._lock:
+            piece = self._pieces.get(key)
+            if piece is not None:
+                self._pieces.move_to_end(key)
+            else:
+                mine = self._pieces[key] = Future()
+        if piece is not None:
+            return piece.result()
+        return self._fill(key, mine, make)
+
+    def ahead(self, key: Hashable, make: Callable[[], np.ndarray]) -> None:
+        """Have the piece made in the background, if it is not there."""
+        with self._lock:
+            if key in self._pieces:
+                return
+            mine = self._pieces[key] = Future()
+        self._ahead.submit(self._fill_quietly, key, mine, make)
+
+    def _fill_quietly(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> None:
+        try:
+            self._fill(key, mine, make)
+        except BaseException:  # whoever asks for the piece is told
+            pass
+
+    def _fill(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> np.ndarray:
+        try:
+            made = make()
+        except BaseException as error:
+            with self._lock:
+                self._pieces.pop(key, None)
+            mine.set_exception(error)
+            raise
+        mine.set_result(made)
+        with self._lock:
+            self._bytes += made.nbytes
+            for old in list(self._pieces):
+                if self._bytes <= self.limit:
+                    break
+                if old != key and self._pieces[old].done():
+                    self._bytes -= self._pieces.pop(old).result().nbytes
+        return made
+
+
+def assembled(
+    window: Window,
+    cell: tuple[int, int],
+    whole: Window,
+    piece: Callable[[Window], np.ndarray],
+) -> np.ndarray:
+    """The pixels of `window`, put together from the pieces of a grid of `cell` (width, height) over `whole`."""
+    cells = [whole_cell(c, cell, whole) for c in window.cells(*cell, origin=(whole.left, whole.top))]
+    if len(cells) == 1:
+        return piece(cells[0])[window.inside(cells[0])]
+    out: np.ndarray | None = None
+    for place in cells:
+        pixels, shared = piece(place), place & window
+        if out is None:
+            out = np.empty((window.height, window.width, pixels.shape[2]), pixels.dtype)
+        out[shared.inside(window)] = pixels[shared.inside(place)]
+    assert out is not None
+    return out
+
+
+def whole_cell(inside: Window, cell: tuple[int, int], whole: Window) -> Window:
+    """The grid's cell around `inside`, cut to `whole`."""
+    left = whole.left + (inside.left - whole.left) // cell[0] * cell[0]
+    top = whole.top + (inside.top - whole.top) // cell[1] * cell[1]
+    return Window.sized(left, top, *cell) & whole
+
+
+def remembered(part: Part, cache: PieceCache) -> Part:
+    """The same part, computed in bands that are kept for a while: for what looks at rows again (halos, copies)."""
+    if part.ready:
+        return part
+    owner, whole = object(), part.window
+    cell = (whole.width, rows_for(part, BAND_BYTES // 2))
+
+    def fetch(window: Window) -> np.ndarray:
+        return assembled(window, cell, whole, lambda place: cache.get((owner, place), lambda: part.read(place)))
+
+    return dataclasses.replace(part, fetch=fetch, ready=True)
+
+
+# --- random access ---
+
+
+def settled(part: Part, budget: int) -> Part:
+    """The same part where any window can be read in any order: in memory if it is small, else in a temporary file."""
+    size = part.spec.width * part.spec.height * part.pixel_bytes
+    if size <= budget // 4:
+        pixels = np.empty((part.spec.height, part.spec.width, part.spec.nchannels), dtype_of(part.spec))
+        for window in bands(part):
+            pixels[window.inside(part.window)] = part.read(window)
+        kept = from_pixels(part.name, pixels, part.spec, part.stored)
+    else:
+        spill = _Spill(part)
+        for window in part.window.cells(part.spec.width, spill.rows):
+            spill.put(window, part.read(window))
+        kept = dataclasses.replace(part, fetch=spill.get, ready=True)
+    return dataclasses.replace(kept, native=part.native)
+
+
+class _Spill:
+    """A part's pixels in an unnamed temporary file, in square tiles; the system removes it with the process."""
+
+    SIDE = 256
+
+    def __init__(self, part: Part):
+        self._whole = part.window
+        self._dtype = np.dtype(dtype_of(part.spec))
+        self._channels = part.spec.nchannels
+        self._tile_bytes = self.SIDE * self.SIDE * part.pixel_bytes
+        self._across = -(-self._whole.width // self.SIDE)
+        self.rows = self.SIDE
+        # not under /tmp where that is memory: TMPDIR says where there is room
+        self._file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as the part
+
+    def put(self, window: Window, pixels: np.ndarray) -> None:
+        """Keep a band of rows that begins at a tile's edge."""
+        for place in window.cells(self.SIDE, self.SIDE):
+            tile = np.zeros((self.SIDE, self.SIDE, self._channels), self._dtype)
+            tile[: place.height, : place.width] = pixels[place.inside(window)]
+            try:
+                os.pwrite(self._file.fileno(), tile, self._offset(place))
+            except OSError as error:
+                folder = tempfile.gettempdir()
+                raise ImageError(f"no room for intermediate results in {folder} (set TMPDIR): {error}") from error
+
+    def get(self, window: Window) -> np.ndarray:
+        """Any window."""
+        return assembled(window, (self.SIDE, self.SIDE), self._whole, self._tile)
+
+    def _tile(self, place: Window) -> np.ndarray:
+        data = os.pread(self._file.fileno(), self._tile_bytes, self._offset(place))
+        tile = np.frombuffer(data, self._dtype).reshape(self.SIDE, self.SIDE, self._channels)
+        return tile[: place.height, : place.width]
+
+    def _offset(self, place: Window) -> int:
+        row, column = (place.top - self._whole.top) // self.SIDE, (place.left - self._whole.left) // self.SIDE
+        return (row * self._across + column) * self._tile_bytes
+
+
+# --- halo ---
+
+
+def with_halo(part: Part, window: Window, wrap: str) -> np.ndarray:
+    """The pixels of a window that may reach beyond the data window, by wrap mode.
+
+    Parameters
+    ----------
+    part : Part
+    window : Window
+    wrap : str
+        'black', 'clamp' (the nearest pixel), 'periodic', or 'mirror' (the edge pixel twice, as OpenImageIO has it).
+
+    Raises
+    ------
+    ImageError
+        Another wrap mode.
+    """
+    if wrap not in WRAPS:
+        raise ImageError(f"no wrap mode '{wrap}'; there is {', '.join(WRAPS)}")
+    whole = part.window
+    if window & whole == window:
+        return part.read(window)
+    out = np.zeros((window.height, window.width, part.spec.nchannels), dtype_of(part.spec))
+    for rows, source_rows in _pieces(window.top, window.bottom, whole.top, whole.bottom, wrap):
+        for columns, source_columns in _pieces(window.left, window.right, whole.left, whole.right, wrap):
+            source = Window(source_columns.start, source_rows.start, source_columns.stop, source_rows.stop)
+            pixels = part.read(source)
+            flip_y, flip_x = source_rows.step, source_columns.step
+            out[rows, columns] = pixels[::flip_y, ::flip_x]
+    return out
+
+
+def _pieces(begin: int, end: int, low: int, high: int, wrap: str) -> Iterator[tuple[slice, slice]]:
+    """Along one axis: (where in the output, where in the image: start < stop, step -1 where it is mirrored)."""
+    size, at = high - low, begin
+    while at < end:
+        turn, place = divmod(at - low, size)
+        if low <= at < high or wrap in ("periodic", "mirror"):
+            count = min(end - at, size - place)
+            mirrored = wrap == "mirror" and turn % 2 == 1
+            start = high - place - count if mirrored else low + place
+            yield slice(at - begin, at - begin + count), slice(start, start + count, -1 if mirrored else 1)
+        else:  # outside: one edge pixel for all
+            count = (min(end, low) if at < low else end) - at
+            if wrap == "clamp":
+                edge = low if at < low else high - 1
+                yield slice(at - begin, at - begin + count), slice(edge, edge + 1, 1)
+        at += count
+
+
+# --- streaming ---
+
+
+def stream(part: Part, windows: Iterable[Window], buffers: bool = False) -> Iterator[tuple[Window, Pixels]]:
+    """The part's windows in order; the next one is computed while the caller works on this one."""
+    fetch = part.buffer if buffers else part.read
+    with ThreadPoolExecutor(1, "oiiotex-compute") as worker:
+        pending: tuple[Window, Future] | None = None
+        try:
+            for window in windows:
+                following = (window, worker.submit(fetch, window))
+                if pending is not None:
+                    yield pending[0], pending[1].result()
+                pending = following
+            if pending is not None:
+                yield pending[0], pending[1].result()
+        finally:
+            worker.shutdown(wait=True, cancel_futures=True)

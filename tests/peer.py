@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The same chain through the wheel's own oiiotool and through oiiotex: pixels, type, windows, channels, metadata."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from oiiotex.cli.main import run
+
+OIIOTOOL = Path(sys.executable).parent / "oiiotool"
+# what names the program that wrote a file, and when
+_OWN = ("Software", "DateTime", "Exif:ImageHistory", "capDate")
+
+
+def same(folder: Path, *words: object, tolerance: float = 0.0) -> None:
+    """Run a chain that writes 'OUT.<ext>' through both programs in `folder` and compare what they write.
+
+    `tolerance` is the largest difference of a pixel value that is let pass; nothing else is.
+    """
+    texts = [str(word) for word in words]
+    theirs = [text.replace("OUT.", "theirs.") for text in texts]
+    ours = [text.replace("OUT.", "ours.") for text in texts]
+    done = subprocess.run([OIIOTOOL, *theirs], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr + done.stdout
+    status = run(ours, folder)
+    assert status == 0, status
+    for text in texts:
+        if "OUT." in text:
+            name = text[text.index("OUT.") :]
+            assert_same_file(folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance)
+
+
+def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:
+    """Compare two image files in everything that matters."""
+    a, b = oiio.ImageInput.open(str(ours)), oiio.ImageInput.open(str(theirs))
+    assert a is not None and b is not None, oiio.geterror()
+    subimage = 0
+    while True:
+        there = a.seek_subimage(subimage, 0), b.seek_subimage(subimage, 0)
+        assert there[0] == there[1], f"part {subimage}: {there}"
+        if not there[0]:
+            return
+        level = 0
+        while True:
+            there = a.seek_subimage(subimage, level), b.seek_subimage(subimage, level)
+            assert there[0] == there[1], f"part {subimage} level {level}: {there}"
+            if not there[0]:
+                break
+            assert facts(a.spec()) == facts(b.spec())
+            x, y = (i.read_image(subimage, level, 0, i.spec().nchannels, i.spec().format) for i in (a, b))
+            if tolerance:
+                np.testing.assert_allclose(x.astype(np.float64), y.astype(np.float64), rtol=0, atol=tolerance)
+            else:
+                np.testing.assert_array_equal(x, y)
+            level += 1
+        subimage += 1
+
+
+def facts(spec: oiio.ImageSpec) -> dict[str, object]:
+    """What a spec says, less what names the program that wrote it."""
+    found: dict[str, object] = {
+        name: getattr(spec, name)
+        for name in ("x", "y", "width", "height", "full_x", "full_y", "full_width", "full_height", "nchannels",
+                     "channelnames", "alpha_channel", "z_channel", "tile_width", "tile_height")
+    }  # fmt: skip
+    found["type"] = [str(spec.channelformat(c)) for c in range(spec.nchannels)]
+    for attribute in spec.extra_attribs:
+        if attribute.name not in _OWN and not attribute.name.startswith("oiiotex:"):
+            value = attribute.value
+            found[attribute.name] = value.tolist() if isinstance(value, np.ndarray) else value
+    return found
