@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Colour spaces: the only room that knows OpenColorIO. File colour space -> CIE Lab D65, or data left alone."""
+"""Colour spaces: the only room that knows OpenColorIO. File colour space <-> CIE Lab D65, or data left alone."""
 
 from __future__ import annotations
 
@@ -68,13 +68,32 @@ class ColorConfig:
     def to_lab(self, name: str) -> Callable[[np.ndarray], None]:
         """A function that turns contiguous (..., 3) float32 of that space into Lab in place.
 
-        Lossless: OCIO's default optimisation is forty times less exact on this path.
+        Lossless: OCIO's default optimisation is forty times less exact on this path. Arrays of (..., 4), whose last
+        value stays as it is, go twice as fast and come to the same bits.
         """
+        return self._converter(name, forward=True)
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019
+    def from_lab(self, name: str) -> Callable[[np.ndarray], None]:
+        """The inverse of `to_lab`: a function that turns Lab into that space in place.
+
+        There and back moves a value of a matrix-and-curve space by less than 3e-5 of its size, or 2e-6 near 0.
+        """
+        return self._converter(name, forward=False)
+
+    def _converter(self, name: str, forward: bool) -> Callable[[np.ndarray], None]:
+        ends = (self._config, self.resolve(name)), (_lab_config(), "Lab")
         try:
-            processor = ocio.Config.GetProcessorFromConfigs(self._config, self.resolve(name), _lab_config(), "Lab")
-            return processor.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS).applyRGB
+            processor = ocio.Config.GetProcessorFromConfigs(*(ends[0] + ends[1] if forward else ends[1] + ends[0]))
+            made = processor.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
         except (ocio.Exception, ocio.ExceptionMissingFile) as error:
-            raise ColorError(f"no way from '{name}' to CIE Lab: {' '.join(str(error).split())}") from error
+            way = f"from '{name}' to CIE Lab" if forward else f"from CIE Lab to '{name}'"
+            raise ColorError(f"no way {way}: {' '.join(str(error).split())}") from error
+
+        def convert(values: np.ndarray) -> None:
+            (made.applyRGBA if values.shape[-1] == 4 else made.applyRGB)(values)
+
+        return convert
 
 
 @functools.cache
@@ -118,6 +137,33 @@ def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
     return by_name
 
 
+def colour_space(image: Image, config: ColorConfig | None, autocc: bool = False) -> str | None:
+    """The image's colour space, or None where its channels are data: without a config, or because the space says so.
+
+    Raises
+    ------
+    ImageError
+        Two channels that are to be taken as colour.
+    ColorError
+        As by `space_of`.
+    """
+    if config is None:
+        return None
+    space = space_of(image, config, autocc)
+    if config.is_data(space):
+        return None
+    count = len(channels_of(image.first.spec).colour)
+    if count not in (1, 3):
+        raise ImageError(f"{image.source} has {count} channels beside alpha: no colour; add :data=1")
+    return space
+
+
+def refuse_broken(broken: np.ndarray, name: str) -> None:
+    """Raise ImageError if any of (NaN, Inf) values have been counted."""
+    if broken.any():
+        raise ImageError(f"{name} has {broken[0]} NaN and {broken[1]} Inf values: add --fixnan box3 after it")
+
+
 def working_values(image: Image, config: ColorConfig | None, autocc: bool = False) -> Working:
     """The image's first part as the filters see it.
 
@@ -139,36 +185,28 @@ def working_values(image: Image, config: ColorConfig | None, autocc: bool = Fals
     """
     part = image.first
     channels = channels_of(part.spec)
-    convert = None
-    if config is not None:
-        space = space_of(image, config, autocc)
-        if not config.is_data(space):
-            convert = config.to_lab(space)
-            if len(channels.colour) not in (1, 3):
-                raise ImageError(
-                    f"{image.source} has {len(channels.colour)} channels beside alpha: no colour; add :data=1"
-                )
+    space = colour_space(image, config, autocc)
+    convert = None if config is None or space is None else config.to_lab(space)
     values = np.zeros((part.spec.height, part.spec.width, 3), np.float32)
     alpha = np.ones((part.spec.height, part.spec.width), np.float32) if channels.alpha is not None else None
     broken = np.zeros(2, np.int64)
     used = [*channels.colour, *([] if channels.alpha is None else [channels.alpha])]
     for window in bands(part):
         place = window.inside(part.window)
-        rows = _as_float(part.read(window))
+        rows = as_float(part.read(window))
         seen = rows[..., used]  # depth and the like may well be infinite
         broken += np.isnan(seen).sum(), np.isinf(seen).sum()
         _fill(values[place], None if alpha is None else alpha[place], rows, channels)
         if convert is not None and not broken.any():
             convert(values[place])
-    if broken.any():
-        raise ImageError(f"{image.source} has {broken[0]} NaN and {broken[1]} Inf values: add --fixnan box3 after it")
+    refuse_broken(broken, image.source)
     opaque = None if alpha is None or alpha.all() else alpha != 0
     if convert is None:
         values = _scaled(values, opaque, 3 if len(channels.colour) == 1 else len(channels.colour))
     return Working(values, opaque)
 
 
-def _as_float(rows: np.ndarray) -> np.ndarray:
+def as_float(rows: np.ndarray) -> np.ndarray:
     """Pixel values as OpenImageIO means them: integers as shares of their type's largest value."""
     if rows.dtype.kind in "ui":
         return rows.astype(np.float32) * np.float32(1.0 / np.iinfo(rows.dtype).max)

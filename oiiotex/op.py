@@ -50,6 +50,7 @@ class Op:
     """
 
     prefix: ClassVar[str] = "--tex"
+    aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
     name: ClassVar[str]
     reach: ClassVar[Reach]
     space: ClassVar[Space]

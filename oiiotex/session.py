@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -47,6 +48,8 @@ class Session:
         Time every kernel.
     stats : Stats
         Where the time went.
+    words : tuple of str
+        The command line, for what files say of the program that wrote them.
     written : set of str
         Real paths of files that ops wrote beside their result; `-o` must not overwrite them.
     """
@@ -61,6 +64,7 @@ class Session:
     measure: bool = False
     profile: bool = False
     stats: Stats = field(default_factory=Stats)
+    words: tuple[str, ...] = ()
     written: set[str] = field(default_factory=set)
 
     @functools.cached_property
@@ -109,6 +113,32 @@ class Session:
         """
         if self.progress is not None and self.progress(done, total) is False:
             raise Interrupted("stopped by the progress callback")
+
+
+def usable_threads() -> int:
+    """CPU threads that this process may use: by affinity, and by the quota of its cgroup."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    for quota in _quotas():
+        count = min(count, max(1, math.ceil(quota)))
+    return count
+
+
+def _quotas() -> list[float]:
+    """CPUs that the cgroup allows, where it says so."""
+    found = []
+    try:
+        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
+        found.append(int(quota) / int(period))
+    except (OSError, ValueError):  # absent, or the word 'max'
+        pass
+    try:
+        folder = Path("/sys/fs/cgroup/cpu")
+        quota, period = ((folder / f"cpu.cfs_{n}_us").read_text() for n in ("quota", "period"))
+        if int(quota) > 0:
+            found.append(int(quota) / int(period))
+    except (OSError, ValueError):
+        pass
+    return found
 
 
 def memory() -> int:

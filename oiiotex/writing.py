@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import os
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -176,8 +177,9 @@ def _specs(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.I
             spec = oiio.ImageSpec(level.spec)
             _set_types(spec, part, n, how)
             _set_tiles(spec, how, tiled)
-            if several:
+            if several and not re.fullmatch(r"part\d+", part.name):  # OpenImageIO numbers the nameless
                 spec.attribute("oiio:subimagename", part.name)
+            if several:
                 if n > 0 and shared is not None:
                     spec.attribute("PixelAspectRatio", shared)
             if not spec.tile_width or not part.levels:
@@ -204,7 +206,10 @@ def _set_types(spec: oiio.ImageSpec, part: Part, n: int, how: Format) -> None:
     by_channel = dict(how.channel_types)
     if wanted is not None and wanted != part.stored:
         spec.set_format(wanted)
-    elif part.stored is None:
+    elif part.stored is not None:
+        if part.stored != spec.format:
+            spec.set_format(part.stored)
+    else:
         spec.set_format(how.computed_type or spec.format)
         by_channel = {**how.computed_channels, **by_channel}
     types = [spec.channelformat(c) for c in range(spec.nchannels)]

@@ -15,8 +15,10 @@ from ..images import Image, type_named
 from ..op import Op
 from ..params import Parameter
 from ..session import Session
+from .access import ChainAccess
 from .expressions import Expressions
 from .parse import Step, split_modifiers, values_of
+from .sequences import Frame
 
 log = logging.getLogger("oiiotex")
 
@@ -26,14 +28,6 @@ class StepError(Error):
 
     def __init__(self, step: Step, cause: Error):
         super().__init__(f"{step.name} : {cause}" if step.word.startswith("-") else str(cause))
-
-
-@dataclass
-class Frame:
-    """Where in a sequence the run is."""
-
-    number: int | None = None
-    padding: int = 0
 
 
 @dataclass
@@ -81,17 +75,29 @@ class Chain:
     user : dict
         The user's variables, for expressions.
     first : First
+    read_input : callable
+        What is done with a file's name.
+    inputs : list of str
+        The files that were read.
     settings : dict
         What options have set for later ones, by the option's name.
     status : int
         Exit code of the run so far.
-    idle : str
-        Why the run would be in vain, or nothing: an image has been made and not written.
+    position : int
+        The step that comes next; control flow moves it.
+    skipping : bool
+        Steps are passed over: the condition around them does not hold.
+    loops : list
+        The open --if, --while and --for.
+    unwritten, used : bool
+        An image has been made and not written; something was written or printed.
     """
 
-    def __init__(self, session: Session, frame: Frame | None = None):
+    def __init__(self, session: Session, read_input: Callable[[Chain, str], None], frame: Frame | None = None):
+        self.read_input = read_input
         self.session = session
-        self.frame = frame or Frame()
+        self.frame = frame
+        self.inputs: list[str] = []
         self.stack: list[Image] = []
         self.labelled: dict[str, Image] = {}
         self.user: dict[str, int | float | str] = {}
@@ -103,9 +109,9 @@ class Chain:
         self.skipping = False
         self.loops: list[Any] = []
         self.unwritten = False
-        self.used = False  # something was written or printed
+        self.used = False
         self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
-        self._expressions = Expressions(self)
+        self._expressions = Expressions(ChainAccess(self))
 
     # --- the stack ---
 
@@ -155,9 +161,7 @@ class Chain:
     def _do(self, step: Step) -> None:
         word = self.expressed(step.word) if not (self.skipping and step.option) else step.word
         if step.op is None and step.option is None:
-            from .reading import read_input
-
-            read_input(self, word)
+            self.read_input(self, word)
             return self._run_waiting()
         texts = step.arguments if step.option and step.option.control else tuple(map(self.expressed, step.arguments))
         if step.op is not None:
@@ -215,17 +219,11 @@ class Chain:
         self.push(result)
         self.unwritten = True
 
-    # --- what expressions ask for ---
-
     def image(self, index: int) -> Image:
         """The image at that depth, 0 the top."""
         if not 0 <= index < len(self.stack):
             raise ParameterError(f"there is no image {index}: the stack holds {len(self.stack)}")
         return self.stack[-1 - index]
-
-    def depth(self) -> int:
-        """How many images the stack holds."""
-        return len(self.stack)
 
 
 def _bound(declared: tuple[Parameter, ...], operands: list[Image]) -> dict[str, Any]:
@@ -233,6 +231,3 @@ def _bound(declared: tuple[Parameter, ...], operands: list[Image]) -> dict[str, 
     if len(declared) == 1 and declared[0].many:
         return {declared[0].name: tuple(operands)}
     return {parameter.name: image for parameter, image in zip(declared, operands, strict=True)}
-
-
-Run = Callable[..., None]

@@ -60,7 +60,7 @@ def is_quoted(text: str) -> bool:
 
 
 def _whole(number: np.float32) -> int:
-    if not _INT32.min <= number <= _INT32.max:  # false for NaN too
+    if not _INT32.min <= float(number) <= _INT32.max:  # false for NaN too
         raise ParameterError(f"{shown(number)} is not a whole number of 32 bit")
     return int(number)
 
@@ -149,9 +149,7 @@ def _argument(text: str) -> Value:
         return whole
     if number is None:
         return text
-    return (
-        float(number) if "x" in text.lower() else float(text)
-    )  # the decimal digits as they are, not in single precision
+    return float(number) if "x" in text.lower() else float(text)  # of double precision, as there
 
 
 def _formatted(value: Value, spec: str) -> str:
@@ -161,16 +159,18 @@ def _formatted(value: Value, spec: str) -> str:
     if match is None or match["type"] not in ("", *types):
         raise ValueError(f"'{spec}' does not fit {value!r}")
     kind, precision, zero = match["type"], match["precision"] or "", match["zero"] or ""
+    align = match["align"] or ""
     if isinstance(value, float):
         kind, precision = (kind, precision) if kind else ("g", precision) if precision else _shortest(value)
-        zero = zero if math.isfinite(value) else ""
+        if not math.isfinite(value):  # fmt sets it left, and no zeros before it
+            align, zero = align or ("" if zero else "<"), ""
     elif kind == "c":
         value, kind = chr(int(value)).encode().decode(), "s"  # no half of a surrogate pair
     if isinstance(value, str) and (match["sign"] or match["alternate"] or zero):
         raise ValueError(f"'{spec}' is for numbers, not {value!r}")
-    zero = "" if match["align"] else zero  # in fmt, alignment wins
-    flags = "".join(match[name] or "" for name in ("fill", "align", "sign", "alternate"))
-    text = format(value, f"{flags}{zero}{match['width']}{precision}{kind.replace('B', 'b')}")
+    zero = "" if align else zero  # in fmt, alignment wins
+    flags = f"{match['fill'] or ''}{align}{match['sign'] or ''}{match['alternate'] or ''}{zero}"
+    text = format(value, f"{flags}{match['width']}{precision}{kind.replace('B', 'b')}")
     return text.replace("0b", "0B", 1) if kind == "B" else text
 
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -63,7 +63,7 @@ class ImageAccess(Protocol):
     def variables(self) -> Mapping[str, Value]:
         """The user variables of --set and --for."""
 
-    def frame(self) -> int | None:
+    def frame_number(self) -> int | None:
         """The frame of the sequence that is worked on, if any."""
 
     def frame_padding(self) -> int:
@@ -74,6 +74,9 @@ class ImageAccess(Protocol):
 
     def statistics(self, image: Image) -> oiio.PixelStats:
         """Per channel of the first part: min, max, avg, nancount, infcount."""
+
+    def constant_colour(self, image: Image) -> Sequence[float] | None:
+        """The colour that all pixels of the first part have, if there is one, as isConstantColor() sees it."""
 
     def metadata_text(self, image: Image, verbose: bool, native: bool) -> str:
         """What --printinfo shows: verbose of all parts, else a line on the first; pixel types in memory or native."""
@@ -134,16 +137,8 @@ def _described(verbose: bool, native: bool) -> Callable[[ImageAccess, Image], st
     return lambda access, image: access.metadata_text(image, verbose, native).removesuffix("\n")
 
 
-def _constant(image: Image) -> np.ndarray | None:
-    """The colour that all pixels of the first part have, if there is one."""
-    part = image.first
-    colour = part.rows(0, 1)[0, 0]
-    single = part.spec.width * part.spec.height == 1  # then even NaN is constant
-    return colour if single or all((part.rows(*band) == colour).all() for band in part.bands()) else None
-
-
-def _is_black(image: Image) -> bool:
-    colour = _constant(image)
+def _is_black(access: ImageAccess, image: Image) -> bool:
+    colour = access.constant_colour(image)
     return colour is not None and bool(colour[0] == 0)  # oiiotool looks at no other channel
 
 
@@ -162,8 +157,8 @@ _PROPERTIES: dict[str, Callable[[ImageAccess, Image], str]] = {
     "METABRIEF": _described(verbose=False, native=False),
     "METANATIVEBRIEF": _described(verbose=False, native=True),
     "STATS": lambda access, image: access.statistics_text(image).removesuffix("\n"),
-    "IS_CONSTANT": lambda access, image: str(int(_constant(image) is not None)),
-    "IS_BLACK": lambda access, image: str(int(_is_black(image))),
+    "IS_CONSTANT": lambda access, image: str(int(access.constant_colour(image) is not None)),
+    "IS_BLACK": lambda access, image: str(int(_is_black(access, image))),
     "SUBIMAGES": lambda access, image: str(len(image.parts)),
 }
 
@@ -226,7 +221,7 @@ class _Evaluation:
 
     def _take(self, pattern: str) -> str:
         """What stands here and matches `pattern`, behind white space; the reading goes on behind it."""
-        match = re.compile(rf"\s*({pattern})", re.ASCII).match(self._text, self._at)
+        match = re.compile(rf"\s*+({pattern})", re.ASCII).match(self._text, self._at)
         self._at = match.end() if match else self._at
         return match[1] if match else ""
 
@@ -236,11 +231,12 @@ class _Evaluation:
 
     def _sum(self) -> str:
         value = self._product()
-        if is_quoted(value):
-            return value[1:-1]
-        total = number_in(value)
+        quoted = is_quoted(value)
+        total = None if quoted else number_in(value)
         if total is None:
-            return value
+            if self._take(r"[-+<=>!&|*/%]"):
+                raise ParameterError(f"'{value}' is not a number")
+            return value[1:-1] if quoted else value
         while word := self._take(r"[-+<=>!&|]+"):
             if word not in SUMS:
                 raise ParameterError(f"no operator '{word}'; if it is two, put a space between them")
@@ -249,7 +245,7 @@ class _Evaluation:
 
     def _product(self) -> str:
         value = self._atom()
-        total = None if is_quoted(value) else number(value)
+        total = None if is_quoted(value) else number_in(value)
         if total is None:
             return value
         while word := self._take(r"//|[*/%]"):
@@ -301,9 +297,9 @@ class _Evaluation:
             self._want("]", "of IMG[...]")
             return self._of_image(self._image(which))
         if name == "FRAME_NUMBER":
-            return str(self._images.frame() or 0)
+            return str(self._images.frame_number() or 0)
         if name == "FRAME_NUMBER_PAD":
-            digits, frame = self._images.frame_padding(), self._images.frame() or 0
+            digits, frame = self._images.frame_padding(), self._images.frame_number() or 0
             return f'"{frame:0{digits}d}"' if digits else str(frame)
         if name == "NIMAGES":
             return str(self._images.depth())

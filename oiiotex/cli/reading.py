@@ -1,34 +1,232 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Options that read images."""
+"""Options that read images, and those that say how."""
 
 from __future__ import annotations
 
 import logging
+import os
+from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+import OpenImageIO as oiio
+
+from ..errors import ImageError, ParameterError
 from ..files import read
+from ..images import Image, Part, from_buffer, in_memory, type_named
+from ..params import param
+from ..text_values import set_attribute
+from ..windows import Window
+from . import printing
 from .chain import Chain
+from .control import SetModifiers
+from .output import switch
 from .parse import Option
+from .stack import thumbnail
 
 log = logging.getLogger("oiiotex")
 
 
-def read_input(chain: Chain, path: str) -> None:
+@dataclass(frozen=True)
+class ReadModifiers:
+    """Of -i."""
+
+    autocc: bool | None = param(None, help="convert to scene linear, from the colour space that name or tag say")
+    unpremult: bool | None = param(None, help="convert colours undone of alpha")
+    native: bool | None = param(None, help="ops work on the file's own pixel type instead of float")
+    type: str | None = param(None, help="ops work on this pixel type instead of float")
+    ch: str | None = param(None, help="channels to read, as --ch takes them")
+    info: int | None = param(None, ge=0, le=2, help="print what --info does; 2: at length")
+    infoformat: str = param("", choices=("", "text", "xml"), help="as text or xml")
+    now: bool = param(False, help="read the file now; it is read piece by piece when it is needed else")
+    get_thumbnail: bool = param(False, help="the file's thumbnail instead of its pixels")
+
+
+def read_input(chain: Chain, path: str, **modifiers: Any) -> None:
     """Put an image file, or the image of that label, on the stack."""
+    given = ReadModifiers(**modifiers)
     if path in chain.labelled:
         chain.push(chain.labelled[path])
         return
-    log.info("read %s", path)
-    image = read(path, chain.session.cache, native=bool(chain.settings.get("--native")))
-    chain.first.learn(image)
+    log.info("reading %s", path)
+    try:
+        image = _opened(chain, path, given)
+    except ImageError as error:
+        image = _substitute(chain, error)
+    else:
+        chain.inputs.append(path)
+        chain.first.learn(image)
     chain.push(image)
+    _prepare(chain, path, given)
 
 
-def native(chain: Chain) -> None:
-    """What is read keeps its pixel type."""
-    chain.settings["--native"] = True
+def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
+    settings = chain.settings
+    native = bool(settings.get("--native")) if given.native is None else given.native
+    config = settings.pop("--iconfig", None)
+    if settings.get("--no-autopremult"):
+        config = config or oiio.ImageSpec()
+        config.attribute("oiio:UnassociatedAlpha", 1)
+    image = read(path, chain.session.cache, native=native, config=config)
+    if given.type is not None:
+        image = _retyped(image, type_named(given.type))
+    if given.now:
+        parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
+        image = Image(parts, image.source)
+    return image
+
+
+def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
+    """The image as if its file held another pixel type."""
+
+    def retyped(part: Part) -> Part:
+        spec = oiio.ImageSpec(part.spec)
+        spec.set_format(kind)
+
+        def fetch(window: Window) -> np.ndarray:
+            pixels = part.buffer(window).get_pixels(kind, window.roi(spec.nchannels))
+            return pixels.reshape(window.height, window.width, spec.nchannels)
+
+        return Part(part.name, spec, fetch, part.stored, native=True)
+
+    return Image(tuple(map(retyped, image.parts)), image.source)
+
+
+def _substitute(chain: Chain, error: ImageError) -> Image:
+    """What --missingfile puts in the place of a file that cannot be read."""
+    policy = chain.settings.get("--missingfile", "error")
+    if policy == "error":
+        raise error
+    log.warning("%s; %s instead", error, policy)
+    spec = oiio.ImageSpec(1920, 1080, 4, oiio.FLOAT)
+    if chain.first.spec is not None:
+        spec.copy_dimensions(chain.first.spec)
+        spec.channelnames = chain.first.spec.channelnames
+        spec.alpha_channel, spec.z_channel = chain.first.spec.alpha_channel, chain.first.spec.z_channel
+        spec.set_format(oiio.FLOAT)
+        spec.tile_width = spec.tile_height = 0
+    buffer = oiio.ImageBuf(spec)
+    if policy == "checker":
+        dark, light = (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0)
+        oiio.ImageBufAlgo.checker(buffer, 64, 64, 1, dark, light)
+    return from_buffer(buffer)
+
+
+def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
+    """What is done to an image as soon as it has been read."""
+    if given.ch is not None:
+        from ..host import Channels
+
+        chain.apply(Channels, (given.ch,), {"allsubimages": True})
+    printing.print_input(chain, chain.top)
+    if given.get_thumbnail:
+        thumbnail(chain)
+    if chain.settings.get("--autoorient"):
+        from ..host import Reorient
+
+        chain.apply(Reorient, (), {})
+    automatic = chain.session.autocc if given.autocc is None else given.autocc
+    if automatic:
+        _to_linear(chain, path, bool(given.unpremult))
+
+
+def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
+    """Convert to scene linear from the space that the file's name, or else its tag, says (--autocc)."""
+    from ..host import ColorConvert
+
+    colors = chain.session.color
+    space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")
+    linear = colors.linear
+    if space and linear and not colors.same(space, linear):
+        chain.apply(ColorConvert, (space, linear), {"strict": False, "unpremult": unpremult})
+
+
+def missing_file(chain: Chain, policy: str) -> None:
+    """What a file that cannot be read is replaced by."""
+    if policy not in ("error", "black", "checker"):
+        raise ParameterError(f"'{policy}': allowed is error, black or checker")
+    chain.settings["--missingfile"] = policy
+
+
+def input_attribute(chain: Chain, name: str, text: str, type: str | None = None) -> None:
+    """A hint for the reader of the next file."""
+    config = chain.settings.setdefault("--iconfig", oiio.ImageSpec())
+    if text:
+        set_attribute(config, name, text, type)
+    else:
+        config.erase_attribute(name)
+
+
+def test_read(chain: Chain, path: str) -> None:
+    """Read a file and forget it."""
+    for part in read(path, chain.session.cache).parts:
+        for window in part.window.cells(part.spec.width, 64):
+            part.read(window)
+    print(f"{path} : {os.path.getsize(path)} bytes can be read")
+    chain.used = True
+
+
+def all_parts(chain: Chain) -> None:
+    """Ops work on all parts from here on."""
+    chain.session.all_parts = True
+
+
+@dataclass(frozen=True)
+class AutoccModifiers:
+    """Of --autocc."""
+
+    unpremult: bool = param(False, help="convert colours undone of alpha")
+
+
+def autocc_on(chain: Chain, unpremult: bool = False) -> None:
+    """Convert from and to the colour spaces that names of files say, from here on."""
+    chain.session.autocc = True
+    chain.settings["--autocc unpremult"] = unpremult
+
+
+def autocc_off(chain: Chain) -> None:
+    """No longer convert by names of files."""
+    chain.session.autocc = False
 
 
 OPTIONS = (
-    Option("-i", ("FILE",), "read an image (as naming it does) and put it on the stack", read_input),
-    Option("--native", (), "ops work on the pixel type of the file instead of float", native, state=True),
+    Option("-i", ("FILE",), "read an image (as naming it does) and put it on the stack", read_input, ReadModifiers),
+    Option(
+        "--iconfig", ("NAME", "VALUE"), "a hint for the reader of the next file", input_attribute, SetModifiers, state=True
+    ),
+    Option("--missingfile", ("POLICY",), "files that cannot be read: error, black or checker", missing_file, state=True),
+    Option("--testread", ("FILE",), "read a file and forget it", test_read, state=True),
+    Option("-a", (), "ops work on all parts (subimages), not on the first alone", all_parts, state=True),
+    Option("--native", (), "ops work on the pixel type of the file instead of float", switch("--native"), state=True),
+    Option(
+        "--no-autopremult",
+        (),
+        "colours of files with unassociated alpha stay as they are",
+        switch("--no-autopremult"),
+        state=True,
+    ),
+    Option(
+        "--autopremult",
+        (),
+        "colours of files with unassociated alpha are multiplied by it (as is the rule)",
+        switch("--no-autopremult", False),
+        state=True,
+    ),
+    Option(
+        "--autoorient",
+        (),
+        "turn images upright as they are read",
+        switch("--autoorient"),
+        state=True,
+        aliases=("--auto-orient",),
+    ),
+    Option(
+        "--autocc",
+        (),
+        "convert from and to the colour spaces that names of files say, by the config's file rules",
+        autocc_on,
+        AutoccModifiers,
+        state=True,
+    ),
+    Option("--noautocc", (), "no longer convert by names of files", autocc_off, state=True),
 )

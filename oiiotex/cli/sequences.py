@@ -37,7 +37,6 @@ SETTINGS: dict[str, tuple[tuple[str, ...], str]] = {
     "--skip-bad-frames": ((), "go on with the next frame where one fails"),
     "--parallel-frames": ((), "run several frames at a time"),
 }
-_WITH_VALUE = ("--frames", "--framepadding", "--views", "--threads")
 
 _WILDCARD = re.compile(r"[#@]+|%[0-9]*d")
 _VIEW = re.compile(r"%[Vv]")
@@ -82,26 +81,15 @@ class Frame:
 
 
 def frames(words: Sequence[str], takes: Callable[[str], int] | None = None) -> list[Frame]:
-    """Return the command lines that a command line with wildcards stands for.
+    """Return the command lines that a command line with wildcards stands for; at least one.
 
-    Parameters
-    ----------
-    words
-        The command line, without the program's name.
-    takes
-        How many words belong to an option ('--echo' -> 1), to tell input files from other words that hold `<UDIM>`;
-        without it, only -i and -o take one. Frame wildcards count wherever they stand, as in oiiotool.
-
-    Returns
-    -------
-    list of Frame
-        At least one; without wildcards, one with the same words.
+    `takes` says how many words belong to an option ('--echo' -> 1), to tell input files from other words that hold
+    `<UDIM>`; without it, only -i and -o take one. Frame wildcards count wherever they stand, as in oiiotool.
 
     Raises
     ------
     ParameterError
-        A range that cannot be read or is too long, sequences of different length, an input without files, a tile that
-        another input lacks.
+        A range that cannot be read or is too long, sequences of different length, inputs or tiles without files.
     """
     survey = _survey(words)
     found: list[Frame] = []
@@ -114,10 +102,7 @@ def frames(words: Sequence[str], takes: Callable[[str], int] | None = None) -> l
 def frame_numbers(ranges: str) -> list[int]:
     """Return the frames of '1-10', '1-10x2' (every second), '1-10y2' (all but these), '10-1', or several with commas.
 
-    Raises
-    ------
-    ParameterError
-        Text that is no range, or more than `MOST_FRAMES` frames.
+    Other text is a `ParameterError`, and so are more than `MOST_FRAMES` frames.
     """
     numbers: list[int] = []
     for text in ranges.split(","):
@@ -145,9 +130,6 @@ def _check_count(count: int, what: str) -> None:
         raise ParameterError(f"{what}: {count} frames; at most {MOST_FRAMES} are allowed")
 
 
-# --- which words count
-
-
 @dataclass
 class _Survey:
     """What a command line says about sequences."""
@@ -162,23 +144,19 @@ class _Survey:
 
 def _survey(words: Sequence[str]) -> _Survey:
     """Read the settings, wherever they stand, and find the words with wildcards, whatever they are for."""
-    survey, looking = _Survey(), True
-    left = iter(enumerate(words))
-    for index, word in left:
-        output, counts = False, looking
-        if not looking:
-            survey.off.add(index)
-        if word.startswith("-o") and index + 1 < len(words):
-            output, counts = True, looking and ":all=" not in word  # in -o:all=1, %d counts the subimages
+    survey, on = _Survey(), True
+    for index, word in (left := iter(enumerate(words))):
+        output = word.startswith("-o") and index + 1 < len(words)
+        scanned = on and not (output and ":all=" in word)  # there %d counts the subimages
+        if output:
             index, word = next(left)
-            if not looking:
-                survey.off.add(index)
+        survey.off |= set() if on else {index - output, index}
         setting = _option(word)
-        if setting in _WITH_VALUE and index + 1 < len(words):
+        if setting in ("--frames", "--framepadding", "--views", "--threads") and index + 1 < len(words):
             _set(survey, setting, next(left)[1])
         elif setting in ("--wildcardoff", "--wildcardon"):
-            looking = setting == "--wildcardon"
-        elif counts and (_WILDCARD.search(word) or _VIEW.search(word)):
+            on = setting == "--wildcardon"
+        elif scanned and (_WILDCARD.search(word) or _VIEW.search(word)):
             survey.places[index] = output
     return survey
 
@@ -202,9 +180,6 @@ def _option(word: str) -> str:
     return f"--{word[1:].removeprefix('-')}" if word.startswith("-") else ""
 
 
-# --- frames and views
-
-
 class _Step(NamedTuple):
     number: int | None
     view: str | None
@@ -214,20 +189,16 @@ class _Step(NamedTuple):
 def _sequence(words: tuple[str, ...], survey: _Survey) -> Iterator[Frame]:
     """The command lines of all frames and views."""
     columns = _columns(words, survey)
-    rows = list(zip(*columns, strict=True))
-    for row in rows:
-        line = list(words)
-        for index, step in zip(survey.places, row, strict=True):
-            line[index] = step.name
-        yield Frame(row[0].number, tuple(line), row[0].view, survey.padding)
-    if rows:
-        return
     numbers = frame_numbers(survey.ranges) if survey.ranges else []
-    if columns and numbers:
-        raise ParameterError(f"{words[next(iter(survey.places))]!r} has no frames, but --frames {len(numbers)}")
-    for number in numbers:  # a range without wildcards repeats the words
+    if columns and numbers and not columns[0]:
+        raise ParameterError(f"{words[next(iter(survey.places))]!r} has no frames, but --frames has {len(numbers)}")
+    for row in zip(*columns, strict=True):
+        names = {index: step.name for index, step in zip(survey.places, row, strict=True)}
+        line = tuple(names.get(index, word) for index, word in enumerate(words))
+        yield Frame(row[0].number, line, row[0].view, survey.padding)
+    for number in numbers if not columns else ():  # a range without wildcards repeats the words
         yield Frame(number, words, padding=survey.padding)
-    if not numbers:
+    if not (columns[0] if columns else numbers):
         meant = columns or survey.ranges is not None
         yield Frame(None, words, padding=survey.padding, warning=_NO_MATCH if meant else "")
 
@@ -239,7 +210,9 @@ def _columns(words: tuple[str, ...], survey: _Survey) -> list[list[_Step]]:
         pattern = _pattern(words[index], survey.name_padding)
         ranges = pattern.ranges or survey.ranges
         if ranges:
-            column = _enumerated(pattern, frame_numbers(ranges), survey.views)
+            numbers, views = frame_numbers(ranges), survey.views if _VIEW.search(pattern.text) else (None,)
+            _check_count(len(numbers) * len(views), repr(words[index]))
+            column = [_Step(number, view, pattern.name(number, view)) for number in numbers for view in views]
         elif output:  # follows the first sequence
             column = [step._replace(name=pattern.name(step.number, step.view)) for step in (columns or [[]])[0]]
         else:
@@ -251,8 +224,7 @@ def _columns(words: tuple[str, ...], survey: _Survey) -> list[list[_Step]]:
     return columns
 
 
-@dataclass(frozen=True)
-class _Pattern:
+class _Pattern(NamedTuple):
     """A word with a wildcard."""
 
     word: str  # as the user wrote it
@@ -295,20 +267,13 @@ def _seen(text: str, view: str | None) -> str:
     return text.replace("%V", view).replace("%v", view[:1]) if view else text
 
 
-def _enumerated(pattern: _Pattern, numbers: list[int], views: tuple[str, ...]) -> list[_Step]:
-    seen = views if _VIEW.search(pattern.text) else (None,)
-    _check_count(len(numbers) * len(seen), repr(pattern.word))
-    return [_Step(number, view, pattern.name(number, view)) for number in numbers for view in seen]
-
-
 def _existing(pattern: _Pattern, views: tuple[str, ...]) -> list[_Step]:
     """The files that exist; where none does, the word may still be a literal name, but not one without a directory."""
-    if not _VIEW.search(pattern.text):
-        numbered = _numbered(pattern.text)
-        if numbered is None:
-            raise ParameterError(f"no files match {pattern.word!r}; --wildcardoff takes the name as it is")
-        return [_Step(number, None, name) for number, name in numbered]
     names = [(view, _seen(pattern.text, view)) for view in views]
+    if not _VIEW.search(pattern.text):
+        if (files := _numbered(pattern.text)) is None:
+            raise ParameterError(f"no files match {pattern.word!r}; --wildcardoff takes the name as it is")
+        return [_Step(number, None, file) for number, file in files]
     if not _ZERO_PADDED.search(pattern.text):
         return [_Step(None, view, name) for view, name in names if os.path.exists(name)]
     return sorted(_Step(number, view, file) for view, name in names for number, file in _numbered(name) or ())
@@ -325,9 +290,7 @@ def _numbered(text: str) -> list[tuple[int, str]] | None:
     # {n,}: a number that outgrew its padding counts, too. Markers of tiles stay: each frame looks for its own tiles.
     fits = f"{_fitting(before, groups)}(?P<frame>[0-9]{{{wildcard[1]},}}){_fitting(after, groups)}"
     digits = {match["frame"] for match in _matches(directory, fits)}
-    found = [(int(number or 0), os.path.join(directory, before + number + after)) for number in digits]
-    _check_count(len(found), repr(text))
-    return sorted(found)
+    return sorted((int(number or 0), os.path.join(directory, before + number + after)) for number in digits)
 
 
 def _matches(directory: str, fits: str) -> list[re.Match[str]]:
@@ -339,8 +302,6 @@ def _matches(directory: str, fits: str) -> list[re.Match[str]]:
         return []
     return [match for name in names if (match := re.fullmatch(fits, name, re.DOTALL))]
 
-
-# --- UDIM tiles
 
 # What OIIO's texture system reads; its '_u##v##' is left out, because ## is a frame in oiiotool's command line.
 _MARKERS = {
@@ -376,11 +337,11 @@ def tile_files(pattern: str) -> dict[Tile, str]:
     directory, name = os.path.split(pattern)
     if not names_tiles(name):
         return {}
-    found = {
-        _tile(match): os.path.join(directory, match[0])
-        for match in _matches(directory or ".", _fitting(name, _Groups()))
-    }
-    return {tile: found[tile] for tile in sorted(found) if min(tile) >= 0}  # 1000, or u0 where tiles count from 1
+    matches = _matches(directory or ".", _fitting(name, _Groups()))
+    found = {_tile(match): os.path.join(directory, match[0]) for match in matches}
+    return {
+        tile: found[tile] for tile in sorted(found) if min(tile) >= 0
+    }  # no 1000, and no u0 where tiles count from 1
 
 
 def _tile(match: re.Match[str]) -> Tile:
@@ -402,10 +363,8 @@ def tile_name(pattern: str, tile: Tile) -> str:
 def _over_tiles(frame: Frame, survey: _Survey, takes: Callable[[str], int] | None) -> list[Frame]:
     """The command line once per tile of the first input that names tiles."""
     words = frame.words
-    # A file that really has such a name is a plain file, as in OIIO.
-    named = [
-        i for i, word in enumerate(words) if i not in survey.off and names_tiles(word) and not os.path.isfile(word)
-    ]
+    named = [i for i, word in enumerate(words) if i not in survey.off and names_tiles(word)]
+    named = [i for i in named if not os.path.isfile(words[i])]  # the file's own name, as in OIIO
     if not named:
         return [frame]
     inputs = _inputs(words, takes)
@@ -430,17 +389,12 @@ def _over_tiles(frame: Frame, survey: _Survey, takes: Callable[[str], int] | Non
 def _inputs(words: Sequence[str], takes: Callable[[str], int] | None) -> set[int]:
     """Where input files stand: words that are no options and belong to none, and what follows -i."""
     inputs: set[int] = set()
-    left = iter(enumerate(words))
-    for index, word in left:
-        name = word.partition(":")[0]
-        option = _option(name)
-        if option in ("", "--"):
+    for index, word in (left := iter(enumerate(words))):
+        option = word.partition(":")[0]
+        if _option(option) in ("", "--"):
             inputs.add(index)
             continue
-        if option in SETTINGS:
-            count = len(SETTINGS[option][0])
-        else:
-            count = takes(name) if takes else int(option == "--i" or name.startswith("-o"))
+        count = takes(option) if takes else int(option in ("-i", "--i") or option.startswith("-o"))
         arguments = {place for place, _ in islice(left, count)}
-        inputs |= arguments if option == "--i" else set()
+        inputs |= arguments if _option(option) == "--i" else set()
     return inputs

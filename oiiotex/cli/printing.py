@@ -1,0 +1,5 @@
+OPTIONS = ()
+
+
+def print_input(chain, image):
+    pass

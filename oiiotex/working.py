@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A filter's working space window by window: CIE Lab D65 or data, and back into the pixels of the image.
+
+What `color.working_values` does for a whole image that is held, a `Lens` does for rows as they come by. A pixel's
+values depend on nothing but that pixel, so the bits are the same through any window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .color import ColorConfig, as_float, colour_space, refuse_broken
+from .images import Channels, Image, channels_of
+from .tiles import bands, stream
+
+_TINY = np.finfo(np.float32).tiny
+
+
+@dataclass(frozen=True)
+class Lens:
+    """How rows of an image are seen by a filter.
+
+    Attributes
+    ----------
+    name : str
+        The image's, for messages.
+    channels : Channels
+    space : str or None
+        The image's colour space; None: the channels are data.
+    to_lab, from_lab : callable or None
+        As `ColorConfig` gives them; None for data.
+    low, scale : float
+        Data become (value - low) * scale.
+    """
+
+    name: str
+    channels: Channels
+    space: str | None
+    to_lab: Callable[[np.ndarray], None] | None
+    from_lab: Callable[[np.ndarray], None] | None
+    low: float = 0.0
+    scale: float = 1.0
+
+    @property
+    def count(self) -> int:
+        """How many of the values mean something: 3 of Lab, as many as there are of data."""
+        return len(self.channels.colour) if self.space is None else 3
+
+    def values(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Rows of the image -> what the filter works on.
+
+        Parameters
+        ----------
+        rows : (height, width, channels)
+            Pixels of the image's own type.
+
+        Returns
+        -------
+        values : (height, width, 4) float32
+            Lab of unpremultiplied colour, or scaled data; a fourth value without meaning, for speed. Gray is there
+            three times before it becomes Lab.
+        opaque : (height, width) bool or None
+            Where alpha is not 0; None: everywhere.
+
+        Raises
+        ------
+        ImageError
+            NaN or Inf in colour or alpha.
+        """
+        values, alpha = self._unpremultiplied(rows)
+        if self.to_lab is not None:
+            self.to_lab(values)
+        else:
+            values -= np.float32(self.low)
+            values *= np.float32(self.scale)
+        opaque = None if alpha is None or alpha.all() else alpha != 0
+        return values, opaque
+
+    def replaced(self, rows: np.ndarray, values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
+        """A copy of `rows` whose colour is that of `values`, premultiplied again; where alpha is 0 nothing changes.
+
+        `values` is used up. Gray takes the mean of what the three channels have become.
+        """
+        if self.from_lab is not None:
+            self.from_lab(values)
+        else:
+            values *= np.float32(1.0 / self.scale)
+            values += np.float32(self.low)
+        if self.channels.alpha is not None:
+            values *= as_float(rows[..., self.channels.alpha])[..., None]
+        out = rows.copy()
+        colour = self.channels.colour
+        if len(colour) == 1 and self.space is not None:
+            # the weights are those of no space: the three are equal but for rounding, unless a and b were moved
+            values[..., 0] = (values[..., 0] + values[..., 1] + values[..., 2]) * np.float32(1.0 / 3.0)
+        stored = in_type(values, rows.dtype)
+        if opaque is None and colour == (0, 1, 2):
+            out[..., :3] = stored[..., :3]
+            return out
+        for n, channel in enumerate(colour):
+            plane = stored[..., n]
+            out[..., channel] = plane if opaque is None else np.where(opaque, plane, rows[..., channel])
+        return out
+
+    def _unpremultiplied(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Colour (height, width, 4) as floats without alpha, and alpha where there is one."""
+        colour, alpha = self.channels.colour, self.channels.alpha
+        if rows.shape[2] == 4 and colour == (0, 1, 2):
+            values = as_float(rows)
+            self._check(values if alpha == 3 else values[..., :3])
+            share = values[..., 3].copy() if alpha == 3 else None
+        else:
+            values = np.zeros((*rows.shape[:2], 4), np.float32)
+            for n, channel in enumerate(colour):
+                values[..., n] = as_float(rows[..., channel])
+            share = None if alpha is None else as_float(rows[..., alpha])
+            self._check(values[..., : len(colour)], share)
+            if len(colour) == 1:
+                values[..., 1:3] = values[..., :1]
+        if share is not None and not (share == 1).all():
+            values[..., :3] /= np.where(np.abs(share) < _TINY, np.float32(1.0), share)[..., None]
+        return values, share
+
+    def _check(self, *seen: np.ndarray | None) -> None:
+        given = [s for s in seen if s is not None]
+        with np.errstate(over="ignore", invalid="ignore"):
+            if all(np.isfinite(s.sum()) for s in given):  # an overflow looks broken too: then they are counted
+                return
+        refuse_broken(count_broken(*given), self.name)
+
+
+def count_broken(*seen: np.ndarray) -> np.ndarray:
+    """How many NaN and how many Inf there are: (2,) int64."""
+    return np.array([sum(np.count_nonzero(f(s)) for s in seen) for f in (np.isnan, np.isinf)], np.int64)
+
+
+def in_type(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    """Floats as OpenImageIO stores them: integers rounded and cut to their range, halves kept finite."""
+    if dtype.kind in "ui":
+        most = np.iinfo(dtype).max
+        wide = values.astype(np.float64) if dtype.itemsize > 2 else values
+        return np.clip(np.floor(wide * wide.dtype.type(most) + wide.dtype.type(0.5)), np.iinfo(dtype).min, most).astype(
+            dtype
+        )
+    if dtype == np.float16:
+        return np.clip(values, np.float32(-65504.0), np.float32(65504.0)).astype(np.float16)
+    return values.astype(dtype, copy=False)
+
+
+def lens_of(image: Image, config: ColorConfig | None, autocc: bool = False) -> Lens:
+    """How a filter sees the image's first part.
+
+    Parameters
+    ----------
+    image : Image
+    config : ColorConfig or None
+        None: its channels are data, and their common range becomes 0 .. 100, so that distances mean what they mean
+        in Lab. It is asked of the pixels: one pass over the image.
+    autocc : bool
+        Ask the config's file rules where the image has no tag.
+
+    Raises
+    ------
+    ImageError, ColorError
+        As by `color.working_values`.
+    """
+    channels = channels_of(image.first.spec)
+    space = colour_space(image, config, autocc)
+    if config is not None and space is not None:
+        return Lens(image.source, channels, space, config.to_lab(space), config.from_lab(space))
+    plain = Lens(image.source, channels, None, None, None)
+    return _scaled(plain, image)
+
+
+def _scaled(plain: Lens, image: Image) -> Lens:
+    """The lens for data, with their range; what is broken anywhere is counted here."""
+    low, high, broken = np.inf, -np.inf, np.zeros(2, np.int64)
+    used = [*plain.channels.colour, *([] if plain.channels.alpha is None else [plain.channels.alpha])]
+    part = image.first
+    for _, rows in stream(part, bands(part)):
+        found = count_broken(as_float(rows[..., used]))
+        broken += found
+        if found.any():
+            continue
+        values, opaque = plain.values(rows)
+        seen = values[..., : plain.count]
+        seen = seen if opaque is None else seen[opaque]
+        if seen.size:
+            low, high = min(low, float(seen.min())), max(high, float(seen.max()))
+    refuse_broken(broken, plain.name)
+    if low > high:
+        return plain
+    return replace(plain, low=low, scale=100.0 / max(high - low, 1e-12))

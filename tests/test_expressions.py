@@ -1,0 +1,319 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Expressions in words mean what oiiotool says they mean, and what it mumbles over is an error."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import OpenImageIO as oiio
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from oiiotex.cli.expressions import Expressions, Value
+from oiiotex.errors import ParameterError
+from oiiotex.files import read
+from oiiotex.images import Image
+
+OIIOTOOL = Path(sys.executable).parent / "oiiotool"
+FILES = ("constant.exr", "plain.tif", "ramp.exr")  # from the bottom of the stack up
+VARIABLES: dict[str, Value] = {
+    "i": 7, "v": 3.14159265, "big": 123456789, "f": 1e10, "neg": -5, "s": "hello", "Mixed": "Case", "e": "",
+    "start": "12abc", "z": "007", "name": "plain.tif", "off": "off", "infinite": 1,
+}  # fmt: skip
+DECLARED = [f"--set{':type=string' if isinstance(v, str) else ''}" for v in VARIABLES.values()]
+
+
+class Stack:
+    """The images of FILES, the bottom one labelled L, at frame 7 of a sequence padded to four digits."""
+
+    def __init__(self, folder: Path, files: Sequence[str] = FILES):
+        with contextlib.chdir(folder):
+            self._stack = [read(name) for name in files]
+            self._labels = {"L": self._stack[0]} if files else {}
+
+    def depth(self) -> int:
+        return len(self._stack)
+
+    def image(self, index: int) -> Image:
+        assert 0 <= index < len(self._stack)
+        return self._stack[-1 - index]
+
+    def read(self, path: str) -> Image:
+        return read(path)
+
+    def labels(self) -> Mapping[str, Image]:
+        return self._labels
+
+    def variables(self) -> Mapping[str, Value]:
+        return VARIABLES
+
+    def frame_number(self) -> int | None:
+        return 7 if self._stack else None
+
+    def frame_padding(self) -> int:
+        return 4 if self._stack else 0
+
+    def pixel_type(self, image: Image, native: bool) -> str:
+        return str(image.first.spec.format) if native else "float"
+
+    def statistics(self, image: Image) -> oiio.PixelStats:
+        return oiio.ImageBufAlgo.computePixelStats(oiio.ImageBuf(image.source))
+
+    def constant_colour(self, image: Image) -> Sequence[float] | None:
+        return oiio.ImageBufAlgo.isConstantColor(oiio.ImageBuf(image.source))
+
+    def metadata_text(self, image: Image, verbose: bool, native: bool) -> str:
+        return f"{image.source}\n  {verbose=} {native=}\n"
+
+    def statistics_text(self, image: Image) -> str:
+        return f"statistics of {image.source}\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Pictures with windows and metadata, in what is then the current folder."""
+    folder = tmp_path_factory.mktemp("expressions")
+    with contextlib.chdir(folder):
+        spec = oiio.ImageSpec(8, 6, 3, oiio.HALF)
+        for name, value in {
+            "ImageDescription": 'say "hello"\nand\tgo', "My:float": 12.5, "dash-y": 7, "precise": 3.14159265,
+            "number": "0012", "MiXed": "case",
+        }.items():  # fmt: skip
+            spec.attribute(name, value)
+        spec.attribute("array", "float[3]", (1.0, 2.5, 3.0))
+        spec.attribute("rational", "rational", (3, 4))
+        spec.attribute("smpte:TimeCode", "timecode", (0x01020304, 0))
+        constant = oiio.ImageBuf(spec)
+        oiio.ImageBufAlgo.fill(constant, (0.0, 1.0, 1.0))
+        assert constant.write("constant.exr")
+        plain = oiio.ImageBuf(oiio.ImageSpec(5, 4, 1, oiio.UINT8))
+        plain.setpixel(2, 1, (1 / 3,))
+        assert plain.write("plain.tif")
+        spec = oiio.ImageSpec(20, 10, 4, oiio.FLOAT)
+        spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = 3, -4, 1, 2, 30, 20
+        spec.tile_width = spec.tile_height = 16
+        ramp = oiio.ImageBuf(spec)
+        oiio.ImageBufAlgo.fill(ramp, (0.1, 0.0, 0.0, 1.0), (0.9, 1.0, 2.0, 1.0), roi=ramp.roi)
+        ramp.setpixel(4, -3, (float("nan"), 0.0, float("inf"), 1.0))
+        assert ramp.write("ramp.exr")
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def stack(folder: Path) -> Expressions:
+    return Expressions(Stack(folder))
+
+
+SAME = r"""
+{1/3} | {10/2} | {7//2} | {-7//2} | {7//-2} | {-7%3} | {7%-3} | {6%3} | {-6%3} | {7.9//2.9} | {5//0} | {5%0} | {1/0}
+{-1/0}
+{1234567} | {123456} | {0.00001} | {1e3} | {.5} | {1.} | {0x10} | {0x1.8p1} | {1e40} | {INF} | {-0} | {nan} | {007}
+{1+2*3} | {(1+2)*3} | {2*3*4/8} | {8/4/2} | {5 - -3} | {1-2-3} | {(1/3)*3} | {1/3*3} | {16777216+1} | {0.1+0.2}
+{1<2} | {2<1} | {2>1} | {1<=1} | {1>=2} | {1==1} | {1!=1} | {2<=>3} | {3<=>2} | {2<=>2} | {1+2==3} | {3==1+2} | {1<2<3}
+{1&&0} | {1&1} | {0||2} | {0|0} | {1 && 2 || 0} | {!1} | {!0} | {!!5} | {-!5} | {+-+5} | {--5} | {- 5} | {!-0}
+{ 1 + 2 }
+{"abc"} | {'abc'} | {"3"+1} | {" 5 "} | {" 5 "*2} | {"a'b"} | {"a\"b"} | {'a"b'} | {""} | {"0x1p3"} | {-"abc"} | {"a b"}
+{!"off"} | {!"On"} | {!" NO "} | {!"false"} | {!""} | {!s} | {!off} | {not("off")} | {not(1-1)} | {not(0.5)}
+{not("0.0")}
+{i} | {v} | {big} | {big+1} | {f} | {neg} | {s} | {Mixed} | [{e}] | {start} | {z} | {z+1} | {-i} | {-s} | {i*v} | {-i+1}
+{var(i)} | {var("v")} | {var( 's')} | {var(mixed)} | {var("MIXED")} | [{var(nope)}] | {var(i)+1} | {2*var(i)}
+{!not(var(i))}
+{eq(1,1)} | {eq(1.0, 1)} | {eq("a","b")} | {eq(s,"hello")} | {eq(z,7)} | {eq(z,"007")} | {eq(v,"3.14159")}
+{eq(f,"1e+10")}
+{neq("a","b")} | {neq(1,1)} | {eq((1+1),2)} | {eq(big,"123456789")} | {!eq(1,2)} | {eq(eq(1,1),1)} | {-eq(1,1)}
+{eq(-1,-1)}
+{getattribute(version)} | {getattribute("version")} | {getattribute( 'format_list')} | {eq(getattribute(version),"x")}
+{format("{:+}{:+}",3,-4)} | {format('{:5}|{:<5}|{:^5}|{:>5}|{:*^7}',1,2,3,4,5)}
+{format('{:5}|{:>5}|{:.2}',s,'ab','abcd')}
+{format('{:x}{:#x}{:X}{:#X}{:o}{:b}{:#b}{:#B}',255,255,255,255,8,5,5,5)} | {format('{:c}{:3c}|',65,66)}
+{format('{:03}',7)}
+{format('{:f} {:.2f} {:e} {:g} {:F} {:E}',1.5,2.5,1000.5,1.25,1.5,.5)} | {format('{:08.3f}',-3.14159)}
+{format('{:08}',-1.5)}
+{format('{}',1e6)} | {format('{}',1e17)} | {format('{}',0.1)} | {format('{}',1e-7)} | {format('{}',0-1e6)}
+{format('{}',1/0)}
+{format('{:.3}',2.5)} | {format('{:.3}',1e6)} | {format('{:.10}',0.1)} | {format('{:8}',1.5)}| {format('{: }',2)}
+{format('{:08}',1/0)} | {format('{:6}|{:>6.1f}|{:06}|{:+6}|{:06}|',inf,inf,inf,inf,nan)}
+{format('{0}{1}{0}','a','b')} | {format('{{{}}}',1)} | {format('{:{}}',1,5)}| {format('{:{}.{}f}|',1.5,9,3)}
+{format('{2}',1,2,3)}
+{format(s,1)} | {format('{} {}', i, 'x y')} | {format('{}',1+2*3)} | {format('{:<05}|',5)} | {format('{:s}','a')}
+{format('{:L}',5)}
+{(format('{:03}',7))} | {eq(format('{}',1),1)} | {format('{}',format('{:.3f}',2.5))} | {format("{}",s)}
+{format('{}', "1_0")}
+{TOP.width} | {TOP.height} | {TOP.width/2} | {TOP.x} | {TOP.y} | {-TOP.x} | {TOP.full_x} | {TOP.full_width}
+{TOP.FULL_HEIGHT}
+{TOP.nchannels} | {TOP.format} | {TOP.nativeformat} | {IMG[1].nativeformat} | {IMG[2].nativeformat} | {TOP.depth}
+{TOP.z}
+{TOP.geom} | {TOP.full_geom} | {TOP.datawindow} | {TOP.displaywindow} | {TOP.DataWindow} | {TOP.tile_width}
+{TOP.alpha_channel}
+{TOP.filename} | {TOP.file_extension} | {TOP.file_noextension} | {BOTTOM.filename} | {NIMAGES} | {TOP.SUBIMAGES}
+{TOP.z_channel}
+{IMG[0].filename} | {IMG[1].filename} | {IMG[2].filename} | {IMG[ 1 ].filename} | {IMG[NIMAGES-1].filename}
+{IMG[-0].width}
+{IMG[i-6].filename} | {IMG[L].filename} | {IMG[plain.tif].width} | {IMG["plain.tif"].width} | {IMG[name].filename}
+{IMG[var(i)//4].width}
+{IMG[2].ImageDescription} | {IMG[2]["My:float"]} | {IMG[2].'My:float'} | {IMG[2]."dash-y"} | {IMG[2].precise}
+{IMG[2].mixed}
+{IMG[2].number} | {eq(IMG[2].number,"0012")} | {IMG[2].array} | {IMG[2].rational} | {IMG[2]['smpte:TimeCode']} | {L[2]
+[{TOP[nope]}] | [{TOP["no such"]}] | {TOP[width]} | {TOP['width']} | {TOP . width} | {TOP. width} | {TOP [width]}
+{!TOP[nope]}
+{TOP.MINCOLOR} | {TOP.MAXCOLOR} | {TOP.AVGCOLOR} | {IMG[1].MINCOLOR} | {IMG[1].MAXCOLOR} | {IMG[1].AVGCOLOR}
+{TOP.NONFINITE_COUNT}
+{IMG[2].IS_CONSTANT} | {TOP.IS_CONSTANT} | {IMG[2].IS_BLACK} | {IMG[1].IS_BLACK} | {IMG[1].NONFINITE_COUNT}
+{IMG[1].MAXCOLOR*3}
+{FRAME_NUMBER} | {FRAME_NUMBER_PAD} | {FRAME_NUMBER+1} | {(FRAME_NUMBER_PAD)+1} | {eq(FRAME_NUMBER_PAD,"0007")}
+{ NIMAGES }
+none | a{1}b{2}c | {1}{2} | x{1 | x{1}y{2 | } | }{1} | {format('{}-{}',1,2)}.{FRAME_NUMBER_PAD}.exr
+{TOP.width}x{TOP.height}
+""".strip().replace("\n", " | ").split(" | ")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def theirs(folder: Path) -> list[str]:
+    """What oiiotool prints for each of SAME, in one run."""
+    if not OIIOTOOL.exists():
+        pytest.skip("no oiiotool")
+    declared = [w for option, (n, v) in zip(DECLARED, VARIABLES.items(), strict=True) for w in (option, n, str(v))]
+    echoes = [w for text in SAME for w in ("--echo", "\x1e" + text.replace("\\", "\\\\"))]
+    words = [FILES[0], "--label", "L", *FILES[1:], *declared, "--framepadding", "4", "--frames", "7-7", "--wildcardoff"]
+    done = subprocess.run([OIIOTOOL, *words, *echoes], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:300]
+    return [text.removesuffix("\n") for text in done.stdout.split("\x1e")[1:]]
+
+
+def test_values_are_those_of_oiiotool(stack, theirs):
+    assert len(SAME) == len(theirs) >= 60
+    ours = [stack.substitute(text) for text in SAME]
+    different = [f"{t}: {a!r}, oiiotool says {b!r}" for t, a, b in zip(SAME, ours, theirs, strict=True) if a != b]
+    assert not different, "\n".join(different)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("{TOP.META}", "ramp.exr\n  verbose=True native=False"),
+        ("{TOP.METANATIVE}", "ramp.exr\n  verbose=True native=True"),
+        ("{IMG[1].METABRIEF}", "plain.tif\n  verbose=False native=False"),
+        ("{IMG[1].METANATIVEBRIEF}", "plain.tif\n  verbose=False native=True"),
+        ("{TOP.STATS}", "statistics of ramp.exr"),
+    ],
+)
+def test_reports_come_from_the_printing_room(stack, text, value):
+    assert stack.substitute(text) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("{-(-5)}", "5"),  # oiiotool: --5
+        ("{-neg}", "5"),
+        ("{infinite}", "1"),  # oiiotool: inf
+        ('{TOP[ "width" ]}', "20"),
+        ("{- TOP.width}", "-20"),
+    ],
+)
+def test_what_oiiotool_gets_wrong(stack, text, value):
+    assert stack.substitute(text) == value
+
+
+def test_outside_of_a_sequence_the_frame_is_0(folder):
+    assert Expressions(Stack(folder, ())).substitute("{FRAME_NUMBER} {FRAME_NUMBER_PAD} {NIMAGES}") == "0 0 0"
+
+
+REFUSED = {
+    "{}": "a value is missing at the end",
+    "{ }": "a value is missing",
+    "{1+}": "a value is missing",
+    "{*2}": "a value is missing before '\\*2'",
+    "{1 2}": "'2' is left over",
+    "{1,2}": "',2' is left over",
+    "{5x}": "'x' is left over",
+    '{"abc" def}': "'def' is left over",
+    '{"abc"*2}': "'abc' is not a number",
+    "{TOP.filename + 1}": "'ramp.exr' is not a number",
+    '{"abc}': "a value is missing before '\"abc'",
+    "{5--3}": "no operator '--'",
+    "{1&&!0}": "no operator '&&!'",
+    '{1*"abc"}': "'abc' is not a number",
+    '{1+"abc"}': "'abc' is not a number",
+    "{1+format('{}',1)}": "is not a number",
+    "{5//0.5}": "0.5 cut to a whole number is 0",
+    "{1e10//1}": "1e\\+10 is not a whole number of 32 bit",
+    "{nan%2}": "nan is not a whole number",
+    "{(1+2}": "missing '\\)'",
+    "{" + "(" * 40 + "1" + ")" * 40 + "}": "nested more than 32 deep",
+    "{" + "not(" * 40 + "1" + ")" * 40 + "}": "nested more than 32 deep",
+    "{nosuch}": "unknown name 'nosuch'",
+    "{NIMAGE}": "did you mean 'NIMAGES'",
+    "{mixed}": "did you mean 'Mixed'",
+    "{sqrt(2)}": "no function 'sqrt'; there is getattribute, var, eq, neq, not, format",
+    "{formt('{}',1)}": "did you mean 'format'",
+    "{eq(1+1,2)}": "missing ',' of a comparison: sums need parentheses",
+    "{eq(1,1+1)}": "missing '\\)' of eq\\(\\)",
+    "{not(s+1)}": "'hello' is not a number",
+    "{not(1)1}": "'1' is left over",
+    "{var()}": "a name is missing",
+    "{!var(i)}": "before var\\(\\)",
+    "{getattribute(nope)}": "OpenImageIO has no attribute 'nope'",
+    "{getattribute('version' x)}": "missing '\\)'",
+    "{format('x')}": "missing ',' of format",
+    "{format('{}{}',1)}": "wants more than 1 values",
+    "{format('{x}',1)}": "fields have numbers",
+    "{format('{0.real}',1)}": "fields have numbers",
+    "{format('{!r}',1)}": "'!r' is not known",
+    "{format('{0}{}',1,2)}": "cannot switch from manual",
+    "{format('{:d}',1.5)}": "'d' does not fit 1.5",
+    "{format('{:f}',1)}": "'f' does not fit 1",
+    "{format('{:,}',1)}": "',' does not fit 1",
+    "{format('{:.3}',1)}": "Precision not allowed",
+    "{format('{:05}','ab')}": "is for numbers",
+    "{format('{:99999}',1)}": "does not fit",
+    "{TOP}": "an image needs .NAME",
+    "{TOP.}": "no name behind '.'",
+    "{TOP[]}": "no name behind '\\['",
+    "{TOP[width}": "missing '\\]' behind 'width'",
+    "{TOP.widht}": "ramp.exr has no 'widht', did you mean 'width'",
+    "{TOP.MINCOLOUR}": "did you mean 'MINCOLOR'",
+    "{IMG[2].My:float}": "names with ':' need quotes",
+    "{IMG[3].x}": "no image at IMG\\[3\\], there are 3",
+    "{IMG[-1].x}": "no image at IMG\\[-1\\]",
+    "{IMG[0.5].x}": "IMG\\[0.5\\] is no label, file or number",
+    "{IMG[nosuch.exr].x}": "IMG\\[nosuch.exr\\] is no label, file or number",
+    "{IMG['ramp.ex'].x}": "IMG\\[ramp.ex\\] is no label, file or number",
+    "{IMG[].x}": "is no label",
+    "{IMG[.].x}": "not an image",
+    "{IMG[0.x}": "missing '\\]' of IMG",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_malformed_expressions_are_refused_in_one_line_that_quotes_them(stack, text):
+    with pytest.raises(ParameterError, match=REFUSED[text]) as caught:
+        stack.substitute(f"before {{1}} {text} behind")
+    assert str(caught.value).startswith(" ".join(text.split()))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["{TOP.x}", "{BOTTOM.x}", "{IMG[0].x}"])
+def test_an_empty_stack_has_no_image(folder, text):
+    with pytest.raises(ParameterError, match="no image at"):
+        Expressions(Stack(folder, ())).substitute(text)
+
+
+ODD = ("//", "<=", "&&", "{:", "getattribute(", "\\", "\0", "\n", "É", "²", "٣")
+WORDS = [*re.findall(r"\w+|\W", "".join(SAME)), *ODD]
+TEXTS = st.lists(st.one_of(st.sampled_from(WORDS), st.text(max_size=3)), max_size=12).map("".join)
+
+
+@settings(max_examples=400, deadline=None, derandomize=True, database=None)
+@given(text=st.one_of(TEXTS, TEXTS.map("{{{}}}".format), TEXTS.map('{{format("{{:{}}}",1,2.5,3)}}'.format)))
+def test_any_text_is_substituted_or_refused(stack, text):
+    try:
+        assert isinstance(stack.substitute(text), str)
+    except ParameterError as error:
+        assert len(str(error).splitlines()) == 1

@@ -1,0 +1,491 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frame sequences: the same command lines as the installed oiiotool makes of the words; tiles by our own rules."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from oiiotex.cli.sequences import (
+    MOST_FRAMES,
+    SETTINGS,
+    Frame,
+    Tile,
+    frame_numbers,
+    frames,
+    names_tiles,
+    tile_files,
+    tile_name,
+)
+from oiiotex.errors import ParameterError
+
+OIIOTOOL = Path(sys.executable).parent / "oiiotool"
+# Names only: oiiotool resolves the words before it opens any file, and --debug prints what it makes of them.
+FILES = """
+    a.0001.tif a.0002.tif a.0005.tif a.12345.tif a.00007.tif a.01.tif
+    b.0011.tif b.0012.tif b.0015.tif b.0020.tif b.0030.tif
+    c.1.tif c.2.tif c.10.tif c.003.tif c.-4.tif c.x.tif
+    d/x_8.tif d/x_9.tif d/x_10.tif d/x_0008.tif
+    neg.-0005.tif lit#.tif brackets[1](2){3}.0001.tif brackets[1](2){3}.0002.tif
+    s.left.0001.tif s.right.0001.tif s.left.0003.tif s.right.0003.tif s.mid.0001.tif
+    left/l.0001.tif left/l.0002.tif right/r.0001.tif right/r.0002.tif
+"""
+SEQUENCES = {
+    "scan": "a.#.tif",
+    "scan, output follows": "a.#.tif -o out.#.tif",
+    "scan, output in another padding": "a.#.tif -o out.@@.tif",
+    "scan, output with printf": "a.#.tif -o out.%d.tif",
+    "scan, output padded with blanks": "a.#.tif -o out.%6d.tif",
+    "scan by one digit": "c.@.tif",
+    "scan by three digits": "a.@@@.tif",
+    "scan by printf": "a.%04d.tif",
+    "scan by %03d": "c.%03d.tif",
+    "scan in a folder": "d/x_%01d.tif",
+    "scan, doubled slashes": "d//x_#.tif",
+    "scan, dot slash": "./a.#.tif",
+    "scan by %d finds nothing": "c.%d.tif",
+    "scan by %4d finds nothing": "a.%4d.tif",
+    "scan, no folder": "nowhere/a.#.tif",
+    "scan, no files": "nothing.#.tif",
+    "scan, brackets in the name": "brackets[1](2){3}.#.tif",
+    "scan, two inputs pair by order": "a.#.tif b.#.tif -o out.#.tif",
+    "scan, first input's numbers": "b.#.tif a.#.tif -o out.#.tif",
+    "scan, unequal": "a.#.tif c.@.tif",
+    "scan, second without files": "a.#.tif --echo frame#",
+    "scan with --framepadding": "a.#.tif --framepadding 5",
+    "output only": "--create 1x1 3 -o out#.tif",
+    "output before input": "-o out#.tif a.#.tif",
+    "output twice": "a.#.tif -o x.#.tif -otex y.@.tif -o:all=1 z.%04d.tif",
+    "literal file named like a sequence": "lit#.tif",
+    "range in the name": "img.1-3#.exr",
+    "range with a step in the name": "img.1-10x2#.exr -o out.#.exr",
+    "range in the name, complement": "img.1-10y3@.exr",
+    "range in the name, several": "img.1,3,7-9,20-10x5#.exr -o out.@@@.exr",
+    "range in the name, for output only": "a.#.tif -o out.11-15#.tif",
+    "range in the name, unequal": "img.1-3#.exr -o out.1-4#.exr",
+    "range in the name before --frames": "img.1-3#.exr --frames 5-7 -o out.#.exr",
+    "range in the name, printf": "img.1-3%04d.exr",
+    "range in the name, negative is none": "neg.-5-5#.tif",
+    "range in the name, negative step": "img.1-5x-2#.exr",
+    "range in the name, step 0": "img.1-3x0#.exr",
+    "range in the name after digits": "v2-5-10#.exr",
+    "range in the name, empty": "img.1-3y1#.exr",
+    "single number in the name": "v3#.exr",
+    "--frames": "--frames 1-3 a.#.tif",
+    "--frames behind": "a.#.tif -o out.#.tif --frames 1-10x3",
+    "--frames with one dash": "-frames 1-3 a.#.tif",
+    "--frames twice, the last counts": "--frames 1-3 a.#.tif --frames 7",
+    "--frames without wildcards": "--frames 3-5 --create 1x1 3",
+    "--frames reversed": "--frames 5-1 a.#.tif",
+    "--frames reversed with a step": "--frames 10-1x3 a.#.tif",
+    "--frames, step below 0 swaps": "--frames 1-10x-3 a.#.tif",
+    "--frames, step below 0, reversed": "--frames 10-1x-3 a.#.tif",
+    "--frames, step 0": "--frames 1-3x0 a.#.tif",
+    "--frames, complement": "--frames 1-10y2 a.#.tif",
+    "--frames, reversed complement": "--frames 10-1y2 a.#.tif",
+    "--frames, complement of all": "--frames 1-10y1 a.#.tif",
+    "--frames, complement of all, own range": "--frames 1-10y1 a.1-2#.tif",
+    "--frames, negative": "--frames -5--3,-1-1 a.#.tif b.@.tif c.%d.tif d.%3d.tif",
+    "--frames, plus": "--frames +1-+3 a.#.tif",
+    "--frames, repeated": "--frames 1,1,2-1 a.#.tif",
+    "--frames, blanks": ["--frames", " 1 - 3 , 7", "a.#.tif"],
+    "--frames, empty": ["--frames", "", "a.#.tif"],
+    "--frames, wide numbers": "--frames 99998-100001 a.#.tif b.@.tif",
+    "padding 1 of @": "--frames 7,77 a.@.tif",
+    "padding of mixed signs": "--frames 7 a.#@#@@.tif",
+    "padding of printf": "--frames 7,-7 a.%03d.tif b.%0d.tif c.%d.tif d.%00012d.tif",
+    "--framepadding": "--frames 7 --framepadding 6 a.#.tif b.@.tif c.%03d.tif",
+    "--framepadding twice": "--framepadding 6 --frames 7 a.#.tif --framepadding 2",
+    "--framepadding 10 is not for names": "--framepadding 10 --frames 7 a.#.tif",
+    "--framepadding of negative frames": "--framepadding 4 --frames -7 a.#.tif",
+    "only the first wildcard": "--frames 1-2 a.#.#.@.tif",
+    "doubled percent": "--frames 1-2 a%%.#.tif b%%04d.tif",
+    "doubled slashes": "--frames 1-2 a//b///c.#.tif",
+    "words of options": "--frames 1-2 --echo frame@ --attrib Caption 5%done",
+    "modifiers": "--frames 1-2 --create:x=#.tif 1x1 3",
+    "modifiers of -o are not scanned": "--frames 1-2 a.#.tif -o:x=# out.tif",
+    "-o:all": "--frames 1-2 a.#.tif -o:all=1 out.%04d.tif",
+    "--wildcardoff": "--frames 1-2 a.#.tif --wildcardoff b.#.tif --wildcardon c.#.tif",
+    "--wildcardoff with one dash": "--frames 1-2 -wildcardoff a.#.tif",
+    "--wildcardoff, no sequence": "--wildcardoff lit#.tif",
+    "--wildcardoff in an output": "--frames 1-2 a.#.tif --wildcardoff -o out.#.tif",
+    "--wildcardoff does not hide --frames": "--wildcardoff --frames 1-2 a.#.tif",
+    "--parallel-frames": "--parallel-frames --threads 1 --frames 1-3 a.#.tif",
+    "views, scan": "s.%V.#.tif -o out.%v.@@.tif",
+    "views, output without one": "s.%V.#.tif -o out.#.tif",
+    "views, named": "--views right,mid,left s.%V.#.tif",
+    "views, one": "--views left s.%V.#.tif -o out.#.%V.tif",
+    "views, folders": "%V/%v.%04d.tif -o %V.%v.%04d.tif",
+    "views, none exists": "--views up,down s.%V.#.tif",
+    "views, unequal": "s.%V.#.tif a.#.tif",
+    "no wildcards": "a.0001.tif -o out.tif",
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    touch(tmp_path, FILES)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def touch(folder, names):
+    for name in names.split():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+
+
+def ours(words):
+    """FRAME_NUMBER and the words that changed, of each frame; None where the words are refused."""
+    try:
+        found = frames(words)
+    except ParameterError as error:
+        assert "\n" not in str(error)
+        return None
+    return [
+        (str(frame.number or 0), [f"{old} -> {new}" for old, new in zip(words, frame.words, strict=True) if old != new])
+        for frame in found
+    ]
+
+
+def oiiotool(words):
+    """The same, of oiiotool: what its --debug prints before it opens any file."""
+    # The files are empty, so every frame is a bad one.
+    command = [OIIOTOOL, "-n", "--debug", "--skip-bad-frames", "--echo", "FRAME {FRAME_NUMBER}", *words]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    if run.returncode < 0 or "terminate called" in run.stderr or re.search("ERROR : (Not all|No file)", run.stderr):
+        return None
+    found: list[tuple[str, list[str]]] = []
+    names: list[str] = []
+    for line in run.stdout.splitlines():
+        if line.startswith("Begin sequence iteration"):
+            names = []
+        elif line.startswith("  ") and " -> " in line:
+            names.append(line[2:])
+        elif line.startswith("FRAME "):
+            found.append((line.removeprefix("FRAME "), names))
+    return found
+
+
+needs_oiiotool = pytest.mark.skipif(not OIIOTOOL.exists(), reason="no oiiotool beside Python")
+
+
+@needs_oiiotool
+@pytest.mark.parametrize("words", SEQUENCES.values(), ids=SEQUENCES)
+def test_a_command_line_stands_for_the_same_lines_as_in_oiiotool(words, folder):
+    words = words.split() if isinstance(words, str) else words
+    assert ours(words) == oiiotool(words)
+
+
+RANGES = st.one_of(
+    st.integers(0, 12).map(str),
+    st.builds(
+        "{}-{}{}".format, st.integers(0, 12), st.integers(0, 15), st.sampled_from(["", "", "x2", "x-3", "y2", "x0"])
+    ),
+).filter(frame_numbers)  # where the name has no frames and --frames has, oiiotool reads beyond its list
+NAMES = st.builds(
+    "{}{}{}{}".format,
+    st.sampled_from(["a.", "b.", "c.", "d/x_", "./a.", "v2-", "s.left.", "no/", "x%%"]),
+    st.one_of(st.just(""), st.just(""), RANGES, st.lists(RANGES, min_size=2, max_size=3).map(",".join)),
+    st.sampled_from(["#", "@", "@@", "##@", "%04d", "%d", "%2d", "%01d", "0001"]),
+    st.sampled_from([".tif", ".#.tif", "#", "-5.tif"]),
+)
+COMMAND_LINES = st.lists(
+    st.one_of(
+        NAMES.map(lambda name: [name]),
+        NAMES.map(lambda name: ["-o", name]),
+        NAMES.map(lambda name: ["--echo", name]),
+        st.lists(RANGES, min_size=1, max_size=2).map(lambda ranges: ["--frames", ",".join(ranges)]),
+        st.integers(0, 12).map(lambda digits: ["--framepadding", str(digits)]),
+        st.sampled_from([["--wildcardoff"], ["-wildcardon"], ["-o:all=1", "z.%04d.tif"], ["-n"]]),
+    ),
+    min_size=1,
+    max_size=5,
+).map(lambda pieces: [word for piece in pieces for word in piece])
+RELAXED = settings(
+    max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@needs_oiiotool
+@RELAXED
+@given(COMMAND_LINES)
+def test_any_command_line_stands_for_the_same_lines_as_in_oiiotool(folder, words):
+    assert ours(words) == oiiotool(words)
+
+
+@needs_oiiotool
+@pytest.mark.parametrize("settings", ["", "--framepadding 3", "--framepadding 12", "--framepadding 0"])
+@pytest.mark.parametrize("ranges", ["7", "-7", "12345", ""])
+def test_padded_numbers_are_as_in_oiiotool(settings, ranges, folder):
+    words = [*settings.split(), *(["--frames", ranges] if ranges else []), "--echo", "{FRAME_NUMBER_PAD}"]
+    run = subprocess.run([OIIOTOOL, *words], capture_output=True, text=True, timeout=60, check=True)
+    assert [frame.padded for frame in frames(words)] == run.stdout.split()
+
+
+# --- where we depart from oiiotool
+
+
+@pytest.mark.parametrize(
+    "ranges", ["abc", "1-", "1-5z", "1-5x", "1,,2", "1,", "x2", "1:5", "--5", "1-2-3", "1.5", "9" * 5000, "\n1\n2"]
+)
+def test_a_malformed_range_is_refused(ranges, folder):
+    with pytest.raises(ParameterError, match="is not FIRST") as error:
+        frames(["--frames", ranges, "a.#.tif"])
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("word", ["100%_#.tif", "a.%d.%d.tif", "a.%x.#.tif", "50%.@.tif", "%V%.#.tif"])
+def test_a_stray_percent_is_refused(word, folder):
+    with pytest.raises(ParameterError, match="%"):
+        frames(["--frames", "1-2", word])
+
+
+@pytest.mark.parametrize(
+    "width", ["%0256d", "%99999999999d", "%0" + "9" * 5000 + "d", "#" * 64, "@" * 256, "%%04d%0999999d"]
+)
+def test_a_number_wider_than_any_name_is_refused(width, folder):
+    with pytest.raises(ParameterError):
+        frames(["--frames", "1-2", f"a.{width}.tif"])
+
+
+def test_frames_of_views_are_enumerated_like_those_found(folder):
+    words = ["--views", "right,left", "s.%V.@.tif", "-o", "out.%v.#.tif"]
+    found = frames(["--frames", "1,3", *words])
+    assert [(frame.number, frame.view, *frame.words[4:]) for frame in found] == [
+        (1, "left", "s.left.1.tif", "-o", "out.l.0001.tif"),
+        (1, "right", "s.right.1.tif", "-o", "out.r.0001.tif"),
+        (3, "left", "s.left.3.tif", "-o", "out.l.0003.tif"),
+        (3, "right", "s.right.3.tif", "-o", "out.r.0003.tif"),
+    ]
+    scanned = frames(["--views", "right,left", "s.%V.#.tif", "-o", "out.%v.#.tif"])
+    assert [(frame.number, frame.view, frame.words[-1]) for frame in found] == [
+        (frame.number, frame.view, frame.words[-1]) for frame in scanned
+    ]
+
+
+def test_views_without_numbers_run_once_per_view(folder):
+    touch(folder, "v.left.tif v.right.tif")
+    found = frames(["v.%V.tif", "-o", "out.%v.tif"])
+    assert [(frame.number, frame.view, frame.words) for frame in found] == [
+        (None, "left", ("v.left.tif", "-o", "out.l.tif")),
+        (None, "right", ("v.right.tif", "-o", "out.r.tif")),
+    ]
+    with pytest.raises(ParameterError, match="no frame number"):
+        frames(["v.%V.tif", "-o", "out.#.tif"])
+
+
+def test_an_output_by_view_wants_an_input_by_view(folder):
+    with pytest.raises(ParameterError, match="%"):
+        frames(["a.#.tif", "-o", "out.%V.#.tif"])
+
+
+def test_signs_in_names_stand_for_themselves(folder):
+    touch(folder, "p+q*.0001.tif ppq.0001.tif p+q*.0002.tif")
+    assert [frame.words for frame in frames(["p+q*.#.tif"])] == [("./p+q*.0001.tif",), ("./p+q*.0002.tif",)]
+
+
+def test_a_timestamp_is_a_number(folder):
+    touch(folder, "t.20240131235959.tif")
+    (found,) = frames(["t.#.tif", "-o", "u.#.tif"])
+    assert found == Frame(20240131235959, ("./t.20240131235959.tif", "-o", "u.20240131235959.tif"))
+    assert frame_numbers("20240131235959-20240131235960") == [20240131235959, 20240131235960]
+
+
+@pytest.mark.parametrize("ranges", ["1-1000000000", "-999999999999999999-999999999999999999", "1-1000000000y7"])
+@pytest.mark.parametrize("words", [["a.#.tif", "--frames"], ["--create", "1x1", "3", "--frames"]])
+def test_endless_ranges_are_refused(ranges, words, folder):
+    with pytest.raises(ParameterError, match=f"at most {MOST_FRAMES}"):
+        frames([*words, ranges])
+    with pytest.raises(ParameterError, match=f"at most {MOST_FRAMES}"):
+        frame_numbers(",".join(["1-60000"] * 2))
+
+
+def test_an_endless_range_of_few_frames_is_none():
+    assert frame_numbers("1-1000000000x400000000") == [1, 400000001, 800000001]
+    assert frame_numbers("1-1000000000y1") == []
+
+
+def test_a_range_without_frames_in_a_name_does_not_go_with_frames_elsewhere(folder):
+    with pytest.raises(ParameterError, match="has no frames, but --frames has 2"):
+        frames(["a.1-2y1#.tif", "--frames", "1-2"])
+
+
+def test_a_pattern_without_files_is_a_literal_name_with_a_warning(folder):
+    assert frames(["lit#.tif"])[0].warning
+    assert not frames(["a.0001.tif"])[0].warning
+    assert not frames(["--wildcardoff", "lit#.tif"])[0].warning
+
+
+@pytest.mark.parametrize("digits", ["many", "", "-3", "256", "9999"])
+def test_framepadding_wants_digits(digits, folder):
+    with pytest.raises(ParameterError, match="--framepadding"):
+        frames(["--framepadding", digits])
+
+
+def test_settings_name_all_that_is_read(folder):
+    for name, (arguments, text) in SETTINGS.items():
+        assert text and len(arguments) == (name in ("--frames", "--framepadding", "--views"))
+
+
+# --- tiles
+
+
+TILES = """
+    t.1001.tif t.1002.tif t.1011.tif t.1000.tif t.101.tif t.10011.tif m.1001.tif m.1002.tif m.1011.tif n.1001.tif
+    uv/u1_v1.tif uv/u2_v1.tif uv/u1_v2.tif uv/u0_v1.tif uv0/a_u0_v0.tif uv0/a_u1_v0.tif uv0/a_u0_v1.tif
+    wide.u11_v1.tif wide.u1_v1.tif r.1001.1001.tif r.1001.1002.tif
+    x.1001.0001.tif x.1002.0001.tif x.1001.0002.tif x.1002.0002.tif
+"""
+TAKES = {"-i": 1, "-o": 1, "--echo": 1, "--create": 2, "--mul": 0, "--tex": 0, "--frames": 1, "--wildcardoff": 0}
+
+
+@pytest.fixture
+def tiles(tmp_path, monkeypatch):
+    touch(tmp_path, TILES)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def tiled(*words):
+    return [(frame.number, " ".join(frame.words)) for frame in frames(words, lambda option: TAKES[option])]
+
+
+@pytest.mark.parametrize(
+    "words", ["{} -o o.<UDIM>.tif", "-i {} -o:all=1 o.<UDIM>.tif", "{} --echo #1 --frames 1 -o o.%(UDIM)d.tif"]
+)
+def test_a_command_line_runs_once_per_tile(words, tiles):
+    words = words.format("t.<UDIM>.tif")
+    lines = [re.sub(r"<UDIM>|%\(UDIM\)d", tile, words).replace("#", "0001") for tile in ("1001", "1002", "1011")]
+    found = tiled(*words.split())
+    assert [line for _, line in found] == lines
+    assert [number for number, _ in found] == ([1, 1, 1] if "--frames" in words else [1001, 1002, 1011])
+
+
+@pytest.mark.parametrize(
+    ("name", "names"),
+    {
+        "t.<UDIM>.tif": "t.1001.tif t.1002.tif t.1011.tif",
+        "./t.%(UDIM)d.tif": "./t.1001.tif ./t.1002.tif ./t.1011.tif",
+        "uv/<UVTILE>.tif": "uv/u1_v1.tif uv/u2_v1.tif uv/u1_v2.tif",
+        "uv/<U>_<V>.tif": "uv/u1_v1.tif uv/u2_v1.tif uv/u1_v2.tif",
+        "uv0/a_<uvtile>.tif": "uv0/a_u0_v0.tif uv0/a_u1_v0.tif uv0/a_u0_v1.tif",
+        "uv0/a_<u>_<v>.tif": "uv0/a_u0_v0.tif uv0/a_u1_v0.tif uv0/a_u0_v1.tif",
+        "r.<UDIM>.<UDIM>.tif": "r.1001.1001.tif",
+        "none.<UDIM>.tif": "",
+        "none/<UDIM>.tif": "",
+        "<UDIM>/none.tif": "",
+        "uv/<U>.tif": "",
+        "t.1001.tif": "",
+        "\0<UDIM>.tif": "",
+        "wide.<UVTILE>.tif": "wide.u1_v1.tif wide.u11_v1.tif",
+    }.items(),
+)
+def test_tiles_that_exist(name, names, tiles):
+    found = tile_files(name)
+    assert list(found.values()) == names.split()
+    assert all(tile_name(name, tile) == file for tile, file in found.items())
+
+
+def test_tiles_of_one_notation_become_another(tiles):
+    assert tiled("uv/<UVTILE>.tif", "-o", "o.<UDIM>_<u><v>.tif") == [
+        (1001, "uv/u1_v1.tif -o o.1001_u0v0.tif"),
+        (1002, "uv/u2_v1.tif -o o.1002_u1v0.tif"),
+        (1011, "uv/u1_v2.tif -o o.1011_u0v1.tif"),
+    ]
+    assert [frame.tile for frame in frames(["uv/<U>_<V>.tif"])] == [Tile(0, 0), Tile(0, 1), Tile(1, 0)]
+
+
+def test_a_tile_beyond_ten_columns_has_no_udim_number(tiles):
+    assert [number for number, _ in tiled("wide.<UVTILE>.tif", "-o", "o.<uvtile>.tif")] == [1001, None]
+    with pytest.raises(ParameterError, match="u10 v0 has no UDIM number"):
+        tiled("wide.<UVTILE>.tif", "-o", "o.<UDIM>.tif")
+
+
+def test_a_second_input_gives_its_counterparts(tiles):
+    assert tiled("t.<UDIM>.tif", "m.<UDIM>.tif", "--mul")[2] == (1011, "t.1011.tif m.1011.tif --mul")
+    assert tiled("n.<UDIM>.tif", "t.<UDIM>.tif", "--mul") == [(1001, "n.1001.tif t.1001.tif --mul")]
+    with pytest.raises(ParameterError, match=r"'n.1002.tif' does not exist, but its counterpart 't.1002.tif' does"):
+        tiled("t.<UDIM>.tif", "-i", "n.<UDIM>.tif", "--mul")
+
+
+def test_words_that_are_no_inputs_get_the_number_without_a_file(tiles):
+    (line,) = tiled("--echo", "<UDIM>!", "n.<UDIM>.tif", "--tex:mask=no.<UDIM>.tif:json=<UVTILE>.json")
+    assert line == (1001, "--echo 1001! n.1001.tif --tex:mask=no.1001.tif:json=u1_v1.json")
+
+
+def test_an_input_without_tiles_is_refused(tiles):
+    with pytest.raises(ParameterError, match=r"no tiles match 'none.<UDIM>.tif'"):
+        tiled("none.<UDIM>.tif", "-o", "o.<UDIM>.tif")
+
+
+def test_tiles_of_outputs_alone_stay_with_a_warning(tiles):
+    words = ("--create", "1x1", "3", "-o", "o.<UDIM>.tif")
+    assert [(frame.number, frame.words, bool(frame.warning)) for frame in frames(words)] == [(None, words, True)]
+
+
+def test_wildcardoff_protects_tiles(tiles):
+    assert tiled("--wildcardoff", "t.<UDIM>.tif", "-o", "<UDIM>") == [(None, "--wildcardoff t.<UDIM>.tif -o <UDIM>")]
+    assert tiled("n.<UDIM>.tif", "--wildcardoff", "-o", "<UDIM>") == [(1001, "n.1001.tif --wildcardoff -o <UDIM>")]
+
+
+def test_a_file_of_that_very_name_is_a_file(tiles):
+    touch(tiles, "t.<UDIM>.tif")
+    assert tiled("t.<UDIM>.tif") == [(None, "t.<UDIM>.tif")]
+
+
+@pytest.mark.parametrize("ranges", ["", "--frames 1-2"])
+def test_frames_of_tiles_run_once_per_frame_and_tile(ranges, tiles):
+    found = tiled(*ranges.split(), "./x.<UDIM>.#.tif", "-o", "o.@.<UDIM>.tif")
+    assert [(number, line.removeprefix(f"{ranges} ")) for number, line in found] == [
+        (1, "./x.1001.0001.tif -o o.1.1001.tif"),
+        (1, "./x.1002.0001.tif -o o.1.1002.tif"),
+        (2, "./x.1001.0002.tif -o o.2.1001.tif"),
+        (2, "./x.1002.0002.tif -o o.2.1002.tif"),
+    ]
+
+
+def test_a_name_with_a_column_alone_names_no_tiles():
+    assert [
+        name for name in ("<u>", "<U>x", "<V>", "<udim>", "a<u><v>", "<U>.<V>", "<u><V>", "<UDIM>") if names_tiles(name)
+    ] == [
+        "a<u><v>",
+        "<U>.<V>",
+        "<u><V>",
+        "<UDIM>",
+    ]
+
+
+WORDS = st.one_of(
+    st.text(max_size=20),
+    st.text("#@%dvV04-,x19yoi:/.<>U", max_size=16),
+    st.lists(
+        st.sampled_from(
+            ["#", "@", "%04d", "%d", "%V", "1-5", ",7", "x2", "<UDIM>", "<U>", "<V>", "a.", "/", "-o", "\0", ".."]
+        ),
+        max_size=6,
+    ).map("".join),
+    st.sampled_from(
+        [*SETTINGS, "-o", "-i", "-o:all=1", "1-3", "1-1000000000", "-5-5x2", "a.#.tif", "t.<UDIM>.tif", "99999999999"]
+    ),
+)
+
+
+@settings(RELAXED, max_examples=300)
+@example(["--frames", "1-99999", "--views", ",".join("abcdefgh"), "%V#"])
+@example(["\0/#.tif"])
+@example(["\ud800/#.tif"])
+@given(st.lists(WORDS, max_size=6))
+def test_any_words_end_in_frames_or_in_one_line(tiles, words):
+    try:
+        found = frames(words, lambda option: len(option) % 3)
+    except ParameterError as error:
+        assert len(str(error).splitlines()) == 1
+    else:
+        assert found
+        assert all(isinstance(frame, Frame) and len(frame.words) == len(words) for frame in found)
