@@ -20,10 +20,20 @@ from .tiles import bands
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
 DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
 TAG = "oiio:ColorSpace"
+INTERCHANGE_SPACES = ("lin_rec709", "ACES2065-1", "CIE XYZ D65")  # of our own config
+_HINT = "; --interchange SPACE lin_rec709 says which of its spaces is linear Rec. 709 (or ACES2065-1, 'CIE XYZ D65')"
+_BIT_DEPTHS = {
+    ocio.BIT_DEPTH_UINT8: (oiio.TypeDesc(oiio.UINT8), 8), ocio.BIT_DEPTH_UINT10: (oiio.TypeDesc(oiio.UINT16), 10),
+    ocio.BIT_DEPTH_UINT12: (oiio.TypeDesc(oiio.UINT16), 12), ocio.BIT_DEPTH_UINT16: (oiio.TypeDesc(oiio.UINT16), 16),
+    ocio.BIT_DEPTH_F16: (oiio.TypeDesc(oiio.HALF), 16), ocio.BIT_DEPTH_F32: (oiio.TypeDesc(oiio.FLOAT), 32),
+}  # fmt: skip
 
 
 class ColorConfig:
     """The user's colour config: `path`, else $OCIO, else a built-in one.
+
+    `interchange` is for configs that do not say how they meet others (OCIO v1): one of their spaces, and that of
+    `INTERCHANGE_SPACES` which means the same colours.
 
     Raises
     ------
@@ -31,7 +41,7 @@ class ColorConfig:
         The config cannot be loaded.
     """
 
-    def __init__(self, path: str | None = None):
+    def __init__(self, path: str | None = None, interchange: tuple[str, str] | None = None):
         self.path = path or os.environ.get("OCIO") or DEFAULT_CONFIG
         try:
             self._config = ocio.Config.CreateFromFile(self.path)
@@ -40,6 +50,10 @@ class ColorConfig:
                 f"{self.path}: not a colour config that can be used: {' '.join(str(error).split())}"
             ) from error
         self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
+        if interchange is not None and interchange[1] not in INTERCHANGE_SPACES:
+            allowed = ", ".join(INTERCHANGE_SPACES)
+            raise ColorError(f"no interchange space '{interchange[1]}'; there is {allowed}")
+        self._interchange = (self.resolve(interchange[0]), interchange[1]) if interchange else None
 
     def resolve(self, name: str) -> str:
         """The config's own name of a colour space, role or alias.
@@ -64,6 +78,37 @@ class ColorConfig:
             return None
         return self._config.getColorSpaceFromFilepath(path)[0]
 
+    # --- what --autocc asks ---
+
+    @property
+    def linear(self) -> str | None:
+        """The scene-linear space, where the config has the role."""
+        space = self._config.getColorSpace(ocio.ROLE_SCENE_LINEAR)
+        return space.getName() if space else None
+
+    def same(self, a: str, b: str) -> bool:
+        """Whether two names mean the same colours."""
+        return self._names.equivalent(a, b)
+
+    def space_in_name(self, path: str) -> str | None:
+        """The space that the name of a file says: by the file rules, or because it contains the space's name."""
+        found = self._names.getColorSpaceFromFilepath(path, "", True)
+        return None if found in ("", "unknown") else found
+
+    def space_of_output(self, path: str) -> str | None:
+        """The space that a file of that name should be in: as its name says, else as its format has it."""
+        found = self.space_in_name(path)
+        if found is None:
+            suffix = os.path.splitext(path)[1].lower()
+            found = "srgb_rec709_scene" if suffix in (".jpg", ".jpeg", ".gif", ".webp") else None
+            found = "Rec709" if suffix in (".ppm", ".pnm") else found
+        return found
+
+    def pixel_type(self, name: str) -> tuple[oiio.TypeDesc, int] | None:
+        """The pixel type, and its significant bits, that the config wants for a space."""
+        space = self._config.getColorSpace(self._names.resolve(name))
+        return _BIT_DEPTHS.get(space.getBitDepth()) if space else None
+
     @functools.lru_cache(maxsize=8)  # noqa: B019 - lives as long as the config, which lives as long as the run
     def to_lab(self, name: str) -> Callable[[np.ndarray], None]:
         """A function that turns contiguous (..., 3) float32 of that space into Lab in place.
@@ -82,13 +127,16 @@ class ColorConfig:
         return self._converter(name, forward=False)
 
     def _converter(self, name: str, forward: bool) -> Callable[[np.ndarray], None]:
-        ends = (self._config, self.resolve(name)), (_lab_config(), "Lab")
+        source, target = (self._config, self.resolve(name)), (_lab_config(), "Lab")
+        if self._interchange is not None:
+            source, target = (*source, self._interchange[0]), (*target, self._interchange[1])
         try:
-            processor = ocio.Config.GetProcessorFromConfigs(*(ends[0] + ends[1] if forward else ends[1] + ends[0]))
+            processor = ocio.Config.GetProcessorFromConfigs(*(source + target if forward else target + source))
             made = processor.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
         except (ocio.Exception, ocio.ExceptionMissingFile) as error:
             way = f"from '{name}' to CIE Lab" if forward else f"from CIE Lab to '{name}'"
-            raise ColorError(f"no way {way}: {' '.join(str(error).split())}") from error
+            hint = "" if self._interchange or self._config.hasRole("aces_interchange") else _HINT
+            raise ColorError(f"no way {way}: {' '.join(str(error).split())}{hint}") from error
 
         def convert(values: np.ndarray) -> None:
             (made.applyRGBA if values.shape[-1] == 4 else made.applyRGB)(values)
@@ -158,10 +206,12 @@ def colour_space(image: Image, config: ColorConfig | None, autocc: bool = False)
     return space
 
 
-def refuse_broken(broken: np.ndarray, name: str) -> None:
-    """Raise ImageError if any of (NaN, Inf) values have been counted."""
-    if broken.any():
-        raise ImageError(f"{name} has {broken[0]} NaN and {broken[1]} Inf values: add --fixnan box3 after it")
+class BrokenValues(ImageError):
+    """NaN or Inf where there should be colour. `counts` says how many of either: (2,) int64."""
+
+    def __init__(self, name: str, counts: np.ndarray):
+        super().__init__(f"{name} has {counts[0]} NaN and {counts[1]} Inf values: add --fixnan box3 after it")
+        self.counts = counts
 
 
 def working_values(image: Image, config: ColorConfig | None, autocc: bool = False) -> Working:
@@ -199,7 +249,8 @@ def working_values(image: Image, config: ColorConfig | None, autocc: bool = Fals
         _fill(values[place], None if alpha is None else alpha[place], rows, channels)
         if convert is not None and not broken.any():
             convert(values[place])
-    refuse_broken(broken, image.source)
+    if broken.any():
+        raise BrokenValues(image.source, broken)
     opaque = None if alpha is None or alpha.all() else alpha != 0
     if convert is None:
         values = _scaled(values, opaque, 3 if len(channels.colour) == 1 else len(channels.colour))

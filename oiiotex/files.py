@@ -54,9 +54,7 @@ def read(
     cache = cache or PieceCache(_CACHE_BYTES)
     parts = []
     for specs in source.specs():
-        levels = [
-            _part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)
-        ]
+        levels = [_part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)]
         parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
     return Image(tuple(parts), path)
 
@@ -102,15 +100,15 @@ class _Source:
             yield found
             subimage += 1
         self._input.geterror()  # there is no subimage after the last
+        if self.format == "webp":  # its reader does not recover from being asked for one
+            self._input = self._open()
 
     def read(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int]) -> np.ndarray:
         """Pixels of whole rows, or of whole tiles, of (subimage, level)."""
         channels = spec.nchannels
         with self._lock:
             if spec.tile_width == 0:
-                pixels = self._input.read_scanlines(
-                    *where, place.top, place.bottom, 0, 0, channels, spec.format
-                )
+                pixels = self._input.read_scanlines(*where, place.top, place.bottom, 0, 0, channels, spec.format)
             else:
                 pixels = self._input.read_tiles(
                     *where, place.left, place.right, place.top, place.bottom, 0, 1, 0, channels, spec.format

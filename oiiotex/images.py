@@ -100,15 +100,20 @@ class Part:
         return self.spec.format
 
     def respecced(self, change: Callable[[oiio.ImageSpec], object]) -> Part:
-        """The same pixels under a changed copy of the spec, whose data window may have moved."""
+        """The same pixels under a changed copy of the spec, whose data window may have moved.
+
+        Smaller versions are changed alike, and go where a window changes.
+        """
         spec = oiio.ImageSpec(self.spec)
         change(spec)
         x, y = spec.x - self.spec.x, spec.y - self.spec.y
+        same = Window.data(spec) == self.window and Window.display(spec) == Window.display(self.spec)
+        levels = tuple(level.respecced(change) for level in self.levels) if same else ()
 
         def fetch(window: Window) -> np.ndarray:
             return self.read(window.shifted(-x, -y))
 
-        return dataclasses.replace(self, spec=spec, fetch=fetch, levels=())
+        return dataclasses.replace(self, spec=spec, fetch=fetch, levels=levels)
 
 
 @dataclass(frozen=True)

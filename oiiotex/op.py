@@ -103,6 +103,13 @@ class Op:
         """This use's parameter values by name."""
         return {p.name: getattr(self, p.name) for p in self.parameters()}
 
+    def provenance(self) -> dict[str, Any]:
+        """What a file should say of how it was made, as metadata."""
+        given = {name: value for name, value in self.values().items() if value is not None}
+        words = ":".join(f"{name}={int(v) if isinstance(v, bool) else v}" for name, v in given.items())
+        found = {"oiiotex:filter": self.name, "oiiotex:parameters": words}
+        return found | ({"oiiotex:seed": given["seed"]} if "seed" in given else {})
+
     def compute(self, session: Any) -> Any:
         """The output `images.Image`; `session` is a `session.Session`."""
         raise NotImplementedError

@@ -6,10 +6,11 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from .errors import ImageError, Interrupted
 from .stats import Stats
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from .device import Device
 
 Progress = Callable[[int, int], bool | None]
+Piece, Made = TypeVar("Piece"), TypeVar("Made")
 
 
 @dataclass(kw_only=True)
@@ -36,6 +38,8 @@ class Session:
         Bytes of memory that one op may hold; a quarter of what the machine gives the process by default.
     colorconfig : str or None
         An OCIO config; None: $OCIO or a built-in one.
+    interchange : (str, str) or None
+        A space of a config that does not say how it meets others, and that of ours which is the same.
     autocc : bool
         Let the config's file rules name the space of an untagged file.
     all_parts : bool
@@ -58,6 +62,7 @@ class Session:
     threads: int = 0
     budget: int = field(default_factory=lambda: memory() // 4)
     colorconfig: str | None = None
+    interchange: tuple[str, str] | None = None
     autocc: bool = False
     all_parts: bool = False
     progress: Progress | None = None
@@ -82,14 +87,25 @@ class Session:
         """The colour config, loaded on first use."""
         from .color import ColorConfig
 
-        return ColorConfig(self.colorconfig)
+        return ColorConfig(self.colorconfig, self.interchange)
 
     @functools.cached_property
     def cache(self) -> PieceCache:
         """Decoded pieces of files and of results that are asked for again."""
         return PieceCache(max(32 << 20, min(self.budget // 4, 1 << 30)))
 
-    def require(self, need: int, what: str) -> None:
+    @functools.cached_property
+    def _workers(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(self.threads or usable_threads(), "oiiotex-work")
+
+    def spread(self, work: Callable[[Piece], Made], pieces: Iterable[Piece]) -> Iterator[Made]:
+        """What `work` makes of each piece, in order, on all threads of the run.
+
+        Work must be computing alone: what reads an image may itself be waiting for these threads.
+        """
+        return self._workers.map(work, pieces)
+
+    def require(self, need: int, what: str, advice: str = "make the image smaller") -> None:
         """Refuse what does not fit the budget.
 
         Raises
@@ -99,8 +115,8 @@ class Session:
         """
         if need > self.budget:
             raise ImageError(
-                f"{what} needs the whole image in memory, {-(-need >> 20)} MB; the budget is {self.budget >> 20} MB:"
-                " raise --cache, or make the image smaller"
+                f"{what} needs {-(-need >> 20)} MB of memory; the budget is {self.budget >> 20} MB:"
+                f" raise --cache, or {advice}"
             )
 
     def advance(self, done: int, total: int) -> None:

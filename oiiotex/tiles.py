@@ -8,6 +8,7 @@ Nothing here knows files or colours.
 from __future__ import annotations
 
 import dataclasses
+import errno
 import functools
 import os
 import tempfile
@@ -152,7 +153,7 @@ def settled(part: Part, budget: int) -> Part:
         kept = from_pixels(part.name, pixels, part.spec, part.stored)
     else:
         spill = _Spill(part)
-        for window in part.window.cells(part.spec.width, spill.rows):
+        for window in part.window.cells(*spill.band):
             spill.put(window, part.read(window))
         kept = dataclasses.replace(part, fetch=spill.get, ready=True)
     return dataclasses.replace(kept, native=part.native)
@@ -169,17 +170,18 @@ class _Spill:
         self._channels = part.spec.nchannels
         self._tile_bytes = self.SIDE * self.SIDE * part.pixel_bytes
         self._across = -(-self._whole.width // self.SIDE)
-        self.rows = self.SIDE
+        self.band = (self.SIDE * max(1, 4 * BAND_BYTES // self._tile_bytes), self.SIDE)  # what is put at once
         # not under /tmp where that is memory: TMPDIR says where there is room
         self._file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as the part
 
     def put(self, window: Window, pixels: np.ndarray) -> None:
-        """Keep a band of rows that begins at a tile's edge."""
+        """Keep a window of whole tiles."""
         for place in window.cells(self.SIDE, self.SIDE):
             tile = np.zeros((self.SIDE, self.SIDE, self._channels), self._dtype)
             tile[: place.height, : place.width] = pixels[place.inside(window)]
             try:
-                os.pwrite(self._file.fileno(), tile, self._offset(place))
+                if os.pwrite(self._file.fileno(), tile, self._offset(place)) < tile.nbytes:
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk takes a part in silence
             except OSError as error:
                 folder = tempfile.gettempdir()
                 raise ImageError(f"no room for intermediate results in {folder} (set TMPDIR): {error}") from error

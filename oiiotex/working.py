@@ -11,11 +11,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import OpenImageIO as oiio
 
-from .color import ColorConfig, as_float, colour_space, refuse_broken
-from .images import Channels, Image, channels_of
+from .color import BrokenValues, ColorConfig, as_float, colour_space
+from .images import Channels, Image, Part, channels_of
+from .session import Session
 from .tiles import bands, stream
+from .windows import Window
 
+_PIECE_PIXELS = 1 << 16  # what is worked on at once: small enough for caches
 _TINY = np.finfo(np.float32).tiny
 
 
@@ -90,7 +94,7 @@ class Lens:
             values *= np.float32(1.0 / self.scale)
             values += np.float32(self.low)
         if self.channels.alpha is not None:
-            values *= as_float(rows[..., self.channels.alpha])[..., None]
+            values *= divisor(as_float(rows[..., self.channels.alpha]))[..., None]
         out = rows.copy()
         colour = self.channels.colour
         if len(colour) == 1 and self.space is not None:
@@ -121,7 +125,7 @@ class Lens:
             if len(colour) == 1:
                 values[..., 1:3] = values[..., :1]
         if share is not None and not (share == 1).all():
-            values[..., :3] /= np.where(np.abs(share) < _TINY, np.float32(1.0), share)[..., None]
+            values[..., :3] /= divisor(share)[..., None]
         return values, share
 
     def _check(self, *seen: np.ndarray | None) -> None:
@@ -129,7 +133,14 @@ class Lens:
         with np.errstate(over="ignore", invalid="ignore"):
             if all(np.isfinite(s.sum()) for s in given):  # an overflow looks broken too: then they are counted
                 return
-        refuse_broken(count_broken(*given), self.name)
+        counts = count_broken(*given)
+        if counts.any():
+            raise BrokenValues(self.name, counts)
+
+
+def divisor(alpha: np.ndarray) -> np.ndarray:
+    """What premultiplied colour is divided by: alpha, but 1 where there is none."""
+    return np.where(np.abs(alpha) < _TINY, np.float32(1.0), alpha)
 
 
 def count_broken(*seen: np.ndarray) -> np.ndarray:
@@ -167,30 +178,65 @@ def lens_of(image: Image, config: ColorConfig | None, autocc: bool = False) -> L
     ImageError, ColorError
         As by `color.working_values`.
     """
-    channels = channels_of(image.first.spec)
     space = colour_space(image, config, autocc)
     if config is not None and space is not None:
-        return Lens(image.source, channels, space, config.to_lab(space), config.from_lab(space))
-    plain = Lens(image.source, channels, None, None, None)
-    return _scaled(plain, image)
+        return lens_for(image, config, space)
+    return _scaled(Lens(image.source, channels_of(image.first.spec), None, None, None), image)
+
+
+def lens_for(image: Image, config: ColorConfig, space: str) -> Lens:
+    """How an image of that colour space is seen in Lab."""
+    return Lens(image.source, channels_of(image.first.spec), space, config.to_lab(space), config.from_lab(space))
 
 
 def _scaled(plain: Lens, image: Image) -> Lens:
-    """The lens for data, with their range; what is broken anywhere is counted here."""
-    low, high, broken = np.inf, -np.inf, np.zeros(2, np.int64)
-    used = [*plain.channels.colour, *([] if plain.channels.alpha is None else [plain.channels.alpha])]
-    part = image.first
-    for _, rows in stream(part, bands(part)):
-        found = count_broken(as_float(rows[..., used]))
-        broken += found
-        if found.any():
-            continue
+    """The lens for data, with their range."""
+    low, high = np.inf, -np.inf
+
+    def look(rows: np.ndarray) -> None:
+        nonlocal low, high
         values, opaque = plain.values(rows)
         seen = values[..., : plain.count]
         seen = seen if opaque is None else seen[opaque]
         if seen.size:
             low, high = min(low, float(seen.min())), max(high, float(seen.max()))
-    refuse_broken(broken, plain.name)
+
+    part = image.first
+    broken: np.ndarray | int = 0
+    for _, rows in stream(part, bands(part)):
+        try:
+            look(rows)
+        except BrokenValues as error:
+            broken = broken + error.counts
+    if not isinstance(broken, int):
+        raise BrokenValues(plain.name, broken)
     if low > high:
         return plain
     return replace(plain, low=low, scale=100.0 / max(high - low, 1e-12))
+
+
+def computed(
+    part: Part, spec: oiio.ImageSpec, session: Session, work: Callable[[np.ndarray, Window], np.ndarray]
+) -> Part:
+    """A part of the same size, of which every pixel follows from the pixel at its place, computed on all threads.
+
+    Parameters
+    ----------
+    part : Part
+        Where pixels come from.
+    spec : oiio.ImageSpec
+        Of the result.
+    session : Session
+    work : callable
+        (pixels, their window) -> pixels of the result. It must give a pixel the same value in any window.
+    """
+
+    def fetch(window: Window) -> np.ndarray:
+        rows = part.read(window)
+        pieces = list(window.cells(window.width, max(1, _PIECE_PIXELS // max(1, window.width))))
+        if len(pieces) == 1:
+            return work(rows, window)
+        made = session.spread(lambda piece: work(rows[piece.inside(window)], piece), pieces)
+        return np.concatenate(list(made))
+
+    return replace(part, spec=spec, fetch=fetch, levels=(), ready=False)

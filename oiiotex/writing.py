@@ -101,15 +101,17 @@ def write(
             raise ImageError(f"{path}: no format writes '{how.format_name or path.suffix}'")
         image = _fitted(image, out, path, how)
         specs = _specs(image, out, how)
-        _require_types(temporary, path, image, specs, how)
+        _require_types(out, temporary, path, image, specs, how)
         try:
             _write_parts(out, temporary, path, image, specs, advance)
         finally:
             closed = out.close()
         if not closed:
             raise ImageError(f"{path}: {one_line(out.geterror())}")
+        format_name = out.format_name()
+        del out  # a MIP-mapped EXR is finished only now
         if not temporary.exists():
-            raise ImageError(f"{path}: {out.format_name()} writes no file")
+            raise ImageError(f"{path}: {format_name} writes no file")
         _check_arrived(temporary, path)
 
 
@@ -123,7 +125,7 @@ def _fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Ima
         raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
     parts = [_with_fitting_channels(part, out, path) for part in image.parts]
     if how.autocrop and not out.supports("displaywindow"):
-        parts = [cropped(part, Window.display(part.spec)) for part in parts]
+        parts = [_in_window(part, Window.display(part.spec)) for part in parts]
     if how.autocrop and not out.supports("negativeorigin"):
         parts = [_without_negative_origin(part) for part in parts]
     if any(part.window.empty for part in parts):
@@ -133,9 +135,7 @@ def _fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Ima
 
 def _with_fitting_channels(part: Part, out: oiio.ImageOutput, path: Path) -> Part:
     count, fit = part.spec.nchannels, part.spec.nchannels
-    alpha_fourth = count > 3 and (
-        part.spec.alpha_channel == 3 or part.spec.channelnames[3].lower() in ("a", "alpha")
-    )
+    alpha_fourth = count > 3 and (part.spec.alpha_channel == 3 or part.spec.channelnames[3].lower() in ("a", "alpha"))
     if count > 4 and not out.supports("nchannels"):
         fit = 4
     if count > 3 and not out.supports("alpha" if alpha_fourth else "nchannels"):
@@ -151,7 +151,19 @@ def _with_fitting_channels(part: Part, out: oiio.ImageOutput, path: Path) -> Par
         spec.alpha_channel = 3 if alpha_fourth and fit == 4 else -1
 
     narrow = part.respecced(fewer)
-    return dataclasses.replace(narrow, fetch=lambda window: part.read(window)[..., :fit])
+    return dataclasses.replace(narrow, fetch=lambda window: part.read(window)[..., :fit], levels=())
+
+
+def _in_window(part: Part, window: Window) -> Part:
+    """Cropped, but in tiles as it was."""
+    fitted = cropped(part, window)
+    spec = fitted.spec
+    spec.tile_width, spec.tile_height, spec.tile_depth = _tile_of(part.spec)
+    return fitted
+
+
+def _tile_of(spec: oiio.ImageSpec) -> tuple[int, int, int]:
+    return spec.tile_width, spec.tile_height, spec.tile_depth
 
 
 def _without_negative_origin(part: Part) -> Part:
@@ -159,7 +171,7 @@ def _without_negative_origin(part: Part) -> Part:
     if window.left >= 0 and window.top >= 0:
         return part
     left, top = max(0, window.left), max(0, window.top)
-    return cropped(part, Window(left, top, max(left + 1, window.right), max(top + 1, window.bottom)))
+    return _in_window(part, Window(left, top, max(left + 1, window.right), max(top + 1, window.bottom)))
 
 
 # --- specs ---
@@ -173,10 +185,10 @@ def _specs(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.I
     found = []
     for n, part in enumerate(image.parts):
         levels = []
-        for level in (part, *(part.levels if out.supports("mipmap") else ())):
+        for level in (part, *_levels(part, out, how, several)):
             spec = oiio.ImageSpec(level.spec)
             _set_types(spec, part, n, how)
-            _set_tiles(spec, how, tiled)
+            _set_tiles(spec, how, out, tiled)
             if several and not re.fullmatch(r"part\d+", part.name):  # OpenImageIO numbers the nameless
                 spec.attribute("oiio:subimagename", part.name)
             if several:
@@ -194,6 +206,14 @@ def _specs(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.I
     return found
 
 
+def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tuple[Part, ...]:
+    """The smaller versions that are written: TIFF has them as further images, which must be tiled to be known."""
+    if out.supports("mipmap") and not several:
+        return part.levels
+    tiled = part.spec.tile_width and not how.scanline
+    return part.levels if tiled and out.format_name() == "tiff" and not several else ()
+
+
 def _wanted(part: Part, n: int, how: Format) -> oiio.TypeDesc | None:
     """The type that a part must have: what the user asks for, or what a further part of ours is."""
     if how.pixel_type is not None and (n == 0 or part.stored is None):
@@ -202,10 +222,9 @@ def _wanted(part: Part, n: int, how: Format) -> oiio.TypeDesc | None:
 
 
 def _set_types(spec: oiio.ImageSpec, part: Part, n: int, how: Format) -> None:
-    wanted = _wanted(part, n, how)
     by_channel = dict(how.channel_types)
-    if wanted is not None and wanted != part.stored:
-        spec.set_format(wanted)
+    if how.pixel_type is not None and (n == 0 or part.stored is None):
+        spec.set_format(how.pixel_type)
     elif part.stored is not None:
         if part.stored != spec.format:
             spec.set_format(part.stored)
@@ -225,10 +244,10 @@ def _set_types(spec: oiio.ImageSpec, part: Part, n: int, how: Format) -> None:
         spec.erase_attribute("oiio:BitsPerSample")
 
 
-def _set_tiles(spec: oiio.ImageSpec, how: Format, tiled: bool) -> None:
+def _set_tiles(spec: oiio.ImageSpec, how: Format, out: oiio.ImageOutput, tiled: bool) -> None:
     if tiled and how.tile is not None:
         spec.tile_width, spec.tile_height, spec.tile_depth = *how.tile, 1
-    elif not tiled:
+    elif not tiled or (out.format_name() == "tiff" and (spec.tile_width % 16 or spec.tile_height % 16)):
         spec.tile_width = spec.tile_height = spec.tile_depth = 0
 
 
@@ -248,6 +267,7 @@ def _write_parts(
     for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
         for m, spec in enumerate(levels):
             _open(out, temporary, path, [s[0] for s in specs], n, m, spec)
+            spec.tile_width, spec.tile_height, spec.tile_depth = _tile_of(out.spec())  # some formats have only tiles
             for window, pixels in stream(part.levels[m - 1] if m else part, _bands(part, spec)):
                 if not _put(out, spec, window, np.ascontiguousarray(pixels)):
                     row = window.top - spec.y
@@ -267,7 +287,7 @@ def _open(
     spec: oiio.ImageSpec,
 ) -> None:
     if level > 0:
-        opened = out.open(str(temporary), spec, "AppendMIPLevel")
+        opened = out.open(str(temporary), spec, "AppendMIPLevel" if out.supports("mipmap") else "AppendSubimage")
     elif part > 0:
         opened = out.open(str(temporary), spec, "AppendSubimage")
     elif len(firsts) > 1 and out.format_name() == "openexr":  # multi-part EXR wants all specs up front
@@ -299,11 +319,13 @@ def _put(out: oiio.ImageOutput, spec: oiio.ImageSpec, window: Window, pixels: np
 
 
 def _require_types(
-    temporary: Path, path: Path, image: Image, specs: list[list[oiio.ImageSpec]], how: Format
+    out: oiio.ImageOutput, temporary: Path, path: Path, image: Image, specs: list[list[oiio.ImageSpec]], how: Format
 ) -> None:
     """Refuse a type that the format would silently exchange, before the work begins: asked of one-pixel images."""
     for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
         wanted = _wanted(part, n, how)
+        if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
+            raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see files.read
         if wanted is None:
             continue
         trial = oiio.ImageOutput.create(how.format_name or str(temporary))

@@ -25,6 +25,7 @@ FLOORS = [
     {"files", "color"},
     {"writing"},
     {"session"},
+    {"working"},
     {"analysis"},
     {"synthesis"},
     {"filters"},

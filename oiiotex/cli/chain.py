@@ -10,7 +10,9 @@ from typing import Any
 
 import OpenImageIO as oiio
 
+from .. import filters
 from ..errors import Error, ParameterError
+from ..host.kinds import HostOp
 from ..images import Image, type_named
 from ..op import Op
 from ..params import Parameter
@@ -151,7 +153,10 @@ class Chain:
             try:
                 self._do(step)
             except Error as error:
-                raise error if isinstance(error, StepError) else StepError(step, error) from error
+                failed = error if isinstance(error, StepError) else StepError(step, error)
+                if not self.settings.get("--no-error-exit"):
+                    raise failed from error
+                log.error("oiiotex ERROR: %s", failed)
         self._nothing_waits()
         if self.loops:
             raise ParameterError(f"{self.loops[-1].name} has no end")
@@ -214,9 +219,10 @@ class Chain:
         arguments = {p.name: p.parse(text) for p, text in zip(op.arguments(), texts, strict=True)}
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
         with self.session.stats.time(op.flag()):
-            result = op(**given, **arguments, **values).compute(self.session)
+            bound = op(**given, **arguments, **values)
+            result = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
         del self.stack[len(self.stack) - count :]
-        self.push(result)
+        self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
         self.unwritten = True
 
     def image(self, index: int) -> Image:
@@ -224,6 +230,18 @@ class Chain:
         if not 0 <= index < len(self.stack):
             raise ParameterError(f"there is no image {index}: the stack holds {len(self.stack)}")
         return self.stack[-1 - index]
+
+
+def _with_metadata_of(operands: list[Image], result: Image) -> Image:
+    """The result, with what else is in the metadata of the operands (--metamerge)."""
+
+    def merge(spec: oiio.ImageSpec) -> None:
+        for operand in operands:
+            for attribute in operand.first.spec.extra_attribs:
+                if spec.getattribute(attribute.name) is None:
+                    spec.attribute(attribute.name, attribute.type, attribute.value)
+
+    return Image(tuple(part.respecced(merge) for part in result.parts), result.source)
 
 
 def _bound(declared: tuple[Parameter, ...], operands: list[Image]) -> dict[str, Any]:

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import sys
+
 from .. import filters, host
+from ..op import Op
 from . import control, output, printing, reading, sequences, stack, textures
 from .output import switch
 from .parse import Language, Option, Refused
@@ -16,6 +19,7 @@ SETTINGS = (
     Option("--threads", ("N",), "CPU threads; 0: as many as the process may use"),
     Option("--cache", ("MB",), "memory budget; a quarter of the machine's when left out"),
     Option("--colorconfig", ("FILE",), "OCIO config; else $OCIO, else a built-in one"),
+    Option("--interchange", ("SPACE", "OURS"), "SPACE of a config without interchange roles is lin_rec709, ACES2065-1 ..."),
     Option("-v", (), "say what is done, and measure the results", aliases=("--verbose",)),
     Option("-q", (), "print less"),
     Option("--runstats", (), "say where the time went, and measure the results"),
@@ -45,17 +49,28 @@ REFUSED = (
     Refused("--thumbnail-set", 0, "OpenImageIO cannot write thumbnails from Python"),
 )
 
+
+def _heading(op: type[Op]) -> str:
+    """What its module says that it is about."""
+    return (sys.modules[op.__module__].__doc__ or "").partition("\n")[0].rstrip(".:")
+
+
+def _by_heading(ops: tuple[type[Op], ...]) -> dict[str, tuple[type[Op], ...]]:
+    found: dict[str, tuple[type[Op], ...]] = {}
+    for op in ops:
+        found[_heading(op)] = (*found.get(_heading(op), ()), op)
+    return found
+
+
 LANGUAGE = Language(
-    ops={name: op for op in (*filters.FILTERS, *host.OPS) for name in (op.flag(), *op.aliases)},
-    options=(
-        *reading.OPTIONS,
-        *output.OPTIONS,
-        *textures.OPTIONS,
-        *stack.OPTIONS,
-        *printing.OPTIONS,
-        *control.OPTIONS,
-        *_STATES,
-        *SETTINGS,
-    ),
+    ops={"Texture filters": filters.FILTERS, **_by_heading(host.OPS)},
+    groups={
+        "Reading": reading.OPTIONS,
+        "Writing": (*output.OPTIONS, *textures.OPTIONS),
+        "The stack, and parts of images": stack.OPTIONS,
+        "Printing and comparing": printing.OPTIONS,
+        "Control flow": control.OPTIONS,
+        "The run": (*_STATES, *SETTINGS),
+    },
     refused=REFUSED,
 )

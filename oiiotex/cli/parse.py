@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -78,22 +79,29 @@ class Language:
 
     Attributes
     ----------
-    ops : mapping of str to Op class
-        By option name.
-    options : tuple of Option
+    ops : mapping of str to tuple of Op classes
+        By heading, for help.
+    groups : mapping of str to tuple of Option
+        By heading.
     refused : tuple of Refused
     """
 
-    ops: Mapping[str, type[Op]]
-    options: tuple[Option, ...]
+    ops: Mapping[str, tuple[type[Op], ...]]
+    groups: Mapping[str, tuple[Option, ...]]
     refused: tuple[Refused, ...] = ()
     _names: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self._names.update(self.ops)
-        self._names.update({option.name: option for option in self.options})
-        self._names.update({alias: option for option in self.options for alias in option.aliases})
+        for op in itertools.chain.from_iterable(self.ops.values()):
+            self._names.update(dict.fromkeys((op.flag(), *op.aliases), op))
+        for option in self.options:
+            self._names.update(dict.fromkeys((option.name, *option.aliases), option))
         self._names.update({refused.name: refused for refused in self.refused})
+
+    @property
+    def options(self) -> tuple[Option, ...]:
+        """All options that are not ops."""
+        return tuple(itertools.chain.from_iterable(self.groups.values()))
 
     def find(self, name: str) -> type[Op] | Option | Refused:
         """What an option's name means; one dash or two mean the same, as in oiiotool.

@@ -7,13 +7,13 @@ import sys
 import textwrap
 
 from .. import __version__
-from ..errors import ParameterError
-from ..filters import FILTERS
+from ..errors import DeviceError, ParameterError
 from ..op import Op
-from ..params import Parameter, nearest
+from ..params import Parameter, declared
 from ..session import Progress
 from ..stats import Stats
 from .language import LANGUAGE
+from .parse import Option, Refused
 
 _USAGE = """\
 oiiotex: texture filters in an oiiotool-style chain
@@ -23,38 +23,53 @@ usage: oiiotex photo.exr --iscolorspace ACEScg --texstationarize:sigma=32:size=1
 
 def overview() -> str:
     """The text of --help: our filters first."""
-    rows = [(op.flag(), summary(op)) for op in FILTERS]
-    options = [(" ".join((o.name, *o.arguments)), o.help) for o in LANGUAGE.options]
-    table = "\n".join(f"  {name:24s} {text}" for name, text in rows)
-    others = "\n".join(f"  {name:24s} {text}" for name, text in options)
-    return f"{_USAGE}\nTexture filters (--help NAME prints a filter's page):\n{table}\n\nOptions:\n{others}"
+    lines = [_USAGE]
+    for heading, ops in LANGUAGE.ops.items():
+        lines += [f"{heading}:", *(_row(_call(op), summary(op)) for op in ops), ""]
+    for heading, options in LANGUAGE.groups.items():
+        lines += [f"{heading}:", *(_row(" ".join((o.name, *o.arguments)), o.help) for o in options), ""]
+    return "\n".join(lines).rstrip()
+
+
+def _call(op: type[Op]) -> str:
+    return " ".join((op.flag(), *(p.name.upper() for p in op.arguments())))
+
+
+def _row(name: str, text: str) -> str:
+    return f"  {name:28s} {text}" if len(name) <= 28 else f"  {name}\n{' ' * 31}{text}"
 
 
 def page(name: str) -> str:
-    """A filter's page.
+    """The page of an op or an option.
 
     Raises
     ------
     ParameterError
-        There is no filter of that name.
+        There is none of that name.
     """
-    pages = {op.name: op for op in FILTERS}
-    bare = name.lstrip("-").removeprefix("tex")
-    if bare not in pages:
-        raise ParameterError(
-            f"no filter '{name}'{nearest(bare, pages)}; there is {', '.join(op.flag() for op in FILTERS)}"
-        )
-    op = pages[bare]
+    bare = name.lstrip("-")
+    try:
+        found = LANGUAGE.find(f"--tex{bare}")
+    except ParameterError:
+        found = LANGUAGE.find(f"--{bare}")
+    if isinstance(found, Refused):
+        return f"{found.name} of oiiotool is not here: {found.reason}"
+    if isinstance(found, Option):
+        lines = [" ".join((found.name, *found.arguments)), "", found.help]
+        if found.modifiers is not None:
+            lines += ["", "Modifiers:", *map(_modifier, declared(found.modifiers)[1])]
+        return "\n".join(lines)
+    return _op_page(found)
+
+
+def _op_page(op: type[Op]) -> str:
     images = " ".join(i.name for i in op.images())
-    lines = [
-        f"{op.flag()}  ({images} -> {', '.join(o.name for o in op.outputs)})",
-        "",
-        description(op),
-        "",
-        "Modifiers:",
-    ]
-    lines += [_modifier(p) for p in op.parameters()] or ["  none"]
-    lines += ["", "Outputs:", *(f"  {o.name:12s} {o.help}" for o in op.outputs)]
+    lines = [f"{_call(op)}  ({images} -> {', '.join(o.name for o in op.outputs)})", "", description(op)]
+    if op.arguments():
+        lines += ["", "Arguments:", *(f"  {p.name.upper():13s}{p.help}; {p.allowed()}" for p in op.arguments())]
+    lines += ["", "Modifiers:", *([_modifier(p) for p in op.modifiers()] or ["  none"])]
+    if len(op.outputs) > 1 or op.prefix == Op.prefix:
+        lines += ["", "Outputs:", *(f"  {o.name:12s} {o.help}" for o in op.outputs)]
     lines += ["", f"Works in {op.space.value}; looks at {op.reach.value}."]
     return "\n".join(lines)
 
@@ -80,12 +95,27 @@ def _word(value: object) -> str:
     return str(int(value)) if isinstance(value, bool) else str(value)
 
 
-def versions() -> str:
-    """Ours and those of what we stand on."""
+def versions(device_name: str | None, threads: int) -> str:
+    """Ours, and those of what we stand on."""
     import OpenImageIO as oiio
     import PyOpenColorIO as ocio
 
-    return f"oiiotex {__version__}, OpenImageIO {oiio.__version__}, OpenColorIO {ocio.__version__}"
+    from .. import device
+
+    try:
+        info = device.choose(device_name, threads)
+        used = f"{info.name} ({info.kind}), {info.platform}, {info.version}"
+    except DeviceError as error:
+        used = str(error)
+    inside = ".".join(str(oiio.OpenColorIO_version_hex >> shift & 0xFF) for shift in (24, 16, 8))
+    return "\n".join(
+        (
+            f"oiiotex {__version__}",
+            f"OpenImageIO {oiio.__version__} (with OpenColorIO {inside})",
+            f"OpenColorIO {ocio.__version__}",
+            f"device: {used}",
+        )
+    )
 
 
 def device_list(threads: int) -> str:
@@ -123,3 +153,44 @@ def time_table(stats: Stats, wall: float) -> str:
     """The text of --runstats."""
     rows = [f"  {name:28s} {seconds:8.3f} s {stats.calls[name]:6d} x" for name, seconds in stats.seconds.items()]
     return "\n".join([f"time: {wall:.3f} s", *rows])
+
+
+# --- completion ---
+
+_BASH = """\
+_oiiotex() {{
+  local line="${{COMP_LINE:0:COMP_POINT}}"
+  local word="${{line##* }}"
+  COMPREPLY=()
+  case "$word" in
+    -*:*)
+      compopt -o nospace 2>/dev/null
+      case "${{word%%:*}}" in
+{modifiers}
+      esac ;;
+    -*) COMPREPLY=($(compgen -W "{options}" -- "$word")) ;;
+    *) COMPREPLY=($(compgen -f -- "$word")) ;;
+  esac
+}}
+complete -o filenames -F _oiiotex oiiotex"""
+
+
+def completion(shell: str) -> str:
+    """A script for the shell that completes options, modifiers and files.
+
+    Raises
+    ------
+    ParameterError
+        It is for a shell that we have none for.
+    """
+    if shell not in ("bash", "zsh"):
+        raise ParameterError(f"--completion {shell}: allowed is bash or zsh")
+    names = {op.flag(): [p.name for p in op.modifiers()] for ops in LANGUAGE.ops.values() for op in ops}
+    names |= {o.name: [p.name for p in declared(o.modifiers)[1]] if o.modifiers else [] for o in LANGUAGE.options}
+    rows = [
+        f"""        {name}) COMPREPLY=($(compgen -W "{' '.join(f'{m}=' for m in modifiers)}" -- "${{word##*:}}")) ;;"""
+        for name, modifiers in names.items()
+        if modifiers
+    ]
+    script = _BASH.format(modifiers="\n".join(rows), options=" ".join(names))
+    return script if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{script}"

@@ -107,14 +107,16 @@ def _pool(workers: int) -> Iterator[multiprocessing.pool.Pool]:
     try:
         yield pool
         pool.close()
-    finally:  # a worker that is asked to end cleans up behind itself
-        pool.terminate()
+    except BaseException:
+        pool.terminate()  # a worker that is asked to end cleans up behind itself
+        raise
+    finally:
         pool.join()
 
 
 def _start_worker(level: int) -> None:
     logging.basicConfig(format="%(message)s", level=level)
-    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent, which gets it too, ends its workers
 
 
@@ -150,6 +152,7 @@ def _session(command: CommandLine, words: list[str]) -> Session:
         device_name=_first(command, "--device"),
         threads=threads,
         colorconfig=_first(command, "--colorconfig"),
+        interchange=command.settings.get("--interchange"),
         progress=None if "-q" in command.settings else report.progress_bar(),
         measure=_wants_report(command),
         profile="--runstats" in command.settings,
@@ -181,7 +184,7 @@ def _prints_only(command: CommandLine) -> bool:
         topic = _first(command, "--help")
         print(report.page(topic) if topic else report.overview())
     elif "--version" in settings:
-        print(report.versions())
+        print(report.versions(_first(command, "--device"), _whole_number(command, "--threads")))
     elif "--devices" in settings:
         print(report.device_list(_whole_number(command, "--threads")))
     elif "--completion" in settings:

@@ -5,13 +5,35 @@
 >>> tile = filters.stationarize(buf, sigma=32, size=(1024, 1024), seed=7)  # doctest: +SKIP
 """
 
+from collections.abc import Callable
+from typing import Any
+
 from ..op import Op
-from .functions import function_of
+from .flatten import Flatten
+from .functions import function_of, result
+from .lab import Lab
+from .plugins import installed
+from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .warp import Warp
 
-FILTERS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Warp)
+_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Lab, Warp)
+FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
+flatten = function_of(Flatten)
+stationarity = function_of(Stationarity)
+lab = function_of(Lab)
 warp = function_of(Warp)
+
+
+__all__ = ["FILTERS", "result"]
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    """The functions of other packages' filters."""
+    for op in FILTERS:
+        if op.name == name:
+            return function_of(op)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,11 +9,13 @@ from typing import Any
 
 import OpenImageIO as oiio
 
+from .. import __version__
 from ..errors import ParameterError
-from ..images import Image, from_buffer, to_buffer
+from ..images import Image, Part, cropped, from_buffer, to_buffer
 from ..op import Op
 from ..params import nearest
 from ..session import Session
+from ..windows import Window
 
 
 def function_of(op: type[Op]) -> Callable[..., Any]:
@@ -22,13 +24,32 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
     It returns an ImageBuf, or a dict of them by name where the op was asked for more than one.
     """
 
-    def function(*images: oiio.ImageBuf, session: Session | None = None, **values: Any) -> Any:
-        return _outputs(op, _bound(op, images, values).compute(session or Session()))
+    def function(
+        *images: oiio.ImageBuf,
+        roi: oiio.ROI | None = None,
+        nthreads: int = 0,
+        session: Session | None = None,
+        **values: Any,
+    ) -> Any:
+        session = session or Session(threads=nthreads)
+        return _outputs(op, result(_bound(op, images, values), session), roi)
 
     function.__name__ = function.__qualname__ = op.name
     function.__doc__ = _docstring(op)
     function.__signature__ = _signature(op)  # type: ignore[attr-defined]
     return function
+
+
+def result(op: Op, session: Session) -> Image:
+    """The op computed, its parts saying how they were made."""
+    facts = {"oiiotex:version": __version__, **op.provenance()}
+
+    def mark(spec: oiio.ImageSpec) -> None:
+        for name, value in facts.items():
+            spec.attribute(name, value)
+
+    image = op.compute(session)
+    return Image(tuple(part.respecced(mark) for part in image.parts), image.source)
 
 
 def _bound(op: type[Op], images: tuple[oiio.ImageBuf, ...], values: dict[str, Any]) -> Op:
@@ -45,19 +66,29 @@ def _bound(op: type[Op], images: tuple[oiio.ImageBuf, ...], values: dict[str, An
     return op(**given, **values)
 
 
-def _outputs(op: type[Op], image: Image) -> Any:
-    buffers = [to_buffer(part) for part in image.parts]
+def _outputs(op: type[Op], image: Image, roi: oiio.ROI | None) -> Any:
+    buffers = [to_buffer(part if roi is None else _within(part, roi, op)) for part in image.parts]
     if len(buffers) == 1:
         return buffers[0]
     return {output.name: buffer for output, buffer in zip(op.outputs, buffers, strict=False)}
+
+
+def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
+    """The part's pixels in a region, its display window and metadata as they are."""
+    window = Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend) & part.window if roi.defined else part.window
+    if window.empty:
+        raise ParameterError(f"{op.name}: roi {roi} is outside the result {part.window}")
+    return cropped(part, window)
 
 
 def _signature(op: type[Op]) -> inspect.Signature:
     kinds = inspect.Parameter
     positional = [kinds(i.name, kinds.POSITIONAL_ONLY, annotation=oiio.ImageBuf) for i in op.images()]
     keywords = [kinds(p.name, kinds.KEYWORD_ONLY, default=p.default) for p in op.parameters()]
+    roi = kinds("roi", kinds.KEYWORD_ONLY, default=None, annotation=oiio.ROI | None)
+    nthreads = kinds("nthreads", kinds.KEYWORD_ONLY, default=0, annotation=int)
     session = kinds("session", kinds.KEYWORD_ONLY, default=None, annotation=Session | None)
-    return inspect.Signature([*positional, *keywords, session])
+    return inspect.Signature([*positional, *keywords, roi, nthreads, session])
 
 
 def _docstring(op: type[Op]) -> str:
@@ -66,6 +97,8 @@ def _docstring(op: type[Op]) -> str:
         lines += [f"{i.name} : ImageBuf", f"    {i.help}"]
     for p in op.parameters():
         lines += [f"{p.name} : {p.allowed()}, default {p.default}", f"    {p.help}"]
+    lines += ["roi : OpenImageIO.ROI, optional", "    compute only this region of the result"]
+    lines += ["nthreads : int", "    CPU threads, where no session says it; 0: as many as the process may use"]
     lines += ["session : Session, optional", "    device, memory budget, colour config, progress"]
     lines += ["", "Returns", "-------", "ImageBuf, or a dict of them by name where more than one was asked for"]
     lines += [f"    {o.name}: {o.help}" for o in op.outputs]

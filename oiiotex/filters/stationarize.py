@@ -106,9 +106,7 @@ class _PatchSynthesis(Op):
         def coordinates(window: Window) -> np.ndarray:
             return source_coordinates(*unpack(made.source[window.inside(whole)]), source.spec)
 
-        tile = Part(
-            source.name, _tile_spec(source.spec, self, width, height), copied, source.spec.format, ready=True
-        )
+        tile = Part(source.name, _tile_spec(source.spec, self, width, height), copied, source.spec.format, ready=True)
         st = Part("st", _st_spec(width, height), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True)
         if isinstance(self.stmap, Path):
             write(Image((st,), str(self.stmap)), self.stmap, st.spec.format)

@@ -7,9 +7,12 @@ import math
 import re
 from typing import NamedTuple
 
+import numpy as np
+
 from ..errors import ParameterError
 from ..windows import Window
 
+_F = np.float32  # oiiotool computes in it: 30% of 15 is 4
 _N = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SIGNED = r"[+-](?:\d+\.?\d*|\.\d+)"
 _FORMS = {
@@ -128,18 +131,17 @@ def _match(text: str) -> tuple[str, list[float]]:
 
 def _proportional(width: float, height: float, base: Box, whole: bool) -> tuple[float, float]:
     if width == 0 and base.height:
-        width = _rounded(height * base.width / base.height, whole)
+        width = _rounded(_F(height) * _F(base.width) / _F(base.height), whole)
     if height == 0 and base.width:
-        height = _rounded(width * base.height / base.width, whole)
+        height = _rounded(_F(width) * _F(base.height) / _F(base.width), whole)
     return width, height
 
 
 def _scaled(form: str, numbers: list[float], base: Box, whole: bool) -> tuple[float, float]:
-    share = 1.0 if form == "factor" else 0.01
-    x, y = [max(0.0, n * share) for n in (numbers * 2)[:2]]
+    x, y = [_F(n) if form == "factor" else max(_F(0), _F(n) * _F(0.01)) for n in (numbers * 2)[:2]]
     x, y = x or y, y or x
-    return _rounded(base.width * x, whole), _rounded(base.height * y, whole)
+    return _rounded(_F(base.width) * x, whole), _rounded(_F(base.height) * y, whole)
 
 
-def _rounded(value: float, whole: bool) -> float:
-    return math.floor(value + 0.5) if whole else value
+def _rounded(value: np.float32, whole: bool) -> float:
+    return math.floor(value + _F(0.5)) if whole else float(value)

@@ -3,24 +3,27 @@
 
 An op of the host declares its parameters as any `Op` and says in `apply` which ImageBufAlgo function computes it. The
 kinds differ in what `apply` is given: pixel for pixel (`Point`), with a halo (`Area`), from elsewhere (`Remap`), or the
-whole image (`Whole`); `Respec` changes no pixel at all. OpenImageIO's functions give a window the same pixels whatever
-lies around it, as long as what they look at is there (tests/test_streaming.py holds every op to it).
+whole image (`Whole`); `Respec` changes no pixel at all, and a plain `Hosted` op makes its image its own way.
+OpenImageIO's functions give a window the same pixels whatever lies around it, as long as what they look at is there
+(tests/test_streaming.py holds every op to it).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import OpenImageIO as oiio
 
 from ..errors import ImageError, ParameterError
-from ..images import Image, Part, cropped, in_memory, one_line
+from ..images import Image, Part, Pixels, cropped, in_memory, one_line
 from ..op import Op, Output, Reach, Space
 from ..params import image, param
-from ..tiles import remembered
+from ..tiles import remembered, settled
 from ..windows import Window
 
 if TYPE_CHECKING:
@@ -28,12 +31,25 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HostOp(Op):
-    """What all share: which parts of an image are worked on."""
+class Hosted(Op):
+    """What all share: an oiiotool option that leaves one image."""
 
     prefix: ClassVar[str] = "--"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("image", "the result"),)
+
+    def inputs(self) -> list[Image]:
+        """The images that it was given, in the order of declaration."""
+        given: list[Image] = []
+        for declared in self.images():
+            value = getattr(self, declared.name)
+            given += value if declared.many else [value]
+        return given
+
+
+@dataclass(frozen=True, kw_only=True)
+class HostOp(Hosted):
+    """Works part by part: on the first, on all, or on some."""
 
     subimages: str | None = param(
         None, help="parts to work on, by number or name with commas between them, or all; -N leaves one out"
@@ -44,6 +60,10 @@ class HostOp(Op):
         """The op's result from one part of each input."""
         raise NotImplementedError
 
+    def idle(self, parts: Sequence[Part]) -> bool:
+        """Whether none of these parts of the first image would change: the image then goes on as it is."""
+        return False
+
     def compute(self, session: Session) -> Image:
         """The result for each part worked on; without `allsubimages` the others are dropped, as oiiotool does."""
         inputs = self.inputs()
@@ -51,19 +71,13 @@ class HostOp(Op):
         wanted = _chosen(self.subimages, first)
         everything = self.allsubimages if self.allsubimages is not None else session.all_parts
         count = len(first.parts) if everything or self.subimages else 1
+        if self.idle([part for n, part in enumerate(first.parts[:count]) if wanted is None or n in wanted]):
+            return first
         parts = []
         for n, part in enumerate(first.parts[:count]):
             operands = [given.parts[min(n, len(given.parts) - 1)] for given in inputs]
             parts.append(self.result(operands, session) if wanted is None or n in wanted else part)
         return Image(tuple(parts), first.source)
-
-    def inputs(self) -> list[Image]:
-        """The images that it was given, in the order of declaration."""
-        given: list[Image] = []
-        for declared in self.images():
-            value = getattr(self, declared.name)
-            given += value if declared.many else [value]
-        return given
 
 
 def _chosen(subimages: str | None, first: Image) -> set[int] | None:
@@ -145,6 +159,7 @@ class Remap(HostOp):
     """A pixel of the result follows from pixels elsewhere."""
 
     reach: ClassVar[Reach] = Reach.AREA
+    scattered: ClassVar[bool] = False  # it reads columns or slanted strips, which no file gives quickly
 
     def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
         """The result's windows, in a copy of the first spec."""
@@ -161,22 +176,114 @@ class Remap(HostOp):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
         specs = [part.spec for part in parts]
-        target = self.target(specs)
-        whole = Window.data(target)
-        near = [remembered(part, session.cache) for part in parts]
+        needs = functools.partial(self.needs, specs=specs)
+        return remapped(self, parts, self.target(specs), needs, self.apply, session, scattered=self.scattered)
 
-        def at(window: Window, blank: bool) -> oiio.ImageBuf:
-            buffers = []
-            for part, wanted in zip(near, self.needs(window, specs), strict=True):
-                seen = wanted & part.window
-                if seen.empty:  # an op needs a pixel to look at, be it far away
-                    seen = _nearest(wanted, part.window)
-                buffers.append(_blank(part, seen) if blank else part.buffer(seen))
-            return checked(self.apply(window.apply_to(target), *buffers))
 
-        corner = Window.sized(whole.left, whole.top, 1, 1)
-        spec = at(corner, True).spec()
-        return Part(parts[0].name, whole.apply_to(spec), lambda window: at(window, False))
+_CELL = 256  # side of the squares in which slanted reads are done: a band of rows would need all of its source
+
+
+def remapped(
+    op: Hosted,
+    parts: Sequence[Part],
+    target: oiio.ImageSpec,
+    needs: Callable[[Window], Sequence[Window]],
+    apply: Callable[..., oiio.ImageBuf],
+    session: Session,
+    *,
+    scattered: bool = False,
+) -> Part:
+    """The result of an op that looks elsewhere, not yet computed.
+
+    Parameters
+    ----------
+    op : Hosted
+        Named in messages.
+    parts : sequence of Part
+    target : oiio.ImageSpec
+        The result's windows.
+    needs, apply : callable
+        As `Remap` declares them.
+    session : Session
+    scattered : bool
+        Sources are brought where any window can be read, when the first is asked for.
+
+    Raises
+    ------
+    ImageError
+        The result has no pixel.
+    """
+    whole = Window.data(target)
+    if whole.empty or target.full_width < 1 or target.full_height < 1:
+        raise ImageError(f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least")
+    near = [once_settled(part, session) if scattered else remembered(part, session.cache) for part in parts]
+
+    def at(window: Window) -> oiio.ImageBuf:
+        pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
+        session.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
+        buffers = [part.buffer(w) for part, w in pieces]
+        return checked(apply(window.apply_to(target), *buffers))
+
+    corner = Window.sized(whole.left, whole.top, 1, 1)
+    samples = [_blank(part, _sample(part.window)) for part in parts]
+    spec = whole.apply_to(checked(apply(corner.apply_to(target), *samples)).spec())
+    part = Part(parts[0].name, spec, at)
+    return dataclasses.replace(part, fetch=_in_cells(part)) if scattered else part
+
+
+def _seen(wanted: Window, part: Part) -> Window:
+    """What there is of a window, with the pixels of the display window's edge that OpenImageIO repeats outside."""
+    if wanted & part.window == wanted:
+        return wanted
+    display = Window.display(part.spec)
+    edge = Window(
+        min(max(wanted.left, display.left), display.right - 1),
+        min(max(wanted.top, display.top), display.bottom - 1),
+        min(max(wanted.right, display.left + 1), display.right),
+        min(max(wanted.bottom, display.top + 1), display.bottom),
+    )
+    seen = (wanted | edge) & part.window
+    return _nearest(wanted, part.window) if seen.empty else seen  # an op needs a pixel to look at, be it far away
+
+
+def _sample(whole: Window) -> Window:
+    """A few pixels at the corner."""
+    return Window.sized(whole.left, whole.top, 16, 16) & whole
+
+
+def _in_cells(part: Part) -> Callable[[Window], Pixels]:
+    def fetch(window: Window) -> Pixels:
+        if window.width <= _CELL and window.height <= _CELL:
+            return part.fetch(window)
+        out = oiio.ImageBuf(window.apply_to(part.spec), False)
+        for cell in window.cells(_CELL, _CELL):
+            out.set_pixels(cell.roi(part.spec.nchannels), part.read(cell))
+        return out
+
+    return fetch
+
+
+def once_settled(part: Part, session: Session) -> Part:
+    """The part where any window can be read in any order; its pixels are brought there when the first is asked for."""
+    if part.ready:
+        return part
+    lock = threading.Lock()
+    kept: list[Part] = []
+
+    def fetch(window: Window) -> Pixels:
+        with lock:
+            if not kept:
+                kept.append(settled(part, session.budget))
+        return kept[0].fetch(window)
+
+    return dataclasses.replace(part, fetch=fetch, ready=True)
+
+
+def worked(part: Part) -> Part:
+    """The part as ops of the host see it: its working type, written as computed pixels are."""
+    spec = part.window.apply_to(part.spec)
+    spec.set_format(part.working_type)
+    return Part(part.name, spec, part.buffer, ready=part.ready)
 
 
 def _nearest(wanted: Window, whole: Window) -> Window:

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texlab: to CIE Lab and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+
+from ..color import TAG, as_float, colour_space
+from ..errors import ColorError, ImageError, ParameterError
+from ..images import Channels, Image, Part, channels_of, derived_spec
+from ..op import Op, Output, Reach, Space
+from ..params import image, param
+from ..session import Session
+from ..windows import Window
+from ..working import Lens, computed, divisor, lens_for
+
+FROM = "oiiotex:labFrom"  # the attribute that remembers which space became Lab
+_FLOAT = oiio.TypeDesc(oiio.FLOAT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lab(Op):
+    """Turn colour into CIE Lab (D65), and back.
+
+    L is 0 for black and 100 for diffuse white, a and b are 0 for gray; HDR values lie above 100, and negative ones
+    survive. L, a and b are stored as 32-bit floats in the channels R, G and B, as OpenColorIO does it: a channel that
+    is named 'a' is taken for alpha by most programs. Gray becomes three channels. Colour is unpremultiplied first and
+    premultiplied again on the way back; alpha and other channels stay. The result is tagged as data, so that nobody
+    takes it for RGB, and remembers the space that it came from for the way back.
+    """
+
+    name: ClassVar[str] = "lab"
+    reach: ClassVar[Reach] = Reach.POINT
+    space: ClassVar[Space] = Space.LAB
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("lab", "Lab as 32-bit floats; with inverse=1 colour, written in the type of the run's first file"),
+    )
+
+    source: Image = image(help="the image")
+    inverse: bool = param(False, help="from Lab to colour")
+    to: str | None = param(
+        None, help="with inverse=1: the colour space to go to; the one that the image came from when left out"
+    )
+
+    def compute(self, session: Session) -> Image:
+        """The first part converted, the others as they are."""
+        if self.to is not None and not self.inverse:
+            raise ParameterError(f"{self.name}: to={self.to} is where inverse=1 goes; Lab is where it goes without")
+        made = self._colour(session) if self.inverse else self._lab(session)
+        return Image((made, *self.source.parts[1:]), self.source.source)
+
+    def _lab(self, session: Session) -> Part:
+        part = self.source.first
+        remembered = part.spec.get_string_attribute(FROM)
+        if remembered:
+            raise ColorError(f"{self.source.source} is Lab already, from '{remembered}': :inverse=1 turns it back")
+        space = colour_space(self.source, session.color, session.autocc)
+        if space is None:
+            raise ColorError(f"{self.source.source} is data, which has no Lab: say --iscolorspace NAME if it is colour")
+        lens = lens_for(self.source, session.color, space)
+        places = _places(lens.channels, part.spec.nchannels)
+
+        def work(rows: np.ndarray, _: Window) -> np.ndarray:
+            values, _opaque = lens.values(rows)
+            return _merged(values, rows, places)
+
+        spec = _retagged(part.spec, "data")
+        names = [*part.spec.channelnames]
+        if len(lens.channels.colour) == 1:
+            names[lens.channels.colour[0] : lens.channels.colour[0] + 1] = ["R", "G", "B"]
+            spec.nchannels = len(names)
+            spec.alpha_channel = (
+                names.index(part.spec.channelnames[lens.channels.alpha]) if lens.channels.alpha is not None else -1
+            )
+            spec.channelnames = tuple(names)
+        spec.attribute(FROM, part.spec.get_string_attribute(TAG) or space)
+        return replace(computed(part, spec, session, work), stored=_FLOAT)
+
+    def _colour(self, session: Session) -> Part:
+        part, name = self.source.first, self.source.source
+        tag, space = part.spec.get_string_attribute(TAG), self.to or part.spec.get_string_attribute(FROM)
+        if tag and not session.color.is_data(tag):
+            raise ColorError(f"{name} is '{tag}', not Lab")
+        if not space:
+            raise ColorError(f"{name} does not say which colour space it came from: add :to=NAME")
+        if session.color.is_data(space):
+            raise ColorError(f"to={space}: a space of data has no colours")
+        channels = channels_of(part.spec)
+        if len(channels.colour) != 3:
+            raise ImageError(f"{name} has {len(channels.colour)} channels beside alpha: Lab has three")
+        from_lab = session.color.from_lab(space)
+        lens = Lens(name, Channels(channels.colour, None), None, None, None)  # Lab is not premultiplied
+        places = _places(channels, part.spec.nchannels)
+
+        def work(rows: np.ndarray, _: Window) -> np.ndarray:
+            values, _opaque = lens.values(rows)
+            from_lab(values)
+            if channels.alpha is not None:
+                values *= divisor(as_float(rows[..., channels.alpha]))[..., None]
+            return _merged(values, rows, places)
+
+        spec = _retagged(part.spec, space)
+        spec.erase_attribute(FROM)
+        return replace(computed(part, spec, session, work), stored=None)
+
+
+def _places(channels: Channels, count: int) -> list[tuple[bool, int]]:
+    """For every channel of the result: whether it is one of the three values, and which of them or of the channels."""
+    places: list[tuple[bool, int]] = []
+    for channel in range(count):
+        if channel not in channels.colour:
+            places.append((False, channel))
+        elif len(channels.colour) == 1:
+            places += [(True, 0), (True, 1), (True, 2)]
+        else:
+            places.append((True, channels.colour.index(channel)))
+    return places
+
+
+def _merged(values: np.ndarray, rows: np.ndarray, places: list[tuple[bool, int]]) -> np.ndarray:
+    """The three values and the other channels as floats, (height, width, len(places)) float32."""
+    out = np.empty((*rows.shape[:2], len(places)), np.float32)
+    for n, (is_value, index) in enumerate(places):
+        out[..., n] = values[..., index] if is_value else as_float(rows[..., index])
+    return out
+
+
+def _retagged(spec: oiio.ImageSpec, tag: str) -> oiio.ImageSpec:
+    """A copy for floats under another colour tag, without what a file said in other words."""
+    new = derived_spec(spec)
+    new.set_format(_FLOAT)
+    new.channelformats = ()
+    for stale in ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile"):
+        new.erase_attribute(stale)
+    new.attribute(TAG, tag)
+    return new

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ops that turn the image over or move its pixels round."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import OpenImageIO as oiio
+from OpenImageIO import ImageBufAlgo
+
+from ..images import Image, Part
+from ..op import Op, Reach
+from ..params import argument, image
+from ..session import Session
+from ..tiles import remembered, with_halo
+from ..windows import Window
+from .geometry_text import parse_offset
+from .kinds import HostOp, Hosted, Remap, worked
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flip(Remap):
+    """Turn the image upside down."""
+
+    name: ClassVar[str] = "flip"
+
+    source: Image = image(help="the image")
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """The data window mirrored within the display window."""
+        return self.needs(Window.data(specs[0]), specs)[0].apply_to(specs[0])
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """Rows counted from the other end of the display window."""
+        middle = 2 * specs[0].full_y + specs[0].full_height
+        return [Window(window.left, middle - window.bottom, window.right, middle - window.top)]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Flipped."""
+        return ImageBufAlgo.flip(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flop(Flip):
+    """Swap left and right."""
+
+    name: ClassVar[str] = "flop"
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """Columns counted from the other end of the display window."""
+        middle = 2 * specs[0].full_x + specs[0].full_width
+        return [Window(middle - window.right, window.top, middle - window.left, window.bottom)]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Flopped."""
+        return ImageBufAlgo.flop(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rotate180(Flip):
+    """Rotate by 180 degrees."""
+
+    name: ClassVar[str] = "rotate180"
+    aliases: ClassVar[tuple[str, ...]] = ("--flipflop",)
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """Rows and columns counted from the other ends of the display window."""
+        x, y = 2 * specs[0].full_x + specs[0].full_width, 2 * specs[0].full_y + specs[0].full_height
+        return [Window(x - window.right, y - window.bottom, x - window.left, y - window.top)]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Rotated."""
+        return ImageBufAlgo.rotate180(*buffers)
+
+
+def _swapped(window: Window) -> Window:
+    return Window(window.top, window.left, window.bottom, window.right)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transpose(Remap):
+    """Swap rows and columns."""
+
+    name: ClassVar[str] = "transpose"
+    scattered: ClassVar[bool] = True
+
+    source: Image = image(help="the image")
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """Both windows swapped."""
+        spec = _swapped(Window.data(specs[0])).apply_to(specs[0])
+        display = _swapped(Window.display(specs[0]))
+        spec.full_x, spec.full_y, spec.full_width, spec.full_height = (*display[:2], display.width, display.height)
+        return spec
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """Rows for columns."""
+        return [_swapped(window)]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Transposed."""
+        return ImageBufAlgo.transpose(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rotate90(Remap):
+    """Rotate by 90 degrees clockwise."""
+
+    name: ClassVar[str] = "rotate90"
+    scattered: ClassVar[bool] = True
+
+    source: Image = image(help="the image")
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """The display window lies down at its corner, the data window in it."""
+        data, display = Window.data(specs[0]), Window.display(specs[0])
+        turned = self.forward(data.shifted(-display.left, -display.top), display.width, display.height)
+        spec = turned.shifted(display.left, display.top).apply_to(specs[0])
+        spec.full_width, spec.full_height = display.height, display.width
+        return spec
+
+    def forward(self, window: Window, width: int, height: int) -> Window:
+        """Where a window of an image of that size comes to lie."""
+        return Window(height - window.bottom, window.left, height - window.top, window.right)
+
+    def back(self, window: Window, width: int, height: int) -> Window:
+        """Where a window of the result comes from."""
+        return Window(window.top, height - window.right, window.bottom, height - window.left)
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """Columns for rows."""
+        display = Window.display(specs[0])
+        back = self.back(window.shifted(-display.left, -display.top), display.width, display.height)
+        return [back.shifted(display.left, display.top)]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Rotated."""
+        spec = buffers[0].spec()
+        x, y = spec.full_x, spec.full_y
+        # ImageBufAlgo turns around the display window's corner only where that is the origin
+        return moved(self.turned(moved(buffers[0], -x, -y)), x, y)
+
+    def turned(self, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+        """An image whose display window is at the origin, rotated."""
+        return ImageBufAlgo.rotate90(buffer)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rotate270(Rotate90):
+    """Rotate by 270 degrees clockwise."""
+
+    name: ClassVar[str] = "rotate270"
+
+    def forward(self, window: Window, width: int, height: int) -> Window:
+        """Where a window of an image of that size comes to lie."""
+        return Window(window.top, width - window.right, window.bottom, width - window.left)
+
+    def back(self, window: Window, width: int, height: int) -> Window:
+        """Where a window of the result comes from."""
+        return Window(width - window.bottom, window.left, width - window.top, window.right)
+
+    def turned(self, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+        """An image whose display window is at the origin, rotated."""
+        return ImageBufAlgo.rotate270(buffer)
+
+
+def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
+    """The same pixels with both windows moved; a copy where they move."""
+    if x == y == 0:
+        return buffer
+    copy = buffer.copy()
+    spec = copy.specmod()
+    spec.x, spec.y, spec.full_x, spec.full_y = spec.x + x, spec.y + y, spec.full_x + x, spec.full_y + y
+    return copy
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reorient(Hosted):
+    """Turn the pixels as the Orientation metadata says."""
+
+    name: ClassVar[str] = "reorient"
+    reach: ClassVar[Reach] = Reach.AREA
+    steps: ClassVar[dict[int, tuple[type[HostOp], ...]]] = {
+        2: (Flop,), 3: (Rotate180,), 4: (Flip,), 5: (Rotate90, Flop), 6: (Rotate90,), 7: (Flop, Rotate90),
+        8: (Rotate270,),
+    }  # fmt: skip
+
+    source: Image = image(help="the image")
+
+    def compute(self, session: Session) -> Image:
+        """Upright; the image itself where all its parts are."""
+        parts = self.source.parts
+        if all(_orientation(part) == 1 for part in parts):
+            return self.source
+        if not session.all_parts:
+            parts = parts[:1]
+        return Image(tuple(self._upright(part, session) for part in parts), self.source.source)
+
+    def _upright(self, part: Part, session: Session) -> Part:
+        turned = worked(part)
+        for step in self.steps.get(_orientation(part), ()):
+            turned = step(source=self.source).result([turned], session)
+        return turned.respecced(lambda spec: spec.attribute("Orientation", 1))
+
+
+def _orientation(part: Part) -> int:
+    return part.spec.get_int_attribute("Orientation", 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CircularShift(HostOp):
+    """Shift the image; what leaves at one side of the data window comes in at the other."""
+
+    name: ClassVar[str] = "cshift"
+    reach: ClassVar[Reach] = Reach.AREA
+
+    source: Image = image(help="the image")
+    shift: str = argument(help="+X+Y, to the right and down")
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """Windows of the shifted image are pieces of the image."""
+        x, y = parse_offset(self.shift)
+        source = worked(remembered(parts[0], session.cache))
+        corner = Window.sized(source.window.left, source.window.top, 1, 1)
+        spec = ImageBufAlgo.circular_shift(oiio.ImageBuf(corner.apply_to(source.spec)), 0, 0).spec()
+        return Part(
+            source.name,
+            source.window.apply_to(spec),
+            lambda window: with_halo(source, window.shifted(-x, -y), "periodic"),
+        )
+
+
+OPS: tuple[type[Op], ...] = (Flip, Flop, Rotate180, Rotate90, Rotate270, Transpose, Reorient, CircularShift)
