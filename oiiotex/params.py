@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import keyword
 import math
 import re
 import types
@@ -57,6 +58,11 @@ class Parameter:
     choices: tuple[Any, ...] = ()
     positional: bool = False  # on the command line a word of its own behind the op; else a modifier
     many: bool = False  # an input that is a tuple of images, as many as the op takes
+
+    @property
+    def attribute(self) -> str:
+        """The field that holds it: `from_` holds `from`, which Python keeps for itself."""
+        return f"{self.name}_" if keyword.iskeyword(self.name) else self.name
 
     @property
     def required(self) -> bool:
@@ -109,6 +115,8 @@ class Parameter:
         if self.choices:
             found = [c for c in self.choices if str(c) == text]
             return found[0] if found else self._refuse(text)
+        if not text and self.positional and str in (self.kind or ()):
+            return text  # as a word of its own: no value
         for kind in self.kind or ():
             try:
                 return self.check(_parse(kind, text))
@@ -162,7 +170,7 @@ def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
         is_parameter = "unit" in facts
         hint = hints[field.name]
         if is_parameter:
-            found = Parameter(field.name, _kinds(hint), field.default, **facts)
+            found = Parameter(field.name.removesuffix("_"), _kinds(hint), field.default, **facts)
         else:
             found = Parameter(field.name, None, field.default, **facts, many=typing.get_origin(hint) is tuple)
         (parameters if is_parameter else images).append(found)
@@ -170,7 +178,7 @@ def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
 
 
 def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
-    """Values of an op's parameters from modifier texts; a text of None is passed over, but its name must be right.
+    """An op's values by field, from modifier texts; a text of None is passed over, but its name must be right.
 
     Raises
     ------
@@ -183,7 +191,7 @@ def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, 
         if name not in known:
             raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}")
         if text is not None:
-            values[name] = known[name].parse(text)
+            values[known[name].attribute] = known[name].parse(text)
     return values
 
 

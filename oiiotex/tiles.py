@@ -172,7 +172,10 @@ class _Spill:
         self._across = -(-self._whole.width // self.SIDE)
         self.band = (self.SIDE * max(1, 4 * BAND_BYTES // self._tile_bytes), self.SIDE)  # what is put at once
         # not under /tmp where that is memory: TMPDIR says where there is room
-        self._file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as the part
+        try:
+            self._file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as the part
+        except OSError as error:
+            raise ImageError(f"no folder for intermediate results (set TMPDIR): {error}") from error
 
     def put(self, window: Window, pixels: np.ndarray) -> None:
         """Keep a window of whole tiles."""

@@ -24,6 +24,7 @@ from .windows import Window
 
 log = logging.getLogger("oiiotex")
 
+_IDS = (oiio.TypeDesc(oiio.UINT32), oiio.TypeDesc(oiio.INT32))
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more rows of scanlines together, but DWAB with 256
 
 
@@ -39,6 +40,8 @@ class Format:
         Of parts that ops of the host have computed, as far as the format has it; None: as they are.
     computed_channels : dict of str to oiio.TypeDesc
         Of single channels of computed parts, by name.
+    computed_tile : (int, int) or None
+        Width and height of tiles of computed parts; None: scanlines.
     bits : int
         Significant bits, where they are fewer than the type has; 0: as in the source.
     channel_types : dict of str to oiio.TypeDesc
@@ -58,6 +61,7 @@ class Format:
     pixel_type: oiio.TypeDesc | None = None
     computed_type: oiio.TypeDesc | None = None
     computed_channels: dict[str, oiio.TypeDesc] = field(default_factory=dict)
+    computed_tile: tuple[int, int] | None = None
     bits: int = 0
     channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
     tile: tuple[int, int] | None = None
@@ -107,12 +111,17 @@ def write(
         finally:
             closed = out.close()
         if not closed:
-            raise ImageError(f"{path}: {one_line(out.geterror())}")
+            raise ImageError(f"{path}: {_said(out, temporary, path)}")
         format_name = out.format_name()
         del out  # a MIP-mapped EXR is finished only now
         if not temporary.exists():
             raise ImageError(f"{path}: {format_name} writes no file")
         _check_arrived(temporary, path)
+
+
+def _said(out: oiio.ImageOutput, temporary: Path, path: Path) -> str:
+    """The format's error, of the name that the user knows."""
+    return one_line(out.geterror()).replace(str(temporary), str(path))
 
 
 # --- what the format cannot hold ---
@@ -187,13 +196,12 @@ def _specs(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.I
         levels = []
         for level in (part, *_levels(part, out, how, several)):
             spec = oiio.ImageSpec(level.spec)
-            _set_types(spec, part, n, how)
-            _set_tiles(spec, how, out, tiled)
+            _set_types(spec, part, how)
+            _set_tiles(spec, part, how, out, tiled)
             if several and not re.fullmatch(r"part\d+", part.name):  # OpenImageIO numbers the nameless
                 spec.attribute("oiio:subimagename", part.name)
-            if several:
-                if n > 0 and shared is not None:
-                    spec.attribute("PixelAspectRatio", shared)
+            if several and n > 0 and shared is not None:
+                spec.attribute("PixelAspectRatio", shared)
             if not spec.tile_width or not part.levels:
                 spec.erase_attribute("textureformat")
             for name, value in how.attributes.items():
@@ -208,22 +216,26 @@ def _specs(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.I
 
 def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tuple[Part, ...]:
     """The smaller versions that are written: TIFF has them as further images, which must be tiled to be known."""
-    if out.supports("mipmap") and not several:
+    if several or how.scanline:
+        return ()
+    if out.supports("mipmap"):
         return part.levels
-    tiled = part.spec.tile_width and not how.scanline
-    return part.levels if tiled and out.format_name() == "tiff" and not several else ()
+    return part.levels if part.spec.tile_width and out.format_name() == "tiff" else ()
 
 
-def _wanted(part: Part, n: int, how: Format) -> oiio.TypeDesc | None:
-    """The type that a part must have: what the user asks for, or what a further part of ours is."""
-    if how.pixel_type is not None and (n == 0 or part.stored is None):
-        return how.pixel_type
-    return part.stored if n > 0 else None
+def _kept(part: Part) -> bool:
+    """Whether a file must hold the part's own type: rounded ids would be other ids."""
+    return part.exact or part.stored in _IDS
 
 
-def _set_types(spec: oiio.ImageSpec, part: Part, n: int, how: Format) -> None:
+def _wanted(part: Part, how: Format) -> oiio.TypeDesc | None:
+    """The type that a file must have for the part, or be refused: what the user asks for, or what may not change."""
+    return part.stored if _kept(part) else how.pixel_type
+
+
+def _set_types(spec: oiio.ImageSpec, part: Part, how: Format) -> None:
     by_channel = dict(how.channel_types)
-    if how.pixel_type is not None and (n == 0 or part.stored is None):
+    if how.pixel_type is not None and not _kept(part):
         spec.set_format(how.pixel_type)
     elif part.stored is not None:
         if part.stored != spec.format:
@@ -233,7 +245,8 @@ def _set_types(spec: oiio.ImageSpec, part: Part, n: int, how: Format) -> None:
         by_channel = {**how.computed_channels, **by_channel}
     types = [spec.channelformat(c) for c in range(spec.nchannels)]
     for c, name in enumerate(spec.channelnames):
-        types[c] = by_channel.get(f"{part.name}.{name}", by_channel.get(name, types[c]))
+        keys = (f"{part.name}.{name}", f"{part.name}.*", name)
+        types[c] = next((by_channel[key] for key in keys if key in by_channel), types[c])
     if any(kind != types[0] for kind in types):
         spec.channelformats = tuple(types)
     else:
@@ -244,9 +257,10 @@ def _set_types(spec: oiio.ImageSpec, part: Part, n: int, how: Format) -> None:
         spec.erase_attribute("oiio:BitsPerSample")
 
 
-def _set_tiles(spec: oiio.ImageSpec, how: Format, out: oiio.ImageOutput, tiled: bool) -> None:
-    if tiled and how.tile is not None:
-        spec.tile_width, spec.tile_height, spec.tile_depth = *how.tile, 1
+def _set_tiles(spec: oiio.ImageSpec, part: Part, how: Format, out: oiio.ImageOutput, tiled: bool) -> None:
+    tile = how.tile or (how.computed_tile if part.stored is None else None)
+    if tiled and tile is not None:
+        spec.tile_width, spec.tile_height, spec.tile_depth = *tile, 1
     elif not tiled or (out.format_name() == "tiff" and (spec.tile_width % 16 or spec.tile_height % 16)):
         spec.tile_width = spec.tile_height = spec.tile_depth = 0
 
@@ -267,11 +281,13 @@ def _write_parts(
     for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
         for m, spec in enumerate(levels):
             _open(out, temporary, path, [s[0] for s in specs], n, m, spec)
-            spec.tile_width, spec.tile_height, spec.tile_depth = _tile_of(out.spec())  # some formats have only tiles
+            opened = out.spec()  # some formats have only tiles, or begin at 0
+            spec.tile_width, spec.tile_height, spec.tile_depth = _tile_of(opened)
+            x, y = opened.x - spec.x, opened.y - spec.y
             for window, pixels in stream(part.levels[m - 1] if m else part, _bands(part, spec)):
-                if not _put(out, spec, window, np.ascontiguousarray(pixels)):
+                if not _put(out, spec, window.shifted(x, y), np.ascontiguousarray(pixels)):
                     row = window.top - spec.y
-                    raise ImageError(f"{path}: writing failed at row {row}: {one_line(out.geterror())}")
+                    raise ImageError(f"{path}: writing failed at row {row}: {_said(out, temporary, path)}")
                 done += window.height if window.right == spec.x + spec.width else 0
                 if advance is not None:
                     advance(done, total)
@@ -295,7 +311,7 @@ def _open(
     else:
         opened = out.open(str(temporary), spec)
     if not opened:
-        raise ImageError(f"{path}: cannot be written: {one_line(out.geterror())}")
+        raise ImageError(f"{path}: cannot be written: {_said(out, temporary, path)}")
 
 
 def _bands(part: Part, spec: oiio.ImageSpec) -> Iterator[Window]:
@@ -323,7 +339,7 @@ def _require_types(
 ) -> None:
     """Refuse a type that the format would silently exchange, before the work begins: asked of one-pixel images."""
     for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
-        wanted = _wanted(part, n, how)
+        wanted = _wanted(part, how)
         if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
             raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see files.read
         if wanted is None:
@@ -332,7 +348,7 @@ def _require_types(
         spec = Window(0, 0, 1, 1).apply_to(levels[0])
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = 0, 0, 1, 1
         if not trial.open(str(temporary), spec):
-            raise ImageError(f"{path}: cannot be written: {one_line(trial.geterror())}")
+            raise ImageError(f"{path}: cannot be written: {_said(trial, temporary, path)}")
         held = trial.spec().format
         trial.write_image(np.zeros((1, 1, spec.nchannels), np.float32))
         trial.close()

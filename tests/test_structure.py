@@ -17,7 +17,7 @@ PACKAGE = ROOT / "oiiotex"
 FLOORS = [
     {"errors", "stats", "windows"},
     {"temporary"},
-    {"params", "__init__"},
+    {"params", "text_values", "__init__"},
     {"op"},
     {"opencl_runtime"},
     {"device", "images"},
@@ -28,7 +28,7 @@ FLOORS = [
     {"working"},
     {"analysis"},
     {"synthesis"},
-    {"filters"},
+    {"filters", "host"},
     {"cli"},
 ]
 

@@ -14,9 +14,7 @@ from ..working import Lens
 from .cells import Cells, Surface, correlated, padded, smoothing_taps, survey
 
 STEPS = 64  # of the integer grid, per unit of Lab
-_LIMIT = (
-    2048 * STEPS
-)  # what lies beyond is taken as this: the squares of a cell's pixels still add up exactly in doubles
+_LIMIT = 2048 * STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
 _CELLS_PER_SIGMA = 4
 _LARGEST_CELL = 256  # px; how many values can lie in a cell is bounded by it
 _NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
@@ -171,11 +169,12 @@ def _local_fit(number: np.ndarray, total: np.ndarray, taps: np.ndarray) -> np.nd
 class Correction:
     """What takes drift out of an image: (value - mean) * gain + share * mean + level, per channel.
 
-    `surface` holds mean and gain in four fields each, as `Lens.values` has four values; share and level are constants,
+    Mean and gain are surfaces of four fields, as `Lens.values` has four values; share and level are constants,
     (4,) float32.
     """
 
-    surface: Surface
+    mean: Surface
+    gain: Surface
     share: np.ndarray
     level: np.ndarray
 
@@ -183,10 +182,9 @@ class Correction:
         """Correct (height, width, 4) float32 in place; `window` says which pixels they are."""
         with_mean = bool(self.share.any())
         for line, y in zip(values, range(window.top, window.bottom), strict=True):
-            fields = self.surface.row(y, window.left, window.right)
-            mean, gain = fields[:, :4], fields[:, 4:]
+            mean = self.mean.row(y, window.left, window.right)
             line -= mean
-            line *= gain
+            line *= self.gain.row(y, window.left, window.right)
             if with_mean:
                 line += mean * self.share
             line += self.level
@@ -210,9 +208,8 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     count = drift.mean.shape[-1]
     gain = ((drift.overall_deviation + _NOISE) / (drift.deviation + _NOISE)) ** contrast
     gain = 1.0 + amount * (np.clip(gain, 1.0 / MOST_GAIN, MOST_GAIN) - 1.0)
-    fields = np.zeros((*drift.mean.shape[:2], 8))
-    fields[..., 4:] = 1.0
-    fields[..., :count], fields[..., 4 : 4 + count] = drift.mean, gain
+    means, gains = np.zeros((*drift.mean.shape[:2], 4)), np.ones((*drift.mean.shape[:2], 4))
+    means[..., :count], gains[..., :count] = drift.mean, gain
     share, level = np.zeros(4, np.float32), np.zeros(4, np.float32)
     share[:count], level[:count] = 1.0 - amount, amount * target
-    return Correction(Surface(fields, drift.cells), share, level)
+    return Correction(Surface(means, drift.cells), Surface(gains, drift.cells), share, level)

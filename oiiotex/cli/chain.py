@@ -40,6 +40,7 @@ class First:
     pixel_type: oiio.TypeDesc | None = None
     channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
     bits: int = 0
+    tile: tuple[int, int] | None = None
 
     def learn(self, image: Image) -> None:
         """Take in an image that has been read: its type, where it has a wider one than those before."""
@@ -49,8 +50,14 @@ class First:
             merged = own if self.pixel_type is None else _merged(self.pixel_type, own)
             self.pixel_type = merged
             self.bits = self.bits or part.spec.get_int_attribute("oiio:BitsPerSample")
+            if part.spec.tile_width:
+                self.tile = self.tile or (part.spec.tile_width, part.spec.tile_height)
+            prefix = part.spec.get_string_attribute("oiio:subimagename")
+            if prefix:
+                self.channel_types.setdefault(f"{prefix}.*", own)
             for channel, name in enumerate(part.spec.channelnames):
-                self.channel_types.setdefault(name, part.spec.channelformat(channel))
+                key = f"{prefix}.{name}" if prefix else name
+                self.channel_types.setdefault(key, part.spec.channelformat(channel))
 
 
 def _merged(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:

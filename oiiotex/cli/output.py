@@ -123,6 +123,7 @@ def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
     return Format(
         pixel_type=asked,
         computed_type=chain.first.pixel_type,
+        computed_tile=chain.first.tile,
         computed_channels={} if asked else chain.first.channel_types,
         channel_types=channels,
         bits=bits or (0 if asked else chain.first.bits),
@@ -154,9 +155,11 @@ def software(chain: Chain) -> dict[str, Any]:
     if chain.settings.get("--nosoftwareattrib"):
         return {}
     line = shlex.join(["oiiotex", *chain.session.words])
-    found: dict[str, Any] = {"Software": f"oiiotex {__version__} : {hashlib.sha1(line.encode()).hexdigest()}"}
+    # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
+    program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
+    found: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
     if chain.settings.get("--history"):
-        found["Software"] = f"oiiotex {__version__} : {line}"
+        found["Software"] = f"{program} : {line}"
         before = chain.top.first.spec.get_string_attribute("Exif:ImageHistory") if chain.stack else ""
         found["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
     return found

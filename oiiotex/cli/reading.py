@@ -53,9 +53,6 @@ def read_input(chain: Chain, path: str, **modifiers: Any) -> None:
         image = _opened(chain, path, given)
     except ImageError as error:
         image = _substitute(chain, error)
-    else:
-        chain.inputs.append(path)
-        chain.first.learn(image)
     chain.push(image)
     _prepare(chain, path, given)
 
@@ -68,6 +65,8 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         config = config or oiio.ImageSpec()
         config.attribute("oiio:UnassociatedAlpha", 1)
     image = read(path, chain.session.cache, native=native, config=config)
+    chain.inputs.append(path)
+    chain.first.learn(image)
     if given.type is not None:
         image = _retyped(image, type_named(given.type))
     if given.now:

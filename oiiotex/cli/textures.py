@@ -105,6 +105,8 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
     values = {name: value for name, value in vars(given).items() if name not in _ELSEWHERE}
     for name, other in _BOTH.items():
         values[name] = values[name] or getattr(given, other)
+    if not values["filtername"]:  # by what is asked, else by what there is to do
+        del values["filtername"]
     for name, value in values.items():
         config.attribute(f"maketx:{name}", int(value) if isinstance(value, bool) else value)
     for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):
