@@ -68,6 +68,11 @@ class ColorConfig:
             raise ColorError(f"colour space '{name}' is not in {self.path}")
         return space.getName()
 
+    @property
+    def names(self) -> oiio.ColorConfig:
+        """What OpenImageIO finds in the config: displays, views, looks, transforms, and the names it tags files with."""
+        return self._names
+
     def is_data(self, name: str) -> bool:
         """Whether the space says that its values are no colours."""
         return self._config.getColorSpace(self.resolve(name)).isData()

@@ -189,7 +189,9 @@ def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, 
     values = {}
     for name, text in modifiers.items():
         if name not in known:
-            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}")
+            raise ParameterError(
+                f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}"
+            )
         if text is not None:
             values[known[name].attribute] = known[name].parse(text)
     return values

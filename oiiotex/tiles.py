@@ -150,13 +150,13 @@ def settled(part: Part, budget: int) -> Part:
         pixels = np.empty((part.spec.height, part.spec.width, part.spec.nchannels), dtype_of(part.spec))
         for window in bands(part):
             pixels[window.inside(part.window)] = part.read(window)
-        kept = from_pixels(part.name, pixels, part.spec, part.stored)
+        fetch = from_pixels(part.name, pixels, part.spec).fetch
     else:
         spill = _Spill(part)
         for window in part.window.cells(*spill.band):
             spill.put(window, part.read(window))
-        kept = dataclasses.replace(part, fetch=spill.get, ready=True)
-    return dataclasses.replace(kept, native=part.native)
+        fetch = spill.get
+    return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
 
 
 class _Spill:

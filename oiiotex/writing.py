@@ -338,7 +338,7 @@ def _require_types(
     out: oiio.ImageOutput, temporary: Path, path: Path, image: Image, specs: list[list[oiio.ImageSpec]], how: Format
 ) -> None:
     """Refuse a type that the format would silently exchange, before the work begins: asked of one-pixel images."""
-    for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
+    for part, levels in zip(image.parts, specs, strict=True):
         wanted = _wanted(part, how)
         if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
             raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see files.read

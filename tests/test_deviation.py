@@ -36,7 +36,9 @@ def dense_deviation(lab: np.ndarray, sigma: float, side: int, seen: np.ndarray) 
         weights.append(np.exp(-0.5 * ((np.arange(size)[None, :] - centres[:, None]) / sigma) ** 2))
     down, right = weights
     share = (down @ seen @ right.T)[None]
-    pixels_in = np.add.reduceat(np.add.reduceat(seen, np.arange(0, seen.shape[0], side), 0), np.arange(0, seen.shape[1], side), 1)
+    pixels_in = np.add.reduceat(
+        np.add.reduceat(seen, np.arange(0, seen.shape[0], side), 0), np.arange(0, seen.shape[1], side), 1
+    )
     total = np.zeros(share.shape[1:])
     for c, (low, high) in enumerate(st.RANGES):
         members = soft_members(lab[..., c].astype(np.float64), low, high, st.BINS) * seen
@@ -65,10 +67,11 @@ def test_the_map_is_eq_1_place_by_place(height, width, sigma, side, hole):
 @pytest.mark.parametrize(
     "name", ["stained_plaster_wall.jpg", "roof_slates.jpg", "moss_grass_stones_ground.jpg", "rust_barrel_side.jpg"]
 )
-@pytest.mark.parametrize("sigma", [16, 32, 64])
+@pytest.mark.parametrize("sigma", [8, 24])
 def test_its_mean_is_the_cost_of_the_held_image(name, sigma):
     """Eq. 1 over all cells here, over 32 x 32 places there, which begin at the left and top border."""
     photo = oiio.ImageBuf(str(data_folder() / "photos" / name))
+    photo = oiio.ImageBufAlgo.cut(photo, oiio.ROI(200, 520, 100, 400))
     wanted = st.stationarity_cost(lab_of(photo.get_pixels(oiio.FLOAT)), sigma, False, False)
     made = filters.stationarity(photo, sigma=sigma)
     assert cost_of(made) == pytest.approx(wanted, rel=0.08)

@@ -295,7 +295,9 @@ def test_a_wide_scanline_file_is_read_by_bands_and_held_in_some_pieces(tmp_path,
     part = read(tmp_path / "a.tif", cache).first
     for band in bands(part):
         pixels = part.read(band)
-        np.testing.assert_array_equal(pixels[:, ::501], row[:, ::501] + np.arange(band.top, band.bottom, dtype=np.float32)[:, None, None])
+        np.testing.assert_array_equal(
+            pixels[:, ::501], row[:, ::501] + np.arange(band.top, band.bottom, dtype=np.float32)[:, None, None]
+        )
         held = sum(piece.result().nbytes for piece in cache._pieces.values() if piece.done())
         assert held <= cache.limit + (8 << 20)  # those being decoded come on top
     assert len(decoded) == len(set(decoded))

@@ -142,11 +142,12 @@ REFUSED = (
     ("rgb.exr --colorconvert nonesuch ACEScg -o o.exr", "nonesuch"),
     ("rgb8.png --tocolorspace nonesuch -o o.exr", "nonesuch"),
     ("rgb.exr --ociodisplay default default -o o.exr", "does not say its colour space"),
-    ("rgb8.png --ociodisplay nonesuch default -o o.exr", "nonesuch"),
+    ("rgb8.png --ociodisplay nonesuch default -o o.exr", "has sRGB - Display,"),
+    ("rgb8.png --ociodisplay default nonesuch -o o.exr", "Un-tone-mapped"),
     ("rgb.exr --ociolook none -o o.exr", "does not say its colour space"),
     ("rgb8.png --ociolook nonesuch -o o.exr", "nonesuch"),
     ("rgb.exr --ociofiletransform none.cube -o o.exr", "none.cube"),
-    ("rgb.exr --ocionamedtransform nonesuch -o o.exr", "--ocionamedtransform"),
+    ("rgb.exr --ocionamedtransform nonesuch -o o.exr", "sRGB - Curve"),
     ("rgb.exr --ccmatrix 1,2,3 -o o.exr", "9 or 16 numbers"),
     ("rgb.exr --ccmatrix:invert=1 1,0,0,0,1,0,1,0,0 -o o.exr", "no inverse"),
     ("crypto.exr --cryptomatte-colors none -o o.exr", "no channels none00"),
@@ -170,7 +171,7 @@ def test_further_channels_are_copied(folder):
     np.testing.assert_array_equal(load(folder / "five-out.exr")[..., :4], load(folder / "four-out.exr"))
     np.testing.assert_array_equal(load(folder / "five-out.exr")[..., 4], load(folder / "five.exr")[..., 4])
     spec = oiio.ImageBuf(str(folder / "five-out.exr")).spec()
-    assert spec["oiio:ColorSpace"] == "ACEScct" and spec["Artist"] == "who"
+    assert "acescct" in spec["oiio:ColorSpace"] and spec["Artist"] == "who"
 
 
 def test_colour_is_found_by_name(folder):

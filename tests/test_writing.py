@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -76,13 +77,14 @@ def test_parts_of_an_exr_may_have_a_pixel_aspect_ratio(tmp_path):
     assert_same(image.part("st"), st.pixels())
 
 
-def test_the_type_asked_for_is_that_of_the_first_part_alone(tmp_path):
-    parts = (part_of("tile", "half", 4, 5, 3), part_of("st", "float", 4, 5, 2), part_of("id", "uint", 4, 5, 1))
-    write(Image(parts), tmp_path / "a.exr", type_named("float"))
+def test_the_type_asked_for_is_that_of_all_parts_but_ids_and_what_must_be_exact(tmp_path):
+    st = dataclasses.replace(part_of("st", "float", 4, 5, 2), exact=True)
+    parts = (part_of("tile", "float", 4, 5, 3), part_of("more", "float", 4, 5, 3), st, part_of("id", "uint", 4, 5, 1))
+    write(Image(parts), tmp_path / "a.exr", type_named("half"))
     image = read(tmp_path / "a.exr")
-    assert [str(p.spec.format) for p in image.parts] == ["float", "float", "uint"]
-    assert_same(image.first, parts[0].pixels().astype(np.float32))
-    assert_same(image.parts[2], parts[2].pixels())
+    assert [str(p.spec.format) for p in image.parts] == ["half", "half", "float", "uint"]
+    for got, part in zip(image.parts, parts, strict=True):
+        assert_same(got, part.pixels().astype(got.pixels().dtype))
 
 
 def test_without_a_type_asked_for_the_format_takes_what_it_has(tmp_path):

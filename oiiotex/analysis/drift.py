@@ -49,7 +49,7 @@ def cells_for(image: Image, sigma: float) -> Cells:
     return Cells(image.first.window, max(1, min(_LARGEST_CELL, round(sigma / _CELLS_PER_SIGMA))))
 
 
-def drift_of(image: Image, lens: Lens, sigma: float, session: Session, what: str) -> Drift | None:
+def drift_of(image: Image, lens: Lens, sigma: float, session: Session) -> Drift | None:
     """The statistics of an image's first part at that scale, from one look at its pixels.
 
     Parameters
@@ -59,8 +59,6 @@ def drift_of(image: Image, lens: Lens, sigma: float, session: Session, what: str
     sigma : float
         px.
     session : Session
-    what : str
-        Who asks, for messages.
 
     Returns
     -------
@@ -74,7 +72,7 @@ def drift_of(image: Image, lens: Lens, sigma: float, session: Session, what: str
     """
     cells, count = cells_for(image, sigma), lens.count
     need = 8 * (1 + 2 * count + 6 + 4 * count) * (cells.down + 4) * (cells.across + 4)
-    session.require(need, f"{what} at sigma {sigma:g} px", "a larger sigma")
+    session.require(need, f"sigma {sigma:g} px", "take a larger sigma")
     sums = np.zeros((cells.down, cells.across, 1 + 2 * count))
     starts = cells.starts()
 

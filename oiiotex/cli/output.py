@@ -154,7 +154,10 @@ def software(chain: Chain) -> dict[str, Any]:
     """What a file says of the program that wrote it: a hash of the command line, or with --history the line itself."""
     if chain.settings.get("--nosoftwareattrib"):
         return {}
-    line = shlex.join(["oiiotex", *chain.session.words])
+    words = list(chain.session.words)
+    if chain.settings.get("--sansattrib"):
+        words = _without_attributes(words)
+    line = shlex.join(["oiiotex", *words])
     # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
     program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
     found: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
@@ -163,6 +166,18 @@ def software(chain: Chain) -> dict[str, Any]:
         before = chain.top.first.spec.get_string_attribute("Exif:ImageHistory") if chain.stack else ""
         found["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
     return found
+
+
+def _without_attributes(words: list[str]) -> list[str]:
+    """A command line less its --attrib and --sattrib, each of which is three words."""
+    kept, skip = [], 0
+    for word in words:
+        if word.split(":")[0].lstrip("-") in ("attrib", "sattrib") and word.startswith("-"):
+            skip = 3
+        if not skip:
+            kept.append(word)
+        skip = max(0, skip - 1)
+    return kept
 
 
 def _with_provenance(chain: Chain, image: Image) -> Image:
@@ -179,7 +194,7 @@ def _with_provenance(chain: Chain, image: Image) -> Image:
 
 
 def _trimmed(chain: Chain, image: Image, path: str) -> Image:
-    from ..host import Trim
+    from ..host.cropping import Trim
 
     out = oiio.ImageOutput.create(path)
     return Trim(source=image).compute(chain.session) if out is not None and out.supports("displaywindow") else image
@@ -187,7 +202,7 @@ def _trimmed(chain: Chain, image: Image, path: str) -> Image:
 
 def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bool) -> tuple[Image, Format]:
     """In the colour space, and of the type, that the config finds in the file's name (--autocc)."""
-    from ..host import ColorConvert
+    from ..host.color import ColorConvert
 
     colors = chain.session.color
     space = colors.space_of_output(path)

@@ -67,6 +67,7 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
     image = read(path, chain.session.cache, native=native, config=config)
     chain.inputs.append(path)
     chain.first.learn(image)
+    printing.print_input(chain, image, given.info, given.infoformat)
     if given.type is not None:
         image = _retyped(image, type_named(given.type))
     if given.now:
@@ -114,14 +115,13 @@ def _substitute(chain: Chain, error: ImageError) -> Image:
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
     """What is done to an image as soon as it has been read."""
     if given.ch is not None:
-        from ..host import Channels
+        from ..host.channels import Channels
 
         chain.apply(Channels, (given.ch,), {"allsubimages": True})
-    printing.print_input(chain, chain.top)
     if given.get_thumbnail:
         thumbnail(chain)
     if chain.settings.get("--autoorient"):
-        from ..host import Reorient
+        from ..host.turning import Reorient
 
         chain.apply(Reorient, (), {})
     automatic = chain.session.autocc if given.autocc is None else given.autocc
@@ -131,7 +131,7 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
 
 def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
     """Convert to scene linear from the space that the file's name, or else its tag, says (--autocc)."""
-    from ..host import ColorConvert
+    from ..host.color import ColorConvert
 
     colors = chain.session.color
     space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")

@@ -47,11 +47,10 @@ def page(name: str) -> str:
     ParameterError
         There is none of that name.
     """
-    bare = name.lstrip("-")
-    try:
-        found = LANGUAGE.find(f"--tex{bare}")
+    try:  # a bare name means the filter first: there is a --warp of the host, and a --texwarp
+        found = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
     except ParameterError:
-        found = LANGUAGE.find(f"--{bare}")
+        found = LANGUAGE.find(name if name.startswith("-") else f"--{name}")
     if isinstance(found, Refused):
         return f"{found.name} of oiiotool is not here: {found.reason}"
     if isinstance(found, Option):

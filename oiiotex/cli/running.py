@@ -77,6 +77,7 @@ def _run_frame(frame: Frame, session: Session) -> int:
     command = parse(list(frame.words), LANGUAGE)
     session.all_parts = session.autocc = False  # options of the line set them anew for each frame
     chain = Chain(session, read_input, frame)
+    chain.settings["-v"] = "-v" in command.settings
     chain.run(command.steps)
     return chain.status
 

@@ -179,8 +179,17 @@ def without_levels(chain: Chain) -> None:
     """Keep the largest version of a MIP-mapped image."""
     image = chain.top
     if any(part.levels for part in image.parts):
-        parts = tuple(dataclasses.replace(part, levels=(), stored=None) for part in image.parts)
+        parts = tuple(_copied(dataclasses.replace(part, levels=())) for part in image.parts)
         chain.stack[-1] = Image(parts, image.source)
+
+
+def _copied(part: Part) -> Part:
+    """The part as if an op had made it: as floats, and of no file any more."""
+    spec = oiio.ImageSpec(part.spec)
+    spec.set_format(part.working_type)
+    for name in ("oiio:miplevels", "oiio:subimages"):
+        spec.erase_attribute(name)
+    return Part(part.name, spec, part.buffer, ready=part.ready)
 
 
 def select_level(chain: Chain, text: str) -> None:

@@ -59,7 +59,7 @@ class Flatten(Op):
         part = self.source.first
         lens = lens_of(self.source, None if self.data else session.color, session.autocc)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 16)
-        drift = drift_of(self.source, lens, sigma, session, self.flag())
+        drift = drift_of(self.source, lens, sigma, session)
         spec = derived_spec(part.spec)
         others = self.source.parts[1:]
         if drift is None or self.amount == 0:  # nothing to see, or nothing to do: not even rounding

@@ -60,6 +60,10 @@ class OnColor(HostOp):
         """The conversion of up to four channels; `config` is the path of the colour config."""
         raise NotImplementedError
 
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """What the config has of the kind that is asked for, to be told where it cannot be converted."""
+        return ()
+
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed; that the conversion exists is found out now."""
         path = session.color.path
@@ -68,7 +72,8 @@ class OnColor(HostOp):
             try:
                 return checked(self.convert(colour, path))
             except ImageError as error:
-                raise ColorError(f"{error} ({path})") from None
+                known = ", ".join(self.known(session.color.names))
+                raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
         return pointwise(parts, parts[0].window, lambda source: converted(source, convert))
 
@@ -230,6 +235,10 @@ class Look(OnColor):
     key: str = param("", help=_KEY)
     value: str = param("", help=_VALUE)
 
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """Looks."""
+        return names.getLookNames()
+
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """With the look."""
         source, target = _space(self.from_, colour.spec()), _space(self.to, colour.spec())
@@ -251,6 +260,14 @@ class Display(OnColor):
     inverse: bool = param(False, help="from the display back")
     key: str = param("", help=_KEY)
     value: str = param("", help=_VALUE)
+
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """Views of the display, or displays."""
+        displays = {name.lower(): name for name in names.getDisplayNames()}
+        if self.display == "default":
+            return names.getViewNames(names.getDefaultDisplayName())
+        own = displays.get(self.display.lower())
+        return names.getViewNames(own) if own else names.getDisplayNames()
 
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """As displayed."""
@@ -293,6 +310,10 @@ class NamedTransform(OnColor):
     inverse: bool = param(False, help="undo it")
     key: str = param("", help=_KEY)
     value: str = param("", help=_VALUE)
+
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """Named transforms."""
+        return names.getNamedTransformNames()
 
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """Transformed."""

@@ -18,7 +18,7 @@ from ..params import Numbers, argument, image, nearest, param
 from ..session import Session
 from ..windows import Window
 from .geometry_text import parse_size
-from .kinds import Area, Hosted, HostOp, Whole, checked, remapped
+from .kinds import Area, Hosted, HostOp, Whole, checked, remapped, with_edges
 from .turning import moved
 from .warping import FILTERS
 
@@ -189,6 +189,11 @@ class Unsharp(Area):
         else:
             half = _reach(kernel_of(self.kernel, self.width, self.width))[0]
         return half, half
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """The second blur's halo with what it repeats at the edges, and around these the first one's."""
+        halo = self.halo()
+        return [with_edges(window.grown(*halo), specs[0]).grown(*halo)]
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Sharpened, over all that there is: the second blur looks at what the first left beside the window."""

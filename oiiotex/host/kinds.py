@@ -252,19 +252,23 @@ def remapped(
     return dataclasses.replace(part, fetch=_in_cells(part)) if scattered else part
 
 
-def _seen(wanted: Window, part: Part) -> Window:
-    """What there is of a window, with the pixels of the display window's edge that OpenImageIO repeats outside."""
-    if wanted & part.window == wanted:
+def with_edges(wanted: Window, spec: oiio.ImageSpec) -> Window:
+    """A window, with the edge of the display window, which OpenImageIO repeats beyond the data window."""
+    data, display = Window.data(spec), Window.display(spec)
+    if not wanted.empty and wanted & data == wanted:
         return wanted
-    display = Window.display(part.spec)
-    edge = Window(
+    return wanted | Window(
         min(max(wanted.left, display.left), display.right - 1),
         min(max(wanted.top, display.top), display.bottom - 1),
         min(max(wanted.right, display.left + 1), display.right),
         min(max(wanted.bottom, display.top + 1), display.bottom),
     )
-    seen = (wanted | edge) & part.window
-    return _nearest(wanted, part.window) if seen.empty else seen  # an op needs a pixel to look at, be it far away
+
+
+def _seen(wanted: Window, part: Part) -> Window:
+    """What an op sees of a window: a pixel at least, be it far away."""
+    seen = with_edges(wanted, part.spec) & part.window
+    return _nearest(wanted, part.window) if seen.empty else seen
 
 
 def _sample(whole: Window) -> Window:

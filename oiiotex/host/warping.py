@@ -91,8 +91,8 @@ def warp_needs(matrix: np.ndarray, window: Window, width: float, data: Window) -
     for axis, (begin, end) in enumerate(((data.left, data.right), (data.top, data.bottom))):
         halo = 0.5 * width * reach[axis] * 1.001 + 3
         # far outside it makes no difference how far; ints must not overflow
-        edges.append(math.floor(min(max(low[axis] - halo, begin - 8), end + 8)))
-        edges.append(math.ceil(max(min(high[axis] + halo, end + 8), begin - 8)))
+        edges.append(math.floor(min(max(low[axis] - halo, begin - 8), end + 7)))
+        edges.append(math.ceil(max(min(high[axis] + halo, end + 8), begin - 7)))
     return Window(edges[0], edges[2], edges[1], edges[3])
 
 

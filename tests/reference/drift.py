@@ -21,9 +21,7 @@ def flattened(
     down, across = -(-height // side), -(-width // side)
     values = np.rint(lab.astype(np.float64) * 64) / 64
     cell_y, cell_x = np.arange(height) // side, np.arange(width) // side
-    inside = [
-        [opaque & (cell_y == j)[:, None] & (cell_x == i)[None, :] for i in range(across)] for j in range(down)
-    ]
+    inside = [[opaque & (cell_y == j)[:, None] & (cell_x == i)[None, :] for i in range(across)] for j in range(down)]
     number = np.array([[m.sum() for m in row] for row in inside])
     spread = np.sqrt((sigma / side) ** 2 - 1 / 3 - 1 / 12)  # the cells' width and the spline come on top
     reach = max(1, int(np.ceil(3.5 * spread)))
