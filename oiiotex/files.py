@@ -17,7 +17,7 @@ from .tiles import PieceCache, assembled
 from .windows import Window
 
 _PIECE_BYTES = 4 << 20
-_BLOCK = 64  # rows of a piece are a multiple of it: no compressed block of a common format is decoded twice
+_BLOCK = 16  # rows of a piece are a multiple of those compressed together, or of this where a file does not say it
 _CACHE_BYTES = 256 << 20
 
 
@@ -150,5 +150,8 @@ def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:
         across = -(-spec.width // spec.tile_width)
         fit = max(1, _PIECE_BYTES // (pixel * spec.tile_width * spec.tile_height))
         return min(across, fit) * spec.tile_width, spec.tile_height * max(1, fit // across)
-    rows = max(1, _PIECE_BYTES // max(1, spec.width * pixel))
-    return spec.width, rows // _BLOCK * _BLOCK or min(rows, _BLOCK)
+    row = max(1, spec.width * pixel)
+    together = spec.get_int_attribute("oiio:RowsPerChunk") or spec.get_int_attribute("tiff:RowsPerStrip") or _BLOCK
+    if together * row > 8 * _PIECE_BYTES:  # decoded again for each piece, but the memory stays bounded
+        together = 1
+    return spec.width, max(1, _PIECE_BYTES // row // together) * together

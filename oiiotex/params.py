@@ -31,7 +31,7 @@ class Numbers(tuple):
     """Numbers separated by commas: a colour, a matrix, a list of coordinates."""
 
     def __str__(self) -> str:
-        return ",".join(f"{n:g}" for n in self)
+        return ",".join(f"{n:.9g}" for n in self)
 
 
 class Size(NamedTuple):
@@ -105,7 +105,7 @@ class Parameter:
                 converted = _convert(kind, value)
             except (TypeError, ValueError, OverflowError):
                 continue
-            numbers = converted if isinstance(converted, Size) else (converted,) if kind in (int, float) else ()
+            numbers = converted if isinstance(converted, (Size, Numbers)) else (converted,) if kind in (int, float) else ()
             if all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers):
                 return converted
         return self._refuse(value)
@@ -229,6 +229,8 @@ def _convert(kind: type, value: Any) -> Any:
         width, height = value
         return Size(_convert(int, width), _convert(int, height))
     if kind is Numbers:
+        if np.size(value) == 0:
+            raise ValueError(value)
         return Numbers(_convert(float, n) for n in (value if np.ndim(value) else [value]))
     if kind in (int, float):
         if isinstance(value, (bool, np.bool_, str)):

@@ -139,6 +139,13 @@ def test_max_of_images_with_other_channels(folder):
         assert (spec.channelnames, spec.alpha_channel) == (("R", "G", "B", "A"), 3)
 
 
+@pytest.mark.parametrize("op", ["premult", "unpremult", "repremult"])
+def test_without_alpha_pixels_stay(folder, op):
+    """oiiotool moves them where the data window does not begin at 0."""
+    run(shlex.split(f"rgb.exr --origin +5+3 --{op} -o moved.exr"), folder)
+    np.testing.assert_array_equal(load(folder / "moved.exr"), load(folder / "rgb.exr"))
+
+
 def test_fixnan_none_leaves_all(folder):
     """oiiotool warns that it knows no 'none', and does box3."""
     run(shlex.split("nan.exr --fixnan none -o kept.exr"), folder)

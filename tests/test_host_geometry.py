@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from oiiotex.cli.main import run
+from oiiotex.errors import Error
+
 from .peer import assert_same_file, same
 from .sources import sources
 

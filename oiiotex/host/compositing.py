@@ -16,6 +16,7 @@ from ..op import Op
 from ..params import param
 from ..session import Session
 from .arithmetic import OneImage, TwoImages
+from .kinds import worked
 
 log = logging.getLogger("oiiotex")
 
@@ -51,7 +52,16 @@ class DepthOver(TwoImages):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Premultiply(OneImage):
+class ByAlpha(OneImage):
+    """Colour by alpha."""
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed; where there is no alpha, what there is: OpenImageIO would move its pixels."""
+        return super().result(parts, session) if parts[0].spec.alpha_channel >= 0 else worked(parts[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Premultiply(ByAlpha):
     """Multiply the colour by alpha."""
 
     name: ClassVar[str] = "premult"
@@ -62,7 +72,7 @@ class Premultiply(OneImage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unpremultiply(OneImage):
+class Unpremultiply(ByAlpha):
     """Divide the colour by alpha."""
 
     name: ClassVar[str] = "unpremult"
@@ -78,7 +88,7 @@ class Unpremultiply(OneImage):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Repremultiply(OneImage):
+class Repremultiply(ByAlpha):
     """Multiply the colour by alpha, but leave it where alpha is 0."""
 
     name: ClassVar[str] = "repremult"
