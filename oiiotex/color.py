@@ -70,7 +70,7 @@ class ColorConfig:
 
     @property
     def names(self) -> oiio.ColorConfig:
-        """What OpenImageIO finds in the config: displays, views, looks, transforms, and the names it tags files with."""
+        """What OpenImageIO finds in the config: displays, views, looks, transforms."""
         return self._names
 
     def is_data(self, name: str) -> bool:

@@ -22,6 +22,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_inputs(tmp_path_factory.mktemp("arithmetic"))
 
 
+WITH_VALUES = ("addc", "subc", "mulc", "divc", "absdiffc", "powc", "maxc", "minc")
+ALPHA = ("premult", "unpremult", "repremult")
 CHAINS = (
     # two images: other windows, channel counts, types
     *(f"rgba.exr b.exr --{op} -o OUT.exr" for op in ("add", "sub", "mul", "div", "absdiff", "min", "max", "over")),
@@ -40,8 +42,8 @@ CHAINS = (
     "parts.exr rgb8.png --mul:subimages=1 -o OUT.exr",
     "parts.exr rgb8.png --mul -o OUT.exr",
     # values
-    *(f"rgba.exr --{op} 0.3 -o OUT.exr" for op in ("addc", "subc", "mulc", "divc", "absdiffc", "powc", "maxc", "minc")),
-    *(f"rgba.exr --{op} 0.3,0.2 -o OUT.exr" for op in ("addc", "subc", "mulc", "divc", "absdiffc", "powc", "maxc", "minc")),
+    *(f"rgba.exr --{op} 0.3 -o OUT.exr" for op in WITH_VALUES),
+    *(f"rgba.exr --{op} 0.3,0.2 -o OUT.exr" for op in WITH_VALUES),
     "rgb.exr --divc 0,2,-4 -o OUT.exr",
     "rgb8.png --mulc 1,2,3,4,5 -o OUT.png",
     "rgb.exr --cadd 0.1 --csub 0.2,0.1,0 --cmul 2 --cpow 2 -o OUT.exr",
@@ -82,7 +84,7 @@ CHAINS = (
     "rgb.exr --fixnan error -o OUT.exr",
     "rgb8.png --fixnan box3 -o OUT.png",
     # alpha
-    *(f"{image} --{op} -o OUT.exr" for image in ("rgb.exr", "five.exr") for op in ("premult", "unpremult", "repremult")),
+    *(f"{image} --{op} -o OUT.exr" for image in ("rgb.exr", "five.exr") for op in ALPHA),
     "rgba.exr --unpremult --repremult -o OUT.exr",
     "rgba8.png --unpremult -o OUT.png",
     "rgba8.png rgba.exr --over -o OUT.exr",
@@ -139,7 +141,7 @@ def test_max_of_images_with_other_channels(folder):
         assert (spec.channelnames, spec.alpha_channel) == (("R", "G", "B", "A"), 3)
 
 
-@pytest.mark.parametrize("op", ["premult", "unpremult", "repremult"])
+@pytest.mark.parametrize("op", ALPHA)
 def test_without_alpha_pixels_stay(folder, op):
     """oiiotool moves them where the data window does not begin at 0."""
     run(shlex.split(f"rgb.exr --origin +5+3 --{op} -o moved.exr"), folder)

@@ -152,7 +152,7 @@ def test_quarter_turns_where_the_display_window_is_off_the_origin(folder: Path):
         "plain.tif --crop 0x0+1+1",
         "plain.tif --cut 5,5,3,3",
         "plain.tif --resize 0x0",
-        "plain.tif --resize:from=0x5+1+1 10x10",
+        "plain.tif --resize:from=5,5,3,3 10x10",
         "plain.tif --resize:filter=gausian 10x10",
         "plain.tif --fit -5x5",
         "plain.tif --pixelaspect 0",
