@@ -123,6 +123,9 @@ LINES = [
     "a.png --if '{TOP.width > 50}' --flip --else --flop --endif -o OUT.png",
     "a.png --if '{TOP.width < 50}' --flip --else --flop --endif -o OUT.png",
     "a.png --if 0 --if 1 --flip --else --flop --endif --endif -o OUT.png",
+    "a.png --text:measure=1:render=0:size=12 hello --crop '{TEXT_WIDTH}x{TEXT_HEIGHT}+2+2' -o OUT.png",
+    "a.png b.tif a.png b.tif --mosaic 2x1 -d half -o OUT.exr",
+    "parts.exr -a --flop -o OUT.exr",
     "a.png --for i 2 --for j 2 --addc '{(i+j)/10}' --endfor --endfor -o OUT.tif",
     "a.png --evaloff --attrib x '{TOP.width}' --evalon -o OUT.tif",
     # metadata

@@ -176,17 +176,19 @@ class Chain:
             self.read_input(self, word)
             return self._run_waiting()
         texts = step.arguments if step.option and step.option.control else tuple(map(self.expressed, step.arguments))
+        values = values_of(step, split_modifiers(word)[1])
         if step.op is not None:
-            self._waiting.append((step, texts, values_of(step, split_modifiers(word)[1])))
+            values |= {p.name: p.parse(text) for p, text in zip(step.op.arguments(), texts, strict=True)}
+            self._waiting.append((step, (), values))
             return self._run_waiting()
         option = step.option
         assert option is not None and option.run is not None
         if option.needs > len(self.stack):
-            self._waiting.append((step, texts, values_of(step, split_modifiers(word)[1])))
+            self._waiting.append((step, texts, values))
             return None
         if not (option.state or option.control or option.name == "-i"):
             self._nothing_waits()
-        option.run(self, *texts, **values_of(step, split_modifiers(word)[1]))
+        option.run(self, *texts, **values)
         return self._run_waiting()
 
     def expressed(self, text: str) -> str:
@@ -211,25 +213,24 @@ class Chain:
             step, texts, values = self._waiting.pop(0)
             try:
                 if step.op is not None:
-                    self.apply(step.op, texts, values)
+                    self.apply(step.op, **values)
                 else:
                     assert step.option is not None and step.option.run is not None
                     step.option.run(self, *texts, **values)
             except Error as error:
                 raise error if isinstance(error, StepError) else StepError(step, error) from error
 
-    def apply(self, op: type[Op], texts: tuple[str, ...], values: dict[str, Any]) -> None:
+    def apply(self, op: type[Op], **values: Any) -> None:
         """Replace the op's operands on the stack by its result."""
         count = op.arity(values, len(self.stack))
         operands = self.stack[len(self.stack) - count :]
-        given = _bound(op.images(), operands)
-        arguments = {p.name: p.parse(text) for p, text in zip(op.arguments(), texts, strict=True)}
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
         with self.session.stats.time(op.flag()):
-            bound = op(**given, **arguments, **values)
+            bound = op(**_bound(op.images(), operands), **values)
             result = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
         del self.stack[len(self.stack) - count :]
         self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
+        self.user |= bound.facts() if isinstance(bound, HostOp) else {}
         self.unwritten = True
 
     def image(self, index: int) -> Image:

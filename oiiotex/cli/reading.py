@@ -117,13 +117,13 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
     if given.ch is not None:
         from ..host.channels import Channels
 
-        chain.apply(Channels, (given.ch,), {"allsubimages": True})
+        chain.apply(Channels, channels=given.ch, allsubimages=True)
     if given.get_thumbnail:
         thumbnail(chain)
     if chain.settings.get("--autoorient"):
         from ..host.turning import Reorient
 
-        chain.apply(Reorient, (), {})
+        chain.apply(Reorient)
     automatic = chain.session.autocc if given.autocc is None else given.autocc
     if automatic:
         _to_linear(chain, path, bool(given.unpremult))
@@ -137,7 +137,7 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
     space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")
     linear = colors.linear
     if space and linear and not colors.same(space, linear):
-        chain.apply(ColorConvert, (space, linear), {"strict": False, "unpremult": unpremult})
+        chain.apply(ColorConvert, from_space=space, to_space=linear, strict=False, unpremult=unpremult)
 
 
 def missing_file(chain: Chain, policy: str) -> None:

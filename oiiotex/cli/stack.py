@@ -231,7 +231,7 @@ def thumbnail(chain: Chain, fail: bool = True, index: int = 0) -> None:
 
         longer = max(image.first.spec.full_width, image.first.spec.full_height)
         percent = min(100.0, 25600 / longer)
-        chain.apply(Resize, (f"{percent}%",), {})
+        chain.apply(Resize, size=f"{percent}%")
 
 
 OPTIONS = (

@@ -204,6 +204,14 @@ class Text(Coloured):
     )
     shadow: int = param(0, ge=0, le=256, unit="px", help="width of a dark rim")
     render: bool = param(True, help="draw it; else nothing happens")
+    measure: bool = param(False, help="set the variables TEXT_X, TEXT_Y, TEXT_WIDTH and TEXT_HEIGHT to its box")
+
+    def facts(self) -> dict[str, int | float | str]:
+        """The box of the text around (0, 0), where it is asked for."""
+        if not self.measure:
+            return {}
+        roi = ImageBufAlgo.text_size(self.text, self.size, self.font)
+        return {"TEXT_X": roi.xbegin, "TEXT_Y": roi.ybegin, "TEXT_WIDTH": roi.width, "TEXT_HEIGHT": roi.height}
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
         """What is seen of the text."""

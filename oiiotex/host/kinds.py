@@ -47,6 +47,10 @@ class HostOp(Op):
         """The op's result from one part of each input."""
         raise NotImplementedError
 
+    def facts(self) -> dict[str, int | float | str]:
+        """User variables that the op sets for expressions that follow."""
+        return {}
+
     def idle(self, parts: Sequence[Part]) -> bool:
         """Whether none of these parts of the first image would change: the image then goes on as it is."""
         return False
