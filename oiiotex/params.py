@@ -105,7 +105,9 @@ class Parameter:
                 converted = _convert(kind, value)
             except (TypeError, ValueError, OverflowError):
                 continue
-            numbers = converted if isinstance(converted, (Size, Numbers)) else (converted,) if kind in (int, float) else ()
+            numbers = (
+                converted if isinstance(converted, (Size, Numbers)) else (converted,) if kind in (int, float) else ()
+            )
             if all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers):
                 return converted
         return self._refuse(value)

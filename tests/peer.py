@@ -32,7 +32,9 @@ def same(folder: Path, *words: object, tolerance: float = 0.0) -> None:
     for text in texts:
         if "OUT." in text:
             name = text[text.index("OUT.") :]
-            assert_same_file(folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance)
+            assert_same_file(
+                folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance
+            )
 
 
 def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:

@@ -212,7 +212,10 @@ def test_no_clobber_update_and_create_dir(folder, tmp_path):
 
 def test_history_and_software(folder, tmp_path):
     source = str(folder / "a.png")
-    for option, software in (([], "OpenImageIO " + oiio.__version__ + ", oiiotex 0.1.0 : "), (["--history"], f"--history {source} --flip")):
+    for option, software in (
+        ([], "OpenImageIO " + oiio.__version__ + ", oiiotex 0.1.0 : "),
+        (["--history"], f"--history {source} --flip"),
+    ):
         assert run([*option, source, "--flip", "-o", "out.tif"], tmp_path) == 0
         assert software in oiio.ImageBuf(str(tmp_path / "out.tif")).spec().get_string_attribute("Software")
 

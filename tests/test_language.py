@@ -125,7 +125,9 @@ def test_versions_of_everything_are_said():
 )
 def test_completion_in_bash(typed, wanted):
     script = oiiotex("--completion", "bash").stdout
-    probe = f'{script}\nCOMP_LINE="oiiotex a.exr {typed}"; COMP_POINT=${{#COMP_LINE}}; _oiiotex; echo "${{COMPREPLY[@]}}"'
+    probe = (
+        f'{script}\nCOMP_LINE="oiiotex a.exr {typed}"; COMP_POINT=${{#COMP_LINE}}; _oiiotex; echo "${{COMPREPLY[@]}}"'
+    )
     done = subprocess.run(["bash", "-c", probe], capture_output=True, text=True)
     assert sorted(done.stdout.split()) == sorted(wanted), done.stderr
 

@@ -209,7 +209,7 @@ def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bo
     if space is None:
         return image, how
     kind = colors.pixel_type(space)
-    if kind is not None and not kind[0] == oiio.TypeDesc("float"):
+    if kind is not None and kind[0] != oiio.TypeDesc("float"):
         how = dataclasses.replace(how, pixel_type=kind[0], bits=kind[1])
     current = image.first.spec.get_string_attribute("oiio:ColorSpace") or colors.linear
     if current is None or colors.same(current, space):
@@ -333,9 +333,7 @@ OPTIONS = (
     _state("--dither", "dither where 8 bits are made of more"),
     Option("--planarconfig", ("CONFIG",), "contig, separate or default", set_planar, state=True),
     _state("--adjust-time", "give written files the time that their metadata says"),
-    _state(
-        "--noautocrop", "formats without display window get the data window", sets=("--autocrop", False)
-    ),
+    _state("--noautocrop", "formats without display window get the data window", sets=("--autocrop", False)),
     _state("--autotrim", "without black borders, where the format has a data window"),
     _state("--history", "write the command line into the files' metadata"),
     _state("--no-history", "write only a hash of the command line (as is the rule)", sets=("--history", False)),

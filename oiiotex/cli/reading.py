@@ -191,9 +191,16 @@ def autocc_off(chain: Chain) -> None:
 OPTIONS = (
     Option("-i", ("FILE",), "read an image (as naming it does) and put it on the stack", read_input, ReadModifiers),
     Option(
-        "--iconfig", ("NAME", "VALUE"), "a hint for the reader of the next file", input_attribute, SetModifiers, state=True
+        "--iconfig",
+        ("NAME", "VALUE"),
+        "a hint for the reader of the next file",
+        input_attribute,
+        SetModifiers,
+        state=True,
     ),
-    Option("--missingfile", ("POLICY",), "files that cannot be read: error, black or checker", missing_file, state=True),
+    Option(
+        "--missingfile", ("POLICY",), "files that cannot be read: error, black or checker", missing_file, state=True
+    ),
     Option("--testread", ("FILE",), "read a file and forget it", test_read, state=True),
     Option("-a", (), "ops work on all parts (subimages), not on the first alone", all_parts, state=True),
     Option("--native", (), "ops work on the pixel type of the file instead of float", switch("--native"), state=True),

@@ -187,7 +187,7 @@ def completion(shell: str) -> str:
     names = {op.flag(): [p.name for p in op.modifiers()] for ops in LANGUAGE.ops.values() for op in ops}
     names |= {o.name: [p.name for p in declared(o.modifiers)[1]] if o.modifiers else [] for o in LANGUAGE.options}
     rows = [
-        f"""        {name}) COMPREPLY=($(compgen -W "{' '.join(f'{m}=' for m in modifiers)}" -- "${{word##*:}}")) ;;"""
+        f"""        {name}) COMPREPLY=($(compgen -W "{" ".join(f"{m}=" for m in modifiers)}" -- "${{word##*:}}")) ;;"""
         for name, modifiers in names.items()
         if modifiers
     ]

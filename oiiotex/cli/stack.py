@@ -150,7 +150,9 @@ def split_layers(chain: Chain) -> None:
     """Replace an image by one image for each layer: channels whose names begin alike, up to a dot."""
     image = chain.pop()
     names = list(image.first.spec.channelnames)
-    layers = [name.rpartition(".")[0] if name.count(".") == 1 else name.partition(".")[0] * ("." in name) for name in names]
+    layers = [
+        name.rpartition(".")[0] if name.count(".") == 1 else name.partition(".")[0] * ("." in name) for name in names
+    ]
     begin = 0
     for end in range(1, len(names) + 1):
         if end == len(names) or layers[end] != layers[begin]:
