@@ -86,3 +86,9 @@ def test_the_docs_page_is_made_from_the_declaration(op):
 
     path = ROOT / "docs" / f"tex{op.name}.md"
     assert path.read_text() == page_text(op, path), "run make docs"
+
+
+def test_the_page_of_the_chain_is_made_from_the_declarations():
+    from docs.pages import language_text
+
+    assert (ROOT / "docs" / "chain.md").read_text() == language_text(), "run make docs"
