@@ -51,6 +51,7 @@ class Op:
 
     prefix: ClassVar[str] = "--tex"
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
+    copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
     name: ClassVar[str]
     reach: ClassVar[Reach]
     space: ClassVar[Space]

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import logging
 import os
 import re
+import shutil
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,8 +19,8 @@ import numpy as np
 import OpenImageIO as oiio
 
 from .errors import ImageError
-from .files import read
-from .images import Image, Part, cropped, one_line
+from .files import checked_name, keep_readable, read, said
+from .images import Image, Part, cropped
 from .temporary import temporary_beside
 from .tiles import BAND_BYTES, rows_for, stream
 from .windows import Window
@@ -94,9 +97,9 @@ def write(
     ImageError
         The format is unknown or cannot hold a part, or the disk says no.
     """
-    path = Path(path)
+    path = Path(checked_name(path))
     how = how if isinstance(how, Format) else Format(pixel_type=how)
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not path.is_file():
         raise ImageError(f"{path}: not a regular file")  # renaming over a device would replace it
     with temporary_beside(path) as temporary:
         out = oiio.ImageOutput.create(how.format_name or str(temporary))
@@ -106,22 +109,51 @@ def write(
         image = _fitted(image, out, path, how)
         specs = _specs(image, out, how)
         _require_types(out, temporary, path, image, specs, how)
-        try:
-            _write_parts(out, temporary, path, image, specs, advance)
-        finally:
-            closed = out.close()
-        if not closed:
-            raise ImageError(f"{path}: {_said(out, temporary, path)}")
+        with _way_to(temporary, path, out) as way:
+            try:
+                _write_parts(out, way, path, image, specs, advance)
+            finally:
+                closed = out.close()
+            if not closed:
+                raise ImageError(f"{path}: {_said(out, way, path)}")
         format_name = out.format_name()
         del out  # a MIP-mapped EXR is finished only now
         if not temporary.exists():
             raise ImageError(f"{path}: {format_name} writes no file")
         _check_arrived(temporary, path)
+        keep_readable(path)
+
+
+@contextlib.contextmanager
+def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path]:
+    """Where OpenImageIO writes: for JPEG a pipe to the file, because libjpeg ends the process where a disk is full."""
+    if out.format_name() != "jpeg" or not os.path.isdir("/dev/fd"):
+        yield temporary
+        return
+    source, sink = os.pipe()
+    with ThreadPoolExecutor(1, "oiiotex-write") as worker:
+        copied = worker.submit(_copy, source, temporary)
+        try:
+            yield Path(f"/dev/fd/{sink}")
+        finally:
+            os.close(sink)
+    if isinstance(error := copied.exception(), OSError):
+        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def _copy(source: int, temporary: Path) -> None:
+    with os.fdopen(source, "rb", buffering=0) as pipe:
+        try:
+            with open(temporary, "wb") as file:
+                shutil.copyfileobj(pipe, file)
+        finally:
+            while pipe.read(1 << 20):  # whoever writes must not wait for ever
+                pass
 
 
 def _said(out: oiio.ImageOutput, temporary: Path, path: Path) -> str:
     """The format's error, of the name that the user knows."""
-    return one_line(out.geterror()).replace(str(temporary), str(path))
+    return said(out.geterror).replace(str(temporary), str(path))
 
 
 # --- what the format cannot hold ---
@@ -345,9 +377,10 @@ def _require_types(
         if wanted is None:
             continue
         trial = oiio.ImageOutput.create(how.format_name or str(temporary))
+        place = os.devnull if out.format_name() == "jpeg" else str(temporary)  # see _way_to
         spec = Window(0, 0, 1, 1).apply_to(levels[0])
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = 0, 0, 1, 1
-        if not trial.open(str(temporary), spec):
+        if not trial.open(place, spec):
             raise ImageError(f"{path}: cannot be written: {_said(trial, temporary, path)}")
         held = trial.spec().format
         trial.write_image(np.zeros((1, 1, spec.nchannels), np.float32))

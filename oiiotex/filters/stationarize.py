@@ -36,6 +36,7 @@ _ST = Output(
 class _PatchSynthesis(Op):
     """What both ops share: inputs, how a recipe becomes an image, the report."""
 
+    copies: ClassVar[bool] = True
     reach: ClassVar[Reach] = Reach.GLOBAL
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
