@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
+from oiiotex.formats import Format
 from oiiotex.images import Image, Part
 from oiiotex.windows import Window
-from oiiotex.writing import Format, write
+from oiiotex.writing import write
 
 BIN = Path(sys.executable).parent
 CHAINS = {

@@ -28,7 +28,10 @@ def temporary_beside(path: Path) -> Iterator[Path]:
     _live.add(temporary)
     try:
         yield temporary
-        temporary.replace(path)
+        try:
+            temporary.replace(path)
+        except OSError as error:
+            raise ImageError(f"{path}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
         _live.discard(temporary)

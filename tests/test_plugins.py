@@ -63,7 +63,7 @@ def test_it_joins_help_and_completion(studio):
 
 
 def test_it_joins_the_promise_tests(studio):
-    command = [sys.executable, "-m", "pytest", "tests/test_promises.py", "-k", "posterize", "-q"]
+    command = [sys.executable, "-m", "pytest", "tests/test_promises.py", "-k", "posterize", "-v"]
     done = subprocess.run(command, cwd=ROOT, env=studio, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-3000:]
     assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 10

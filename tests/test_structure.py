@@ -23,6 +23,7 @@ FLOORS = [
     {"device", "images"},
     {"tiles"},
     {"files", "color"},
+    {"formats"},
     {"writing"},
     {"session"},
     {"working"},

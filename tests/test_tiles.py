@@ -331,7 +331,8 @@ import OpenImageIO as oiio
 from oiiotex.images import Image, Part, type_named
 from oiiotex.tiles import remembered, PieceCache
 from oiiotex.windows import Window
-from oiiotex.writing import Format, write
+from oiiotex.formats import Format
+from oiiotex.writing import write
 
 def fetch(window):
     y, x = np.ogrid[window.top : window.bottom, window.left : window.right]

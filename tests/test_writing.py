@@ -12,9 +12,10 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.files import read
+from oiiotex.formats import Format
 from oiiotex.images import Image, Part, from_pixels, tagged, type_named
 from oiiotex.windows import Window
-from oiiotex.writing import Format, write
+from oiiotex.writing import write
 from tests.parts import (
     NUMPY,
     WINDOWS,

@@ -18,9 +18,10 @@ import OpenImageIO as oiio
 
 from .. import __version__
 from ..errors import ImageError, ParameterError
+from ..formats import Format
 from ..images import Image, type_named
 from ..params import Size, param
-from ..writing import Format, write
+from ..writing import write
 from .chain import Chain
 from .parse import Option
 
@@ -157,7 +158,7 @@ def software(chain: Chain) -> dict[str, Any]:
     words = list(chain.session.words)
     if chain.settings.get("--sansattrib"):
         words = _without_attributes(words)
-    line = shlex.join(["oiiotex", *words])
+    line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
     # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
     program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
     found: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
