@@ -24,6 +24,8 @@ def temporary_beside(path: Path) -> Iterator[Path]:
 
     What SIGKILL leaves bears host and pid; it is swept here by the next run that writes into the folder.
     """
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise ImageError(f"{path}: not a regular file")  # renaming over a device would replace it
     temporary = name_beside(path)
     _live.add(temporary)
     try:

@@ -6,8 +6,8 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import subprocess
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +21,9 @@ from .temporary import temporary_beside
 from .tiles import BAND_BYTES, rows_for, stream
 from .windows import Window
 
-
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more rows of scanlines together, but DWAB with 256
+_NOT_WHOLE = "the file could not be written whole: is the disk full?"
+_COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # whoever writes must not wait for ever
 
 
 def write(
@@ -50,8 +51,6 @@ def write(
     """
     path = Path(checked_name(path))
     how = how if isinstance(how, Format) else Format(pixel_type=how)
-    if os.path.exists(path) and not path.is_file():
-        raise ImageError(f"{path}: not a regular file")  # renaming over a device would replace it
     with temporary_beside(path) as temporary:
         out = oiio.ImageOutput.create(how.format_name or str(temporary))
         if out is None:
@@ -78,28 +77,23 @@ def write(
 @contextlib.contextmanager
 def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path]:
     """Where OpenImageIO writes: for JPEG a pipe to the file, because libjpeg ends the process where a disk is full."""
-    if out.format_name() != "jpeg" or not os.path.isdir("/dev/fd"):
+    shell = shutil.which("sh") if out.format_name() == "jpeg" and os.path.isdir("/dev/fd") else None
+    if shell is None:
         yield temporary
         return
     source, sink = os.pipe()
-    with ThreadPoolExecutor(1, "oiiotex-write") as worker:
-        copied = worker.submit(_copy, source, temporary)
-        try:
-            yield Path(f"/dev/fd/{sink}")
-        finally:
-            os.close(sink)
-    if isinstance(error := copied.exception(), OSError):
-        raise ImageError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def _copy(source: int, temporary: Path) -> None:
-    with os.fdopen(source, "rb", buffering=0) as pipe:
-        try:
-            with open(temporary, "wb") as file:
-                shutil.copyfileobj(pipe, file)
-        finally:
-            while pipe.read(1 << 20):  # whoever writes must not wait for ever
-                pass
+    with open(temporary, "wb") as file:  # no thread could copy: OpenImageIO holds the GIL while it closes
+        copier = subprocess.Popen(
+            [shell, "-c", _COPY], stdin=source, stdout=file, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+    os.close(source)
+    try:
+        yield Path(f"/dev/fd/{sink}")
+    finally:
+        os.close(sink)
+        code = copier.wait()
+    if code:
+        raise ImageError(f"{path}: {_NOT_WHOLE}")
 
 
 def _said(out: oiio.ImageOutput, temporary: Path, path: Path) -> str:
@@ -209,4 +203,4 @@ def _check_arrived(temporary: Path, path: Path) -> None:
             last = held.window.bottom - 1
             held.read(Window(held.window.left, last, held.window.right, last + 1))
     except (ImageError, ValueError) as error:
-        raise ImageError(f"{path}: the file could not be written whole: is the disk full?") from error
+        raise ImageError(f"{path}: {_NOT_WHOLE}") from error

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.main import run
+from oiiotex.cli.running import run
 
 OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 # what names the program that wrote a file, and when

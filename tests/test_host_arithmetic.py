@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.main import run
+from oiiotex.cli.running import run
 from oiiotex.errors import Error
 from tests.conftest import load, save
 from tests.inputs import write_inputs

@@ -11,9 +11,9 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.cli.comparing import Thresholds, compare
-from oiiotex.cli.main import run
 from oiiotex.cli.metadata import metadata_text, sha1, shortest
 from oiiotex.cli.pixel_statistics import part_statistics, statistics, statistics_text
+from oiiotex.cli.running import run
 from oiiotex.errors import Error
 from oiiotex.files import read
 from oiiotex.images import from_pixels

@@ -3,25 +3,27 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import traceback
 from typing import NoReturn
 
 from ..errors import Error
 from .stopping import Stopped, stop_on_signals
+from .streams import drop, open_standard_streams, quiet_libraries
 
 
 def main(words: list[str] | None = None) -> NoReturn:
     """Run the command line and exit: 0 well, 1 an error, 130 and 143 after SIGINT and SIGTERM."""
     words = sys.argv[1:] if words is None else words
-    _open_standard_streams()
+    open_standard_streams()
+    if not _debugging(words):
+        quiet_libraries()
     try:
         stop_on_signals()
         status = _run(words)
     except Stopped as stopped:
         status = 128 + stopped.number
-        _drop_stdout()
+        drop(1)
     sys.exit(status)
 
 
@@ -35,7 +37,7 @@ def _run(words: list[str]) -> int:
     except MemoryError:
         return _failed(words, "out of memory: lower --cache, or make the tile or the photo smaller")
     except BrokenPipeError:  # who reads what is printed has gone, with files perhaps not written
-        _drop_stdout()
+        drop(1)
         return 141  # as a shell says it of a program that SIGPIPE ends
     except Exception as error:  # a fault of ours or of the machine: still one line, the rest on demand
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
@@ -43,7 +45,7 @@ def _run(words: list[str]) -> int:
     try:
         sys.stdout.flush()
     except BrokenPipeError:  # all is done, and nobody wants to read more
-        _drop_stdout()
+        drop(1)
     except OSError as error:
         return _failed(words, f"what is printed cannot be written: {error.strerror}")
     return status
@@ -51,34 +53,21 @@ def _run(words: list[str]) -> int:
 
 def _failed(words: list[str], text: str) -> int:
     """Say what went wrong in one line, behind what has been printed."""
-    if any(word in ("--debug", "-debug") for word in words):
+    if _debugging(words):
         traceback.print_exc()
     try:
         sys.stdout.flush()
     except OSError:
-        _drop_stdout()
+        drop(1)
     try:
         print(f"oiiotex ERROR: {' '.join(text.split())}", file=sys.stderr, flush=True)
     except OSError:  # nobody listens: the exit code has to do
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        drop(sys.stderr.fileno())
     return 1
 
 
-def _open_standard_streams() -> None:
-    """What came closed goes nowhere: else the next file opened would get its number, and what libraries print."""
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
-    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - open as long as the process
-    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
-    sys.stdout.reconfigure(errors="surrogateescape")  # names that are not UTF-8 are printed as they are
-
-
-def _drop_stdout() -> None:
-    """What is left to print goes nowhere: Python would try a full or broken stdout once more at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _debugging(words: list[str]) -> bool:
+    return any(word in ("--debug", "-debug") for word in words)
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from .parse import CommandLine, parse
 from .reading import read_input
 from .sequences import Frame, frames
 from .stopping import end_at_once
+from .streams import loud, quiet_libraries
 
 log = logging.getLogger("oiiotex")
 
@@ -87,8 +88,8 @@ def _run_in_parallel(todo: list[Frame], command: CommandLine) -> int:
     budget = _session(command, []).budget // workers
     jobs = [(frame, budget >> 20) for frame in todo]
     status = 0
-    with _pool(workers) as pool:
-        with _without_interrupts():  # workers are born deaf to Ctrl-C: it is for the parent, who ends them
+    with _pool(workers, "--debug" in command.settings) as pool:
+        with loud(), _without_interrupts():  # workers are born deaf to Ctrl-C: it is for the parent, who ends them
             results = pool.map(_job, jobs)
         for printed, error, own in results:
             sys.stdout.write(printed)
@@ -101,9 +102,9 @@ def _run_in_parallel(todo: list[Frame], command: CommandLine) -> int:
 
 
 @contextlib.contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+def _pool(workers: int, debugging: bool) -> Iterator[ProcessPoolExecutor]:
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context, _start_worker, (log.getEffectiveLevel(),))
+    pool = ProcessPoolExecutor(workers, context, _start_worker, (log.getEffectiveLevel(), debugging))
     try:
         yield pool
     except BaseException as error:
@@ -130,7 +131,9 @@ def _without_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _start_worker(level: int) -> None:
+def _start_worker(level: int, debugging: bool) -> None:
+    if not debugging:
+        quiet_libraries()
     logging.basicConfig(format="%(message)s", level=level)
     signal.signal(signal.SIGTERM, end_at_once)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
