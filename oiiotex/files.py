@@ -84,7 +84,7 @@ def checked_name(path: str | os.PathLike) -> str:
 def keep_readable(path: Path) -> None:
     """Have images that are still read from a file, which is about to be replaced, go on with what it holds now."""
     for source in list(_sources):
-        if os.path.exists(path) and os.path.samefile(path, source.place):
+        if os.path.exists(path) and os.path.exists(source.place) and os.path.samefile(path, source.place):
             source.keep()
 
 
@@ -100,7 +100,8 @@ class _Source:
     """An open file; one thread reads at a time."""
 
     def __init__(self, path: str, config: oiio.ImageSpec | None):
-        self.path = self.place = path
+        self.path = path
+        self.place = os.path.abspath(path)  # whoever calls may go to another folder
         self._config = config
         self._lock = threading.Lock()
         self._state = _state_of(path)
@@ -161,7 +162,7 @@ class _Source:
                 raise ImageError(f"{self.path}: was changed by someone else while it was read")
         if pixels is None or message:  # libjpeg fills up what is missing, and only says so
             rows = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
-            raise ImageError(f"{self.path}: {rows} cannot be read: {message}")
+            raise ImageError(f"{self.path}: {rows} cannot be read: {message or 'the file is damaged'}")
         return pixels.reshape(place.height, place.width, channels)
 
 

@@ -240,6 +240,16 @@ class Chain:
         return self.stack[-1 - index]
 
 
+def _require_utf8(*texts: str) -> None:
+    """Refuse what OpenImageIO's Python edge cannot take."""
+    for text in texts:
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            shown = text.encode(errors="surrogateescape").decode(errors="backslashreplace")
+            raise ParameterError(f"'{shown}' is not UTF-8") from None
+
+
 def _with_metadata_of(operands: list[Image], result: Image) -> Image:
     """The result, with what else is in the metadata of the operands (--metamerge)."""
 
