@@ -481,6 +481,7 @@ def test_names_that_are_not_utf_8_are_refused_in_one_line(tmp_path, picture):
         ["--testread", LATIN],
         [picture, "--label", LATIN],
         [f"--{LATIN}"],
+        [picture, "--keyword", LATIN, "-o", "b.png"],
         [picture, f"--blur:kernel={LATIN}", "3x3", "-o", "b.png"],
     ):
         line = line_of(subprocess.run([*PROGRAM, *map(os.fspath, words)], cwd=tmp_path, **CAPTURED))

@@ -178,6 +178,7 @@ class Chain:
         texts = step.arguments if step.option and step.option.control else tuple(map(self.expressed, step.arguments))
         values = values_of(step, split_modifiers(word)[1])
         if step.op is not None:
+            _require_utf8(word, *texts)
             values |= {p.name: p.parse(text) for p, text in zip(step.op.arguments(), texts, strict=True)}
             self._waiting.append((step, (), values))
             return self._run_waiting()

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 
 _loud = 2  # where the real stderr is
@@ -29,6 +30,7 @@ def quiet_libraries() -> None:
     global _loud
     if _loud != 2:
         return
+    warnings.simplefilter("ignore")
     sys.stderr.flush()
     _loud = os.dup(2)
     sys.stderr = open(_loud, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
