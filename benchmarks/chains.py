@@ -77,9 +77,7 @@ def main() -> None:
         for seed, file in enumerate(("a.exr", "b.exr")):
             write(Image((picture(given.size, 4, seed),)), folder / file)
         write(Image((picture(given.size, 4, 0),)), folder / "t.exr", Format(tile=(64, 64)))
-        print(
-            "| chain | oiiotool s | oiiotex s | ratio | oiiotool MB | oiiotex MB | ratio |\n" + "|---" * 7 + "|"
-        )
+        print("| chain | oiiotool s | oiiotex s | ratio | oiiotool MB | oiiotex MB | ratio |\n" + "|---" * 7 + "|")
         for title, chain in CHAINS.items():
             if given.only not in title:
                 continue

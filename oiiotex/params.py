@@ -72,7 +72,7 @@ class Parameter:
     def allowed(self) -> str:
         """What a value may be, for help and errors: 'a number >= 1 px'."""
         if self.choices:
-            return " | ".join(map(str, self.choices))
+            return " | ".join(str(choice) for choice in self.choices if choice not in ("", None))
         words = {int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name"}
         words |= {str: "text", Numbers: "numbers with commas between them"}
         text = " or ".join(words[k] for k in self.kind or ())
