@@ -15,15 +15,17 @@ from .lab import Lab
 from .plugins import installed
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
+from .superpixel import Superpixel
 from .warp import Warp
 
-_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Lab, Warp)
+_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Lab, Warp)
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
+superpixel = function_of(Superpixel)
 lab = function_of(Lab)
 warp = function_of(Warp)
 
