@@ -74,10 +74,10 @@ def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactn
     centres[..., :3] = lab[np.ix_(rows, columns)][..., :3]
     centres[..., 3] = columns + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
     centres[..., 4] = rows[:, None] + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
-    table = candidates(grid, centres)
+    table = candidates(grid, centres, np.arange(grid.count))
     with LabGrid(image, lens_of(image, session.color), session) as held, Slic(held, grid, session) as slic:
         slots = np.concatenate([s for _, s in slic.slots(table)])
-        sums = slic._sums(table, np.ones((grid.down, grid.across), bool))
+        sums = slic._sums(table, np.ones(grid.count, bool))
     np.testing.assert_array_equal(slots, reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift))
 
     cell_y = np.repeat(np.arange(grid.down), np.diff(grid.edges(0)))[:, None]
@@ -121,7 +121,7 @@ def test_iterations_are_those_of_plain_numpy(any_lanes):
         away = ((means - centres) ** 2 * [1, 1, 1, grid.weight, grid.weight]).sum(-1)
         moves = ~(away <= (0.2 * 8) ** 2)
         centres = np.where(moves[..., None], means, centres)
-        table = candidates(grid, centres)
+        table = candidates(grid, centres, np.arange(grid.count))
         slots = reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift)
     np.testing.assert_array_equal(last, table)
 
@@ -201,8 +201,7 @@ def test_the_best_of_several_runs_is_the_one_of_least_error(device):
     one, ten = found(device, PHOTO, sigma=8.0), found(device, PHOTO, sigma=8.0, runs=10)
     assert ten.error() <= one.error()
     same(ten, found(device, PHOTO, sigma=8.0, runs=10))
-    errors = {found(device, PHOTO, sigma=8.0, runs=2, seed=s).error() for s in range(4)}
-    assert len(errors) > 1
+    assert len({found(device, PHOTO, sigma=8.0, runs=5, seed=s).error() for s in range(4)}) > 1
 
 
 def test_transparent_pixels_belong_to_none(any_lanes):

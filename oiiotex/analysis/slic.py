@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from ..device import Buffers
 from ..session import Session
@@ -111,19 +112,20 @@ def centres_of(sums: np.ndarray, before: np.ndarray) -> np.ndarray:
     return np.where(count > 0, sums[..., 1:] / np.maximum(count, 1), before)
 
 
-def candidates(grid: SeedGrid, centres: np.ndarray) -> np.ndarray:
-    """The nine seeds around every cell as linear functions of a pixel: (down, across, 9, 4) int32.
+def candidates(grid: SeedGrid, centres: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """The nine seeds around each of `cells` (k,), counted row by row, as linear functions of a pixel: (k, 9, 4) int32.
 
     |v - c|^2 = |v|^2 - 2 v c + |c|^2, of which |v|^2 is the same for all nine. The coefficients -2 c are rounded to
     integers, and |c|^2 is that of the rounded centre, so borders between cells of seeds are straight.
     """
-    down, across = grid.down, grid.across
-    padded = np.full((down + 2, across + 2, 5), np.nan)
+    padded = np.full((grid.down + 2, grid.across + 2, 5), np.nan)
     padded[1:-1, 1:-1] = centres
-    near = np.stack([padded[1 + dy : 1 + dy + down, 1 + dx : 1 + dx + across] for dy, dx in NINE], 2)
+    row, column = (n[:, None] for n in np.divmod(cells, grid.across))
+    dy, dx = np.array(NINE).T
+    near = padded[row + 1 + dy, column + 1 + dx]
     rows, columns = grid.references()
-    near[..., 3] -= columns[None, :, None]
-    near[..., 4] -= rows[:, None, None]
+    near[..., 3] -= columns[column]
+    near[..., 4] -= rows[row]
     absent = np.isnan(near[..., 0])
     near[absent] = 0
     unit = float(1 << grid.shift)
@@ -143,9 +145,9 @@ def candidates(grid: SeedGrid, centres: np.ndarray) -> np.ndarray:
 
 def own_cells_only(grid: SeedGrid) -> np.ndarray:
     """Candidates with which every pixel chooses its own cell's seed."""
-    made = np.zeros((grid.down, grid.across, 9, 4), np.int32)
+    made = np.zeros((grid.count, 9, 4), np.int32)
     made[..., 0] = _ABSENT
-    made[:, :, 4, 0] = 0
+    made[:, 4, 0] = 0
     return made
 
 
@@ -190,20 +192,23 @@ class Slic:
         grid = self.grid
         present = own_cells_only(grid)
         centres = np.full((grid.down, grid.across, 5), np.nan)
-        centres = centres_of(self._sums(present, np.ones((grid.down, grid.across), bool)), centres)
+        centres = centres_of(self._sums(present, np.ones(grid.count, bool)), centres)
         if jitter is not None:
             centres[..., 3:] += jitter
-        following = candidates(grid, centres)
-        moved = np.ones((grid.down, grid.across), bool)
+        following = candidates(grid, centres, np.arange(grid.count))
+        active = np.ones(grid.count, bool)
         for _ in range(iterations - 1):
             present = following
-            means = centres_of(self._sums(present, moved), centres)
+            means = centres_of(self._sums(present, active), centres)
             away = (means - centres) ** 2
             away = away[..., 0] + away[..., 1] + away[..., 2] + grid.weight * (away[..., 3] + away[..., 4])
-            centres = np.where((away > (_STILL * STEPS) ** 2)[..., None], means, centres)
-            following = candidates(grid, centres)
-            moved = (following != present).any((2, 3))
-            if not moved.any():
+            moved = away > (_STILL * STEPS) ** 2
+            centres = np.where(moved[..., None], means, centres)
+            near = np.flatnonzero(maximum_filter(moved, 3, mode="constant"))
+            following = present.copy()
+            following[near] = candidates(grid, centres, near)
+            active = (following != present).any((1, 2))
+            if not active.any():
                 break
         return following
 
@@ -231,14 +236,14 @@ class Slic:
         device, buffers, grid = self._device, self._buffers, self.grid
         device.write(buffers["candidates"], chosen)
         device.write(buffers["active"], active.view(np.uint8))
-        edges = grid.edges(0)
+        edges, rows_active = grid.edges(0), active.reshape(grid.down, grid.across).any(1)
         if device.lanes == 1:  # single lanes add to what there is
             tables = self._tables[0], buffers["active"], buffers["sums"]
             self._run("clear", (grid.across, len(self._strips)), *tables, grid.across, len(self._strips))
 
         def wanted(top: int, bottom: int) -> bool:
             rows = slice(np.searchsorted(edges, top, "right") - 1, np.searchsorted(edges, bottom, "left"))
-            return bool(active[rows].any())
+            return bool(rows_active[rows].any())
 
         for band in self._lab.bands(wanted):
             self._assign(band, keep=0)

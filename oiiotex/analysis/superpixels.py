@@ -171,9 +171,9 @@ def superpixels(
 
 
 def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
-    """Random moves of seeds by up to half a cell, (down, across, 2) px, from a counter-based hash."""
+    """Random moves of seeds by up to a quarter of a cell, (down, across, 2) px, from a counter-based hash."""
     bits = np.random.Philox(key=[seed, run]).random_raw(2 * grid.count)
-    share = (bits >> np.uint64(11)).astype(np.float64) / 2.0**53 - 0.5
+    share = (bits >> np.uint64(11)).astype(np.float64) / 2.0**54 - 0.25
     return share.reshape(grid.down, grid.across, 2) * [grid.width / grid.across, grid.height / grid.down]
 
 

@@ -15,7 +15,7 @@ def choices(lab: np.ndarray, candidates: np.ndarray, row_edges, column_edges, sh
             y, x = np.mgrid[top:bottom, left:right]
             y, x = (y - (top + bottom) // 2) << shift, (x - (left + right) // 2) << shift
             values = []
-            for base, la, bx, cy in candidates[j, i].tolist():
+            for base, la, bx, cy in candidates[j * (len(column_edges) - 1) + i].tolist():
                 cl, ca, cb, cx = (np.array([la & 0xFFFF, la >> 16, bx & 0xFFFF, bx >> 16]).astype(np.int16)).tolist()
                 values.append(base + cl * v[..., 0] + ca * v[..., 1] + cb * v[..., 2] + cx * x + cy * y)
             slots[top:bottom, left:right] = np.where(v[..., 3] > 0, np.argmin(values, 0), 255)
