@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -13,7 +15,7 @@ from oiiotex.analysis.runs import OUTSIDE, Pieces, pieces_of, without_small
 def pieces(labels: np.ndarray, *cuts: int) -> Pieces:
     height, width = labels.shape
     edges = sorted({0, height, *(c for c in cuts if c < height)})
-    return pieces_of([labels[a:b] for a, b in zip(edges, edges[1:], strict=False)], width, height)
+    return pieces_of([labels[a:b] for a, b in itertools.pairwise(edges)], width, height)
 
 
 def plain(labels: np.ndarray) -> np.ndarray:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mean colours of superpixels as a Gaussian stack of the image has them: LSA16 section 3.3.
 
-I_g = G_dsigma * I_(g-1), so level g is a blur of sqrt(sum of dsigma^2) px in all. Where the paper blurs the whole image,
-squares of pixels are blurred that are at most two thirds as wide as the blur, which is why a level costs milliseconds
-and why what this needs does not grow with the image. A square's own width counts as part of the blur.
+I_g = G_dsigma * I_(g-1), so level g is a blur of sqrt(sum of dsigma^2) px in all. Where the paper blurs the whole
+image, squares of pixels are blurred, twice as wide whenever the blur is three squares wide: a level costs milliseconds,
+and what this needs does not grow with the image. A square's own width counts as part of the blur.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
@@ -46,7 +47,7 @@ def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], session: Ses
     stack = _Stack(superpixels, planes, session)
     with stack.buffers:
         wanted = 0.0
-        for before, sigma in zip(sigmas, sigmas[1:], strict=False):
+        for before, sigma in itertools.pairwise(sigmas):
             wanted += (sigma - before) ** 2
             stack.blur_to(wanted)
             yield stack.sums()

@@ -29,8 +29,10 @@ PIXEL_BYTES = 8  # L, a, b and whether the pixel is opaque, 16 bits each
 _LOW = np.array([-16.0, -150.0, -150.0, 0.0], np.float32)
 _HIGH = np.array([284.0, 150.0, 150.0, 1.0], np.float32)
 _PIECE_PIXELS = 1 << 16
-_PADDING = 64  # bytes past the end that wide registers may read
-_HOST_BYTES = 512 << 20  # where the device is the CPU, more than that goes to a file: the system's cache holds it as well
+_PADDING = 128  # bytes past the end that wide registers may read: 16 pixels
+_HOST_BYTES = (
+    512 << 20
+)  # where the device is the CPU, more than that goes to a file: the system's cache holds it as well
 
 
 def to_grid(values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:

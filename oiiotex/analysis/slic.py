@@ -12,6 +12,7 @@ A pixel chooses among the seeds of its own and the eight neighbouring cells of a
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -91,7 +92,7 @@ class SeedGrid:
         edges = self.edges(0)
         cuts = np.unique(np.concatenate([edges, np.arange(0, self.height, band_rows)])).tolist()
         found = []
-        for top, bottom in zip(cuts, cuts[1:], strict=False):
+        for top, bottom in itertools.pairwise(cuts):
             found += [(y, min(y + _STRIP, bottom)) for y in range(top, bottom, _STRIP)]
         rows = np.array(found)
         cell = np.searchsorted(edges, rows[:, 0], "right") - 1

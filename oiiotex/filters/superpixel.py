@@ -60,7 +60,10 @@ class Superpixel(Op):
     iterations: int = param(ITERATIONS, ge=1, le=100000, help="of SLIC, at most: it stops when no seed moves")
     runs: int = param(1, ge=1, le=1000, help="of SLIC: the best of so many by eq. 3 is taken; the paper takes 10")
     minsize: int | None = param(
-        None, ge=1, unit="px", help="smaller pieces join a neighbour; a quarter of finest^2 when left out, 25 in the paper"
+        None,
+        ge=1,
+        unit="px",
+        help="smaller pieces join a neighbour; a quarter of finest^2 when left out, 25 in the paper",
     )
     seed: int = param(0, ge=0, le=2**32 - 1, help="of the runs after the first, whose seeds start elsewhere")
     keep: bool = param(False, help="the image stays as first part, the label map follows it")

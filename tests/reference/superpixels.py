@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 
 def choices(lab: np.ndarray, candidates: np.ndarray, row_edges, column_edges, shift: int) -> np.ndarray:
     """Slots of (h, w, 4) int16 pixels: the first of the nine whose linear function is least. Plain integers."""
     slots = np.full(lab.shape[:2], 255)
-    for j, (top, bottom) in enumerate(zip(row_edges, row_edges[1:], strict=False)):
-        for i, (left, right) in enumerate(zip(column_edges, column_edges[1:], strict=False)):
+    for j, (top, bottom) in enumerate(itertools.pairwise(row_edges)):
+        for i, (left, right) in enumerate(itertools.pairwise(column_edges)):
             v = lab[top:bottom, left:right].astype(np.int64)
             y, x = np.mgrid[top:bottom, left:right]
             y, x = (y - (top + bottom) // 2) << shift, (x - (left + right) // 2) << shift
@@ -32,7 +34,7 @@ def distances(lab: np.ndarray, centres: np.ndarray, weight: float) -> np.ndarray
     return np.stack(found)
 
 
-def merged(sizes, positions, edges, sigmas, levels, least: float = 1.0) -> tuple[list, list]:
+def merged(sizes, positions, edges, sigmas, levels) -> tuple[list, list]:
     """Algorithm 1 with eq. 2 as printed: merges in order, and how many are left at each level."""
     members = {i: [i] for i in range(len(sizes))}
     edges = {tuple(e) for e in edges.tolist()}
