@@ -180,7 +180,7 @@ def at_counts(found: Superpixels, session: Session) -> dict[int, np.ndarray]:
 
 
 def quality() -> None:
-    """Under-segmentation error, per cent: hierarchy, our SLIC at that count, that on a blurred image, scikit-image's."""
+    """Under-segmentation error, per cent: hierarchy, SLIC at that count, that on a blurred image, scikit-image's."""
     from skimage.segmentation import slic
 
     session, totals = Session(), []
