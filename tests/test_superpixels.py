@@ -14,6 +14,7 @@ from oiiotex.analysis.slic import SeedGrid, Slic, candidates, centres_of
 from oiiotex.analysis.superpixels import Superpixels, superpixels
 from oiiotex.color import BrokenValues
 from oiiotex.device import Device
+from oiiotex.errors import ImageError
 from oiiotex.images import Image, from_pixels
 from oiiotex.session import Session
 from oiiotex.windows import Window
@@ -251,6 +252,12 @@ def test_a_picture_of_nothing_has_no_superpixels(device):
     made = found(device, np.zeros((20, 30, 4)))
     assert (made.count, made.edges.shape, made.power_sums.shape) == (0, (0, 2), (0, 3, 5))
     assert not made.labels.pixels().any()
+
+
+def test_noise_that_does_not_fit_is_refused_with_a_figure(device):
+    session, image = session_of(device, budget=4 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
+    with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB of memory; the budget is 4 MB"):
+        superpixels(image, lens_of(image, session.color), session)
 
 
 @pytest.mark.parametrize(("value", "counts"), [(np.nan, [2, 0]), (np.inf, [0, 2])])

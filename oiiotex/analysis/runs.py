@@ -7,7 +7,7 @@ Pieces are numbered by their first pixel in reading order, so no cut into bands 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 OUTSIDE = -1  # what transparent pixels are
+_RUN_BYTES, _BORDER_BYTES = 40, 200  # of memory while pieces are put together, as measured on noise
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,9 @@ class Pieces:
     borders: Borders
 
 
-def pieces_of(bands: Iterable[np.ndarray], width: int, height: int) -> Pieces:
+def pieces_of(
+    bands: Iterable[np.ndarray], width: int, height: int, require: Callable[[int], None] | None = None
+) -> Pieces:
     """4-connected pieces of equal labels.
 
     Parameters
@@ -102,10 +105,15 @@ def pieces_of(bands: Iterable[np.ndarray], width: int, height: int) -> Pieces:
     bands : iterable of (rows, width) int32
         The label map from top to bottom; OUTSIDE belongs to no piece.
     width, height : int
+    require : callable, optional
+        Given the bytes that this will need so far; raises where that is too much. Photos have few runs, noise has
+        nearly as many as pixels.
     """
     found = _Finder(width)
     for labels in bands:
         found.add(labels)
+        if require is not None:
+            require(found.need)
     return found.finished(height)
 
 
@@ -120,6 +128,7 @@ class _Finder:
         self._sizes: list[np.ndarray] = []
         self._same: list[np.ndarray] = []  # (2, n) pieces of two bands that are one
         self._borders: list[Borders] = []
+        self.need = 0  # bytes, by the end
         self._above: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # starts, labels, pieces of a row
 
     def add(self, labels: np.ndarray) -> None:
@@ -160,6 +169,7 @@ class _Finder:
 
         self._left.append((starts % width).astype(np.int32))
         self._per_row.append(per_row)
+        self.need += _RUN_BYTES * len(starts) + _BORDER_BYTES * len(self._borders[-1].a)
         self._piece.append(piece.astype(np.int32))
         last = slice(len(starts) - per_row[-1], None)
         self._above = starts[last] - (rows - 1) * width, label[last], piece[last]

@@ -151,6 +151,10 @@ def superpixels(
     grid = SeedGrid.of(part.window.width, part.window.height, sigma, compactness)
     least = 0.25 * grid.scale**2 if minsize is None else minsize
     best: Superpixels | None = None
+
+    def require(need: int) -> None:
+        session.require(need, f"{part.spec.width}x{part.spec.height} cut into so many pieces", "blur the image first")
+
     with LabGrid(image, lens, session, side) as lab:
         reduced = _reduced(lab, side, session)
         if advance is not None:
@@ -160,7 +164,7 @@ def superpixels(
                 chosen = slic.iterate(iterations, _jitter(grid, seed, run) if run else None)
                 if advance is not None:
                     advance(2 * run + 2, 2 * runs + 1)
-                pieces = without_small(pieces_of(_labels(slic, chosen), lab.width, lab.height), least)
+                pieces = without_small(pieces_of(_labels(slic, chosen), lab.width, lab.height, require), least)
                 made = _described(part, lab, grid, pieces, reduced, session)
                 if best is None or made.error(compactness) < best.error(compactness):
                     best = made
