@@ -380,6 +380,30 @@ def test_a_cryptomatte_says_its_manifest():
     assert (made.read(made.window)[0, 0] == 0).all()
 
 
+def test_in_python_parts_go_by_their_names():
+    photo = buffer(quarters(96)[0])
+    found = filters.label(photo, keep=True)
+    assert next(iter(found)) != "label.1" and "label.1" in found
+    assert found["label.1"].spec().format == oiio.UINT32
+    assert next(iter(filters.label(photo))) == "label.1"
+
+
+def test_memory_that_is_not_there_is_named():
+    with pytest.raises(errors.ImageError, match=r"labelling needs \d+ MB"):
+        image, session = from_buffer(buffer(quarters(256)[0])), Session()
+        lens = lens_of(image, session.color)
+        label_maps(image, lens, session, settings=Settings(neighbours=10**9))
+
+
+def test_a_run_can_be_stopped_and_says_how_far_it_is():
+    image, steps = from_buffer(buffer(quarters(96)[0])), []
+    session = Session(progress=lambda done, total: steps.append((done, total)))
+    label_maps(image, lens_of(image, session.color), session)
+    assert steps == sorted(steps) and steps[-1][0] == steps[-1][1]
+    with pytest.raises(errors.Interrupted):
+        label_maps(image, lens_of(image, session.color), Session(progress=lambda done, total: False))
+
+
 # --- the view ---
 
 

@@ -25,13 +25,14 @@ from ..images import Image
 from ..session import Session
 from ..working import Lens
 from .factorization import Factors, factored
-from .features import Features, features_of
+from .features import WORKING_PIXELS, Features, features_of
 from .hierarchy import Hierarchy, hierarchy
 from .similarity import NEIGHBOURS, Walk, similarity_graph
 from .superpixels import Superpixels, superpixels
 
 CLUSTERS = ("nmf", "kmeans", "spectral")
 MOST = 20000  # superpixels up to which all are nodes of the graph
+_PIXEL_BYTES, _EDGE_BYTES = 300, 80  # held at once, per pixel of the reduced image and per edge of the graph
 _NEAREST = 6  # sampled superpixels that one which was left out looks at
 _NODES_PER_NEIGHBOUR, _FEWEST_NEIGHBOURS = 13, 8
 
@@ -129,14 +130,26 @@ def label_maps(
         Alpha is 0 everywhere, NaN or Inf, or what does not fit.
     """
     settings = settings or Settings()
+    total = 2 * runs + 3
+
+    def advance(done: int, _: int) -> None:
+        session.advance(done, total)
+
     with session.stats.time("superpixels"):
-        found = superpixels(image, lens, session, runs=runs, minsize=minsize, seed=settings.seed)
+        found = superpixels(image, lens, session, runs=runs, minsize=minsize, seed=settings.seed, advance=advance)
         if not found.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: there is nothing to label")
         levels = hierarchy(found, session)
-    with session.stats.time("labels"):
+    pixels = min(found.window.width * found.window.height, WORKING_PIXELS)
+    need = pixels * _PIXEL_BYTES + min(found.count, MOST) * settings.neighbours * _EDGE_BYTES
+    session.require(need, "labelling", "take fewer :neighbours=")
+    with session.stats.time("describe superpixels"):
         described = features_of(features, found, image, lens, session)
-        return LabelMaps(found, levels, label_levels(levels, described, settings))
+    session.advance(total - 1, total)
+    with session.stats.time("label superpixels"):
+        made = label_levels(levels, described, settings)
+    session.advance(total, total)
+    return LabelMaps(found, levels, made)
 
 
 def label_levels(hierarchy: Hierarchy, features: Features, settings: Settings) -> tuple[LabelLevel, ...]:
