@@ -129,7 +129,7 @@ def main() -> None:
         ids = found.labels.read(found.window)[..., 0].astype(np.int64) - 1
         for kind in arguments.features.split(","):
             start = time.perf_counter()
-            described = features_of(kind, found, case.image, lens, session)
+            described = features_of(kind, found, session)
             describing = time.perf_counter() - start
             for cluster in arguments.cluster.split(","):
                 start = time.perf_counter()

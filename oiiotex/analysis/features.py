@@ -2,8 +2,8 @@
 """What describes a superpixel of any level: moments, Gabor responses, a local quadtree, textons (LSA16 4.1, 4.7).
 
 All are sums over finest superpixels, so that any level's features follow from one look at the image. Moments come
-from the power sums that `superpixels` has taken at full resolution; the others look at the image reduced to at most
-`WORKING_PIXELS` by whole factors, so their cost does not grow with the image.
+from the power sums that `superpixels` has taken at full resolution; the others look at means of squares, at most
+`WORKING_PIXELS` of them by whole factors, so their cost does not grow with the image.
 """
 
 from __future__ import annotations
@@ -12,20 +12,16 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.fft
 from scipy.cluster.vq import kmeans2
 from scipy.ndimage import gaussian_filter
 
-from ..images import Image
 from ..session import Session
-from ..tiles import rows_for, stream
-from ..working import Lens
-
-if TYPE_CHECKING:
-    from .superpixels import Superpixels
+from ..windows import Window
+from .labgrid import STEPS
+from .superpixels import Superpixels
 
 KINDS = ("textons", "moments", "gabor", "quadtree")
 WORKING_PIXELS = 3 << 18
@@ -33,23 +29,23 @@ TEXTONS = 60
 _UNIT = 100.0  # histograms add up to it, squared: their distances are of the order of those of Lab
 _PAD = 24  # px of mirror image around what is filtered
 _WAVES = (4.0, 8.0, 16.0)  # px, of the reduced image
-_SAMPLES = 15000  # pixels that the textons are learned from
-_BLOCK = 1 << 16
+_SAMPLES = 8000  # pixels that the textons are learned from
+_BLOCK = 1 << 15
 
 Features = Callable[[np.ndarray], np.ndarray]
 """(n,) int: the group of every finest superpixel, 0 .. m - 1 -> (m, d) float64: the groups' features."""
 
 
-def features_of(kind: str, superpixels: Superpixels, image: Image, lens: Lens, session: Session) -> Features:
+def features_of(kind: str, superpixels: Superpixels, session: Session) -> Features:
     """The features of that kind, of any level of a hierarchy."""
     if kind == "moments":
         return lambda groups: moments(superpixels.power_sums, superpixels.sizes, groups)
-    small = _reduced(superpixels, image, lens, session)
+    small = _reduced(superpixels)
     if kind == "quadtree":
         return _quadtree(small, superpixels)
     if kind == "gabor":
         return _gabor(small)
-    return _texton_histograms(small)
+    return _texton_histograms(small, session)
 
 
 def grouped(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
@@ -101,25 +97,22 @@ class _Small:
         return sums, np.maximum(counts, 1)
 
 
-def _reduced(superpixels: Superpixels, image: Image, lens: Lens, session: Session) -> _Small:
-    window = superpixels.window
-    factor = max(1, math.ceil(math.sqrt(window.width * window.height / WORKING_PIXELS)))
-    height, width = -(-window.height // factor), -(-window.width // factor)
-    lab, ids = np.empty((height, width, 3), np.float32), np.empty((height, width), np.int64)
-    starts = np.arange(0, window.width, factor)
-    middles = np.minimum(starts + factor // 2, window.width - 1)
-    part = image.first
-    for band, pixels in stream(part, window.cells(window.width, rows_for(part, multiple=factor))):
-        values, opaque = lens.values(pixels)
-        known = np.ones(values.shape[:2]) if opaque is None else opaque.astype(np.float64)
-        tops = np.arange(0, band.height, factor)
-        sums = np.add.reduceat(values[..., :3] * known[..., None], starts, axis=1)
-        shares = np.add.reduceat(np.add.reduceat(known, starts, axis=1), tops, axis=0)
-        first = (band.top - window.top) // factor
-        lab[first : first + len(tops)] = np.add.reduceat(sums, tops, axis=0) / np.maximum(shares, 1.0)[..., None]
-        labels = superpixels.labels.read(band)[..., 0]
-        ids[first : first + len(tops)] = labels[np.ix_(np.minimum(tops + factor // 2, band.height - 1), middles)]
+def _reduced(superpixels: Superpixels) -> _Small:
+    """From the squares that the Gaussian stack begins with, so the image is not looked at again."""
+    window, squares = superpixels.window, superpixels.reduced
+    times = max(1, math.ceil(math.sqrt(squares.sums.shape[0] * squares.sums.shape[1] / WORKING_PIXELS)))
+    factor = squares.side * times
+    sums = squares.sums.astype(np.int64)
+    for axis in (0, 1):
+        sums = np.add.reduceat(sums, np.arange(0, sums.shape[axis], times), axis=axis)
+    height, width = sums.shape[:2]
+    lab = (sums[..., :3] / (STEPS * np.maximum(sums[..., 3:], 1))).astype(np.float32)
     lab = np.clip(lab, -1e4, 1e4)  # one firefly must not drown the scale of all the rest
+    columns = np.minimum(np.arange(width) * factor + factor // 2, window.width - 1)
+    ids = np.empty((height, width), np.int64)
+    for row in range(height):
+        y = window.top + min(row * factor + factor // 2, window.height - 1)
+        ids[row] = superpixels.labels.read(Window(window.left, y, window.right, y + 1))[0, columns, 0]
     if (ids == 0).any() and (ids > 0).any():
         lab[ids == 0] = lab[ids > 0].mean(0)
     places = np.clip((superpixels.positions[:, ::-1] / factor).astype(np.int64), 0, [height - 1, width - 1])
@@ -194,13 +187,13 @@ def _quadtree(small: _Small, superpixels: Superpixels) -> Features:
     return features
 
 
-def _texton_histograms(small: _Small) -> Features:
+def _texton_histograms(small: _Small, session: Session) -> Features:
     """Square roots of texton histograms, (m, TEXTONS): Euclidean distances of them are Hellinger's.
 
     Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and colour.
     Not in the paper; better than its features on the ground truth (benchmarks/README.md).
     """
-    textons = _texton_map(small)
+    textons = _texton_map(small, session)
     count = int(textons.max()) + 1
     ids = small.ids.ravel().astype(np.int64)
     table = np.bincount(ids * count + textons.ravel(), minlength=(small.count + 1) * count)
@@ -215,14 +208,18 @@ def _texton_histograms(small: _Small) -> Features:
     return features
 
 
-def _texton_map(small: _Small) -> np.ndarray:
+def _texton_map(small: _Small, session: Session) -> np.ndarray:
     """The texton of every pixel of the reduced image, (h, w) int64."""
     light = small.lab[..., 0]
-    layers = []
-    for at, energy in enumerate(gabor_responses(light, _WAVES, 6)):
-        layers.append(gaussian_filter(energy, 0.35 * _WAVES[at // 6], truncate=2.5))
-    for sigma in (1.4, 2.8, 5.6):  # a difference of Gaussians is a Laplacian
-        layers.append(gaussian_filter(light, sigma, truncate=3.0) - gaussian_filter(light, 1.6 * sigma, truncate=3.0))
+
+    def energies(wave: float) -> list[np.ndarray]:
+        return [gaussian_filter(r, 0.35 * wave, truncate=2.5) for r in gabor_responses(light, (wave,), 6)]
+
+    def spots(sigma: float) -> np.ndarray:  # a difference of Gaussians is a Laplacian
+        return gaussian_filter(light, sigma, truncate=3.0) - gaussian_filter(light, 1.6 * sigma, truncate=3.0)
+
+    layers = [layer for found in session.spread(energies, _WAVES) for layer in found]
+    layers += session.spread(spots, (1.4, 2.8, 5.6))
     colour = [gaussian_filter(small.lab[..., c], 1.0) for c in range(3)]
     values = np.stack([*layers, *colour], axis=-1).reshape(light.size, -1)
     seen = small.ids.ravel() > 0
@@ -231,9 +228,11 @@ def _texton_map(small: _Small) -> np.ndarray:
     values[:, -3:] *= np.float32(math.sqrt(3.0))  # colour against 21 responses
     centres = _centres(values[seen])
     squares = (centres**2).sum(1) / 2.0
-    found = np.empty(light.size, np.int64)
-    for first in range(0, light.size, _BLOCK):
-        found[first : first + _BLOCK] = (values[first : first + _BLOCK] @ centres.T - squares).argmax(1)
+
+    def nearest(first: int) -> np.ndarray:
+        return (values[first : first + _BLOCK] @ centres.T - squares).argmax(1)
+
+    found = np.concatenate(list(session.spread(nearest, range(0, light.size, _BLOCK))))
     return found.reshape(light.shape)
 
 

@@ -144,7 +144,7 @@ def label_maps(
     need = pixels * _PIXEL_BYTES + min(found.count, MOST) * settings.neighbours * _EDGE_BYTES
     session.require(need, "labelling", "take fewer :neighbours=")
     with session.stats.time("describe superpixels"):
-        described = features_of(features, found, image, lens, session)
+        described = features_of(features, found, session)
     session.advance(total - 1, total)
     with session.stats.time("label superpixels"):
         made = label_levels(levels, described, settings)

@@ -208,7 +208,7 @@ def _spectrum(
     start = np.random.default_rng(0).standard_normal(n)
     more = wanted - pieces
     values, vectors = scipy.sparse.linalg.eigsh(
-        operator, more, which="LA", v0=start, tol=1e-5, ncv=min(n, 2 * more + 1)
+        operator, more, which="LA", v0=start, tol=1e-4, ncv=min(n, 2 * more + 1)
     )
     values = np.concatenate([np.ones(pieces), values[::-1]])
     return values, np.concatenate([known, _oriented(vectors[:, ::-1])], axis=1)
