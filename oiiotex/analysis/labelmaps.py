@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
 
 from ..errors import ImageError
 from ..images import Image
@@ -143,10 +144,11 @@ def label_maps(
     pixels = min(found.window.width * found.window.height, WORKING_PIXELS)
     need = pixels * _PIXEL_BYTES + min(found.count, MOST) * settings.neighbours * _EDGE_BYTES
     session.require(need, "labelling", "take fewer :neighbours=")
-    with session.stats.time("describe superpixels"):
+    # One BLAS thread: the products are thin, waiting threads would spin, and sums must not depend on their number.
+    with threadpool_limits(1, "blas"), session.stats.time("describe superpixels"):
         described = features_of(features, found, session)
     session.advance(total - 1, total)
-    with session.stats.time("label superpixels"):
+    with threadpool_limits(1, "blas"), session.stats.time("label superpixels"):
         made = label_levels(levels, described, settings)
     session.advance(total, total)
     return LabelMaps(found, levels, made)
