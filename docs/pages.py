@@ -9,9 +9,12 @@ from __future__ import annotations
 import inspect
 from pathlib import Path
 
+from oiiotex.cli.language import LANGUAGE
+from oiiotex.cli.parse import Option
 from oiiotex.cli.report import description
 from oiiotex.filters import FILTERS
 from oiiotex.op import Op
+from oiiotex.params import declared
 
 FOLDER = Path(__file__).parent
 MARK = "<!-- by hand -->"
@@ -49,8 +52,35 @@ def _by_hand(path: Path) -> str:
     return path.read_text().partition(MARK)[2] if path.exists() else "\n"
 
 
+def language_text() -> str:
+    """The page of all ops of the host, and of all options."""
+    lines = ["# The chain", ""]
+    lines += ["All that a line may say beside our filters; `oiiotex --help NAME` prints the page of one.", ""]
+    for heading, ops in LANGUAGE.ops.items():
+        if ops and ops[0].prefix != Op.prefix:
+            lines += [f"## {heading}", "", "| op | modifiers | |", "|---|---|---|", *map(_op_row, ops), ""]
+    for heading, options in LANGUAGE.groups.items():
+        lines += [f"## {heading}", "", "| option | modifiers | |", "|---|---|---|", *map(_option_row, options), ""]
+    lines += ["## Of oiiotool, not here", "", "| option | why |", "|---|---|"]
+    lines += [f"| `{refused.name}` | {refused.reason} |" for refused in LANGUAGE.refused]
+    return "\n".join(lines) + "\n"
+
+
+def _op_row(op: type[Op]) -> str:
+    call = " ".join((op.flag(), *(p.name.upper() for p in op.arguments())))
+    own = [p.name for p in op.modifiers() if p.name not in ("subimages", "allsubimages")]
+    return f"| `{call}` | {', '.join(own)} | {description(op).splitlines()[0]} |"
+
+
+def _option_row(option: Option) -> str:
+    modifiers = [p.name for p in declared(option.modifiers)[1]] if option.modifiers else []
+    text = option.help.replace("|", "\\|")
+    return f"| `{' '.join((option.name, *option.arguments))}` | {', '.join(modifiers)} | {text} |"
+
+
 def main() -> None:
     """Write all pages."""
+    (FOLDER / "chain.md").write_text(language_text())
     for op in FILTERS:
         path = FOLDER / f"tex{op.name}.md"
         path.write_text(page_text(op, path))

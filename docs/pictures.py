@@ -81,6 +81,18 @@ def demo_pictures() -> None:
     write_jpeg(beside(*(halved(twice(pixels(b))) for b in (photo, baseline, tile))), "gravel_2x2.jpg")
 
 
+def flattened_wall() -> None:
+    """A stained wall, flattened, and its map of stationarity."""
+    wall = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / "stained_plaster_wall.jpg"
+    if not wall.is_file():
+        print(f"no {wall}: its picture stays as it is")
+        return
+    photo = shrunk(oiio.ImageBuf(str(wall)), 320)
+    deviation = filters.stationarity(photo).get_pixels(oiio.FLOAT) / 30.0  # white is 30 Lab units
+    gray = np.repeat((255 * np.clip(deviation, 0, 1)).astype(np.uint8), 3, axis=2)
+    write_jpeg(beside(pixels(photo), pixels(filters.flatten(photo)), gray), "flatten_wall.jpg")
+
+
 def contact_sheets() -> None:
     """Every test photo beside its 2 x 2 preview."""
     folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
@@ -102,4 +114,5 @@ def contact_sheets() -> None:
 
 if __name__ == "__main__":
     demo_pictures()
+    flattened_wall()
     contact_sheets()

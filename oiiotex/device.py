@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 import os
+import warnings
 from dataclasses import dataclass, field
 from importlib import resources
 from typing import TYPE_CHECKING
@@ -187,7 +188,9 @@ class Program:
         if device.info.handle.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
             options.append("-cl-fp32-correctly-rounded-divide-sqrt")
         try:
-            built = cl.Program(device._context, (folder / f"{stem}.cl").read_text()).build(options)
+            with warnings.catch_warnings():  # what a compiler has to say of a program that it can build
+                warnings.simplefilter("ignore", cl.CompilerWarning)
+                built = cl.Program(device._context, (folder / f"{stem}.cl").read_text()).build(options)
         except cl.Error as error:
             raise DeviceError(f"{device.info.name} cannot build {stem}.cl: {error}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}

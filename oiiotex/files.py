@@ -5,20 +5,25 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import shutil
 import threading
+import weakref
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
 from .errors import ImageError
 from .images import Image, Part, dtype_of, one_line
+from .temporary import name_beside
 from .tiles import PieceCache, assembled
 from .windows import Window
 
 _PIECE_BYTES = 4 << 20
-_BLOCK = 64  # rows of a piece are a multiple of it: no compressed block of a common format is decoded twice
+_BLOCK = 16  # rows of a piece are a multiple of those compressed together, or of this where a file does not say it
 _CACHE_BYTES = 256 << 20
+_sources: weakref.WeakSet[_Source] = weakref.WeakSet()
 
 
 def read(
@@ -45,7 +50,7 @@ def read(
     ImageError
         It is not there, or not an image, or of a kind that cannot be used (deep, volume).
     """
-    path = _name(path)
+    path = checked_name(path)
     if not os.path.exists(path):
         raise ImageError(f"{path}: no such file")
     if os.path.isdir(path):
@@ -59,7 +64,14 @@ def read(
     return Image(tuple(parts), path)
 
 
-def _name(path: str | os.PathLike) -> str:
+def checked_name(path: str | os.PathLike) -> str:
+    """A file's name as OpenImageIO takes it.
+
+    Raises
+    ------
+    ImageError
+        It is not UTF-8.
+    """
     path = os.fspath(path)
     try:
         path.encode()
@@ -69,21 +81,53 @@ def _name(path: str | os.PathLike) -> str:
     return path
 
 
+def keep_readable(path: Path) -> None:
+    """Have images that are still read from a file, which is about to be replaced, go on with what it holds now."""
+    for source in list(_sources):
+        if os.path.exists(path) and os.path.exists(source.place) and os.path.samefile(path, source.place):
+            source.keep()
+
+
+def said(geterror: Callable[[], str]) -> str:
+    """What OpenImageIO says, in one line: it quotes names from broken files, whatever bytes they are of."""
+    try:
+        return one_line(geterror())
+    except UnicodeDecodeError as error:
+        return one_line(error.object.decode(errors="backslashreplace"))
+
+
 class _Source:
     """An open file; one thread reads at a time."""
 
     def __init__(self, path: str, config: oiio.ImageSpec | None):
-        self.path, self._config = path, config
+        self.path = path
+        self.place = os.path.abspath(path)  # whoever calls may go to another folder
+        self._config = config
         self._lock = threading.Lock()
+        self._state = _state_of(path)
         self._input = self._open()
         self.format = self._input.format_name()
+        _sources.add(self)
 
     def _open(self) -> oiio.ImageInput:
-        opened = oiio.ImageInput.open(self.path, self._config) if self._config else oiio.ImageInput.open(self.path)
+        config = (self._config,) if self._config else ()
+        opened = oiio.ImageInput.open(self.place, *config)
         if opened is None:
-            message = one_line(oiio.geterror()) or "unknown format"
-            raise ImageError(f"{self.path}: not an image that can be read: {message}")
+            raise ImageError(f"{self.path}: not an image that can be read: {said(oiio.geterror) or 'unknown format'}")
         return opened
+
+    def keep(self) -> None:
+        """Go on reading under another name: most readers open the file anew to go back to earlier rows."""
+        kept = name_beside(Path(self.place))
+        with self._lock:
+            try:
+                os.link(self.place, kept)
+            except OSError:  # a file system without links
+                shutil.copyfile(self.place, kept)
+            weakref.finalize(self, kept.unlink, missing_ok=True)
+            self.place = str(kept)
+            self._state = _state_of(self.place)
+            self._input = self._open()
 
     def specs(self) -> Iterator[list[oiio.ImageSpec]]:
         """For each subimage the specs of its MIP levels."""
@@ -99,7 +143,7 @@ class _Source:
                 found.append(spec)
             yield found
             subimage += 1
-        self._input.geterror()  # there is no subimage after the last
+        said(self._input.geterror)  # there is no subimage after the last
         if self.format == "webp":  # its reader does not recover from being asked for one
             self._input = self._open()
 
@@ -113,11 +157,22 @@ class _Source:
                 pixels = self._input.read_tiles(
                     *where, place.left, place.right, place.top, place.bottom, 0, 1, 0, channels, spec.format
                 )
-            message = one_line(self._input.geterror())
+            message = said(self._input.geterror)
+            if _state_of(self.place) != self._state:  # rows of two files, or of none
+                raise ImageError(f"{self.path}: was changed by someone else while it was read")
         if pixels is None or message:  # libjpeg fills up what is missing, and only says so
             rows = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
-            raise ImageError(f"{self.path}: {rows} cannot be read: {message}")
+            raise ImageError(f"{self.path}: {rows} cannot be read: {message or 'the file is damaged'}")
         return pixels.reshape(place.height, place.width, channels)
+
+
+def _state_of(path: str) -> tuple[int, ...] | None:
+    """Which file this is and whether it is as it was; None where it is no more."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _part(source: _Source, cache: PieceCache, spec: oiio.ImageSpec, where: tuple[int, int], native: bool) -> Part:
@@ -150,5 +205,8 @@ def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:
         across = -(-spec.width // spec.tile_width)
         fit = max(1, _PIECE_BYTES // (pixel * spec.tile_width * spec.tile_height))
         return min(across, fit) * spec.tile_width, spec.tile_height * max(1, fit // across)
-    rows = max(1, _PIECE_BYTES // max(1, spec.width * pixel))
-    return spec.width, rows // _BLOCK * _BLOCK or min(rows, _BLOCK)
+    row = max(1, spec.width * pixel)
+    together = spec.get_int_attribute("oiio:RowsPerChunk") or spec.get_int_attribute("tiff:RowsPerStrip") or _BLOCK
+    if together * row > 8 * _PIECE_BYTES:  # decoded again for each piece, but the memory stays bounded
+        together = 1
+    return spec.width, max(1, _PIECE_BYTES // row // together) * together

@@ -45,6 +45,8 @@ class Part:
         Ops of the host work on the part's own pixel type; else what is `stored` comes to them as float.
     ready : bool
         Pixels cost little however often and in whatever order they are asked for.
+    exact : bool
+        A file must hold it as it is, or not at all: labels, source coordinates.
     levels : tuple of Part
         Its smaller versions, where the file is MIP-mapped.
     """
@@ -55,6 +57,7 @@ class Part:
     stored: oiio.TypeDesc | None = None
     native: bool = False
     ready: bool = False
+    exact: bool = False
     levels: tuple[Part, ...] = ()
 
     @property

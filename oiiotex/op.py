@@ -51,6 +51,7 @@ class Op:
 
     prefix: ClassVar[str] = "--tex"
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
+    copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
     name: ClassVar[str]
     reach: ClassVar[Reach]
     space: ClassVar[Space]
@@ -64,10 +65,10 @@ class Op:
     def __post_init__(self) -> None:
         for parameter in self.parameters():
             try:
-                value = parameter.check(getattr(self, parameter.name))
+                value = parameter.check(getattr(self, parameter.attribute))
             except ParameterError as error:
                 raise ParameterError(f"{self.name}: {error}") from None
-            object.__setattr__(self, parameter.name, value)
+            object.__setattr__(self, parameter.attribute, value)
 
     @classmethod
     def images(cls) -> tuple[Parameter, ...]:
@@ -101,7 +102,7 @@ class Op:
 
     def values(self) -> dict[str, Any]:
         """This use's parameter values by name."""
-        return {p.name: getattr(self, p.name) for p in self.parameters()}
+        return {p.name: getattr(self, p.attribute) for p in self.parameters()}
 
     def provenance(self) -> dict[str, Any]:
         """What a file should say of how it was made, as metadata."""

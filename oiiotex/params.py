@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import keyword
 import math
 import re
 import types
@@ -30,7 +31,7 @@ class Numbers(tuple):
     """Numbers separated by commas: a colour, a matrix, a list of coordinates."""
 
     def __str__(self) -> str:
-        return ",".join(f"{n:g}" for n in self)
+        return ",".join(f"{n:.9g}" for n in self)
 
 
 class Size(NamedTuple):
@@ -59,6 +60,11 @@ class Parameter:
     many: bool = False  # an input that is a tuple of images, as many as the op takes
 
     @property
+    def attribute(self) -> str:
+        """The field that holds it: `from_` holds `from`, which Python keeps for itself."""
+        return f"{self.name}_" if keyword.iskeyword(self.name) else self.name
+
+    @property
     def required(self) -> bool:
         """Whether it must be given."""
         return self.default is dataclasses.MISSING
@@ -66,7 +72,7 @@ class Parameter:
     def allowed(self) -> str:
         """What a value may be, for help and errors: 'a number >= 1 px'."""
         if self.choices:
-            return " | ".join(map(str, self.choices))
+            return " | ".join(str(choice) for choice in self.choices if choice not in ("", None))
         words = {int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name"}
         words |= {str: "text", Numbers: "numbers with commas between them"}
         text = " or ".join(words[k] for k in self.kind or ())
@@ -99,7 +105,9 @@ class Parameter:
                 converted = _convert(kind, value)
             except (TypeError, ValueError, OverflowError):
                 continue
-            numbers = converted if isinstance(converted, Size) else (converted,) if kind in (int, float) else ()
+            numbers = (
+                converted if isinstance(converted, (Size, Numbers)) else (converted,) if kind in (int, float) else ()
+            )
             if all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers):
                 return converted
         return self._refuse(value)
@@ -109,6 +117,8 @@ class Parameter:
         if self.choices:
             found = [c for c in self.choices if str(c) == text]
             return found[0] if found else self._refuse(text)
+        if not text and self.positional and str in (self.kind or ()):
+            return text  # as a word of its own: no value
         for kind in self.kind or ():
             try:
                 return self.check(_parse(kind, text))
@@ -162,7 +172,7 @@ def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
         is_parameter = "unit" in facts
         hint = hints[field.name]
         if is_parameter:
-            found = Parameter(field.name, _kinds(hint), field.default, **facts)
+            found = Parameter(field.name.removesuffix("_"), _kinds(hint), field.default, **facts)
         else:
             found = Parameter(field.name, None, field.default, **facts, many=typing.get_origin(hint) is tuple)
         (parameters if is_parameter else images).append(found)
@@ -170,7 +180,7 @@ def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
 
 
 def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
-    """Values of an op's parameters from modifier texts; a text of None is passed over, but its name must be right.
+    """An op's values by field, from modifier texts; a text of None is passed over, but its name must be right.
 
     Raises
     ------
@@ -181,9 +191,11 @@ def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, 
     values = {}
     for name, text in modifiers.items():
         if name not in known:
-            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}")
+            raise ParameterError(
+                f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}"
+            )
         if text is not None:
-            values[name] = known[name].parse(text)
+            values[known[name].attribute] = known[name].parse(text)
     return values
 
 
@@ -219,6 +231,8 @@ def _convert(kind: type, value: Any) -> Any:
         width, height = value
         return Size(_convert(int, width), _convert(int, height))
     if kind is Numbers:
+        if np.size(value) == 0:
+            raise ValueError(value)
         return Numbers(_convert(float, n) for n in (value if np.ndim(value) else [value]))
     if kind in (int, float):
         if isinstance(value, (bool, np.bool_, str)):

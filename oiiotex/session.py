@@ -92,7 +92,7 @@ class Session:
     @functools.cached_property
     def cache(self) -> PieceCache:
         """Decoded pieces of files and of results that are asked for again."""
-        return PieceCache(max(32 << 20, min(self.budget // 4, 1 << 30)))
+        return PieceCache(max(32 << 20, min(self.budget // 4, 1 << 28)))
 
     @functools.cached_property
     def _workers(self) -> ThreadPoolExecutor:

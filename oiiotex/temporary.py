@@ -14,7 +14,8 @@ from pathlib import Path
 from .errors import ImageError
 
 _number = itertools.count()
-_STEM = 100  # letters of the name that a temporary one keeps: names have a limit
+_STEM = 100  # bytes of the name that a temporary one keeps: names have a limit
+_live: set[Path] = set()
 
 
 @contextlib.contextmanager
@@ -23,6 +24,29 @@ def temporary_beside(path: Path) -> Iterator[Path]:
 
     What SIGKILL leaves bears host and pid; it is swept here by the next run that writes into the folder.
     """
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise ImageError(f"{path}: not a regular file")  # renaming over a device would replace it
+    temporary = name_beside(path)
+    _live.add(temporary)
+    try:
+        yield temporary
+        try:
+            temporary.replace(path)
+        except OSError as error:
+            raise ImageError(f"{path}: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+        _live.discard(temporary)
+
+
+def name_beside(path: Path) -> Path:
+    """A hidden name beside `path` that bears host and pid.
+
+    Raises
+    ------
+    ImageError
+        The folder is not there or cannot be written.
+    """
     folder = path.parent
     if not folder.is_dir():
         raise ImageError(f"{path}: no such folder as {folder}")
@@ -30,12 +54,15 @@ def temporary_beside(path: Path) -> Iterator[Path]:
         raise ImageError(f"{path}: the folder {folder} cannot be written")
     _sweep(folder)
     mark = f"{_host()}-{os.getpid()}-{next(_number)}"
-    temporary = folder / f".{path.stem[:_STEM]}.oiiotex-{mark}{path.suffix}"
-    try:
-        yield temporary
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    stem = path.stem.encode(errors="surrogateescape")[:_STEM].decode(errors="ignore")
+    return folder / f".{stem}.oiiotex-{mark}{path.suffix}"
+
+
+def discard_all() -> None:
+    """Remove what this process is writing: for one that ends without unwinding."""
+    for temporary in list(_live):
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def _sweep(folder: Path) -> None:

@@ -28,7 +28,7 @@ def attribute_value(text: str, type_name: str | None = None) -> int | float | st
             return int(text)
         return float(text) if _FLOAT.fullmatch(text) else text
     described = attribute_type(type_name)
-    count = max(1, described.arraylen) * int(described.aggregate)
+    count = max(1, described.arraylen) * described.aggregate.value
     base = oiio.BASETYPE(described.basetype)
     if base == oiio.STRING:
         return text

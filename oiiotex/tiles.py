@@ -150,13 +150,13 @@ def settled(part: Part, budget: int) -> Part:
         pixels = np.empty((part.spec.height, part.spec.width, part.spec.nchannels), dtype_of(part.spec))
         for window in bands(part):
             pixels[window.inside(part.window)] = part.read(window)
-        kept = from_pixels(part.name, pixels, part.spec, part.stored)
+        fetch = from_pixels(part.name, pixels, part.spec).fetch
     else:
         spill = _Spill(part)
         for window in part.window.cells(*spill.band):
             spill.put(window, part.read(window))
-        kept = dataclasses.replace(part, fetch=spill.get, ready=True)
-    return dataclasses.replace(kept, native=part.native)
+        fetch = spill.get
+    return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
 
 
 class _Spill:
@@ -172,7 +172,10 @@ class _Spill:
         self._across = -(-self._whole.width // self.SIDE)
         self.band = (self.SIDE * max(1, 4 * BAND_BYTES // self._tile_bytes), self.SIDE)  # what is put at once
         # not under /tmp where that is memory: TMPDIR says where there is room
-        self._file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as the part
+        try:
+            self._file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as the part
+        except OSError as error:
+            raise ImageError(f"no folder for intermediate results (set TMPDIR): {error}") from error
 
     def put(self, window: Window, pixels: np.ndarray) -> None:
         """Keep a window of whole tiles."""

@@ -20,6 +20,8 @@ from .tiles import bands, stream
 from .windows import Window
 
 _PIECE_PIXELS = 1 << 16  # what is worked on at once: small enough for caches
+_SMALL = (np.uint8, np.uint16, np.float16, np.float32)  # types whose values are the same after a visit to float
+_MOST_LAB = 1e6
 _TINY = np.finfo(np.float32).tiny
 
 
@@ -64,7 +66,7 @@ class Lens:
         Returns
         -------
         values : (height, width, 4) float32
-            Lab of unpremultiplied colour, or scaled data; a fourth value without meaning, for speed. Gray is there
+            Lab of unpremultiplied colour, or scaled data, and a fourth value that is not to be changed. Gray is there
             three times before it becomes Lab.
         opaque : (height, width) bool or None
             Where alpha is not 0; None: everywhere.
@@ -77,6 +79,8 @@ class Lens:
         values, alpha = self._unpremultiplied(rows)
         if self.to_lab is not None:
             self.to_lab(values)
+            if not _all_finite(values):  # colour over next to no alpha, in a space that takes powers of it
+                np.nan_to_num(values, copy=False, nan=0.0, posinf=_MOST_LAB, neginf=-_MOST_LAB)
         else:
             values -= np.float32(self.low)
             values *= np.float32(self.scale)
@@ -93,29 +97,33 @@ class Lens:
         else:
             values *= np.float32(1.0 / self.scale)
             values += np.float32(self.low)
+        colour = self.channels.colour
+        if self._is_rgba(rows) and opaque is None and rows.dtype in _SMALL:  # alpha has come along in the fourth value
+            if not (values[..., 3] == 1).all():
+                values[..., :3] *= divisor(values[..., 3])[..., None]
+            return in_type(values, rows.dtype)
         if self.channels.alpha is not None:
             values *= divisor(as_float(rows[..., self.channels.alpha]))[..., None]
         out = rows.copy()
-        colour = self.channels.colour
         if len(colour) == 1 and self.space is not None:
             # the weights are those of no space: the three are equal but for rounding, unless a and b were moved
             values[..., 0] = (values[..., 0] + values[..., 1] + values[..., 2]) * np.float32(1.0 / 3.0)
         stored = in_type(values, rows.dtype)
-        if opaque is None and colour == (0, 1, 2):
-            out[..., :3] = stored[..., :3]
-            return out
         for n, channel in enumerate(colour):
             plane = stored[..., n]
             out[..., channel] = plane if opaque is None else np.where(opaque, plane, rows[..., channel])
         return out
 
+    def _is_rgba(self, rows: np.ndarray) -> bool:
+        return rows.shape[2] == 4 and self.channels == Channels((0, 1, 2), 3)
+
     def _unpremultiplied(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Colour (height, width, 4) as floats without alpha, and alpha where there is one."""
         colour, alpha = self.channels.colour, self.channels.alpha
-        if rows.shape[2] == 4 and colour == (0, 1, 2):
+        if self._is_rgba(rows):
             values = as_float(rows)
-            self._check(values if alpha == 3 else values[..., :3])
-            share = values[..., 3].copy() if alpha == 3 else None
+            self._check(values)
+            share = values[..., 3]
         else:
             values = np.zeros((*rows.shape[:2], 4), np.float32)
             for n, channel in enumerate(colour):
@@ -130,12 +138,17 @@ class Lens:
 
     def _check(self, *seen: np.ndarray | None) -> None:
         given = [s for s in seen if s is not None]
-        with np.errstate(over="ignore", invalid="ignore"):
-            if all(np.isfinite(s.sum()) for s in given):  # an overflow looks broken too: then they are counted
-                return
+        if all(map(_all_finite, given)):
+            return
         counts = count_broken(*given)
         if counts.any():
             raise BrokenValues(self.name, counts)
+
+
+def _all_finite(values: np.ndarray) -> bool:
+    """Whether there is neither NaN nor Inf; a quick look, which may say no where a sum overflows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(values.sum()))
 
 
 def divisor(alpha: np.ndarray) -> np.ndarray:

@@ -24,6 +24,11 @@ class Case:
     words: tuple[str, ...]
     space: str = "srgb_rec709_scene"
 
+    @property
+    def synthesis(self) -> bool:
+        """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
+        return self.words[0].startswith(("--texstationarize", "--texpatchmatch"))
+
 
 def _with_hole() -> np.ndarray:
     picture = pictures.moss(96, 96, 5)
@@ -44,15 +49,25 @@ CASES = {
         "lin_rec709_scene",
     ),
     "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tile=x",)),
+    "flatten_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texflatten",)),
+    "flatten_moss_hdr": Case(
+        lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
+        ("--texflatten:sigma=20:amount=0.8:keep=none",),
+        "lin_rec709_scene",
+    ),
+    "flatten_alpha_hole": Case(_with_hole, ("--texflatten:sigma=9",)),
+    "stationarity_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarity",)),
+    "lab_moss_hdr": Case(lambda: 8 * pictures.moss(64, 80, 3) - 0.1, ("--texlab",), "lin_rec709_scene"),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 
 
 def make(name: str, folder: Path) -> Path:
-    """Run a case, with the source map as the result: it says which pixel was chosen, whatever the pixel looks like."""
+    """Run a case; a synthesis with its source map: it says which pixel was chosen, whatever the pixel looks like."""
     case = CASES[name]
+    first = case.words[0] + (":stmap=1" if case.synthesis else "")
     save(case.picture(), folder / "in.exr", "half", case.space)
-    done = oiiotex("in.exr", f"{case.words[0]}:stmap=1", *case.words[1:], "-o", f"{name}.exr", cwd=folder)
+    done = oiiotex("in.exr", first, *case.words[1:], "-o", f"{name}.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / f"{name}.exr"
 

@@ -64,6 +64,16 @@ def counted(part: Part, asked: list[Window]) -> Part:
     return Part(part.name, part.spec, fetch, part.stored)
 
 
+def coordinates(width: int, height: int, left: int = 0, top: int = 0) -> Part:
+    """A part of any size whose pixels are their places."""
+
+    def fetch(window: Window) -> np.ndarray:
+        y, x = np.mgrid[window.top : window.bottom, window.left : window.right]
+        return np.stack([x, y], -1).astype(np.float32)
+
+    return Part("places", spec_of("float", height, width, 2, x=left, y=top), fetch)
+
+
 def put(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> Path:
     """A file written by OpenImageIO alone."""
     out = oiio.ImageOutput.create(str(path))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.main import run
+from oiiotex.cli.running import run
 
 OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 # what names the program that wrote a file, and when
@@ -32,7 +32,9 @@ def same(folder: Path, *words: object, tolerance: float = 0.0) -> None:
     for text in texts:
         if "OUT." in text:
             name = text[text.index("OUT.") :]
-            assert_same_file(folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance)
+            assert_same_file(
+                folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance
+            )
 
 
 def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:

@@ -117,7 +117,7 @@ BAD = {
     ),
     "a small tile": (["photo.png", "--texstationarize:size=9x64"], "smaller than a patch"),
     "NaN": (["nan.exr", "--iscolorspace", "ACEScg", "--texstationarize"], "2 NaN and 1 Inf values: add --fixnan"),
-    "a bad repair": (["nan.exr", "--fixnan", "glue"], "no mode 'glue'; allowed is black, box3"),
+    "a bad repair": (["nan.exr", "--fixnan", "glue"], "strategy=glue: allowed is none | black | box3 | error"),
     "too few images": (["photo.png", "--texwarp"], "takes 2 image(s), there are 1"),
     "no image": (["--texstationarize"], "takes 1 image(s), there are 0"),
     "a photo for an ST map": (["photo.png", "photo.png", "--texwarp"], "two channels of floats, here are 3 of uint8"),
@@ -140,7 +140,7 @@ BAD = {
         "png holds one image, here are part0, st",
     ),
     "floats in a PNG": (["photo.png", "-d", "float"], "png cannot hold part 'part0' as float"),
-    "a pixel type that is none": (["photo.png", "-d", "uint32"], "no pixel type 'uint32'"),
+    "a pixel type that is none": (["photo.png", "-d", "uint31"], "no pixel type 'uint31'"),
     "a word for threads": (["photo.png", "--threads", "two"], "--threads two: allowed is a whole number"),
     "a broken config": (["photo.png", "--colorconfig", "photo.png", "--texstationarize"], "not a colour config"),
     "a truncated file": (["half.exr", "--iscolorspace", "ACEScg", "--texstationarize"], "cannot be read"),
@@ -261,7 +261,7 @@ def test_help_version_and_devices(tmp_path):
     page = oiiotex("--help", "texstationarize").stdout
     for modifier in ("sigma", "size", "tile", "patch", "iterations", "seed", "stmap", "uniformity", "contrast"):
         assert f":{modifier}" in page
-    assert "did you mean 'warp'" in oiiotex("--help", "texwrap").stderr
+    assert "did you mean '--texwarp'" in oiiotex("--help", "texwrap").stderr
     assert "OpenImageIO" in oiiotex("--version").stdout
     assert oiiotex("--devices").stdout.startswith("0: ")
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Golden images. A synthesis is a chain of decisions: exact on one device, alike in statistics on any."""
+"""Golden images. What is computed holds to a tolerance; a synthesis is a chain of decisions: exact on one device, alike
+in statistics on any."""
 
 from __future__ import annotations
 
@@ -11,7 +12,15 @@ from tests.conftest import load
 from tests.golden import CASES, FOLDER, make
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if not case.synthesis])
+def test_a_computed_result_is_the_golden_one(name, tmp_path):
+    made, golden = load(make(name, tmp_path)).astype(np.float64), load(FOLDER / f"{name}.exr").astype(np.float64)
+    assert made.shape == golden.shape
+    away = np.abs(made - golden) / max(1.0, np.abs(golden).max())
+    assert (away > 0.004).mean() <= 0.0002 and away.max() < 0.012  # as idiff has it
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.synthesis])
 def test_the_result_is_the_golden_one(name, tmp_path):
     made, golden = make(name, tmp_path), FOLDER / f"{name}.exr"
     tile, tile_golden = load(made).astype(np.float64), load(golden).astype(np.float64)

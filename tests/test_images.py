@@ -19,7 +19,6 @@ from oiiotex.images import (
     derived_spec,
     dtype_of,
     from_buffer,
-    from_pixels,
     in_memory,
     resized,
     tagged,
@@ -116,7 +115,7 @@ def test_a_respecced_part_has_the_same_pixels_where_its_window_has_moved():
     assert moved.window == Window.sized(100, 200, 7, 9)
     assert_same(moved, pixels)
     np.testing.assert_array_equal(moved.read(Window(101, 202, 103, 205)), pixels[2:5, 1:3])
-    assert asked == [WHOLE, Window(4, -3, 6, 0)]
+    assert (set(asked[:-1]), asked[-1]) == ({WHOLE}, Window(4, -3, 6, 0))
     assert moved.spec.get_string_attribute("Artist") == "Ada"
     assert (moved.stored, part.spec.x) == (part.stored, 3)
     assert part.spec.get_string_attribute("Artist") == ""

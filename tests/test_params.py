@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A parameter is declared once: what it takes from a command line and from Python, and what it refuses."""
+"""A parameter is declared once: what it takes from a command line, and what it refuses."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import MISSING, dataclass
-from decimal import Decimal
-from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -19,71 +16,43 @@ from oiiotex.errors import ParameterError
 from oiiotex.filters import FILTERS
 from oiiotex.images import Image
 from oiiotex.op import Op, Output, Reach, Space
-from oiiotex.params import Parameter, Size, declared, image, nearest, param, parse_modifiers
+from oiiotex.params import Numbers, Parameter, Size, argument, image, nearest, param, parse_modifiers
+from tests.everything import KNOWN, Everything, is_allowed, refusal
 
 FUZZ = settings(max_examples=100, deadline=None, derandomize=True, database=None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Everything(Op):
-    """An op with one parameter of every kind."""
+class Merge(Op):
+    """An op of the host's kind: words behind it, and as many images as there are."""
 
-    name: ClassVar[str] = "everything"
+    prefix: ClassVar[str] = "--"
+    name: ClassVar[str] = "merge"
     reach: ClassVar[Reach] = Reach.POINT
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("out", "nothing"),)
 
-    source: Image = image(help="what to look at")
-    mask: Image | None = image(None, help="where to look")
-    count: int = param(help="how many", ge=0, le=10, unit="px")
-    strength: float = param(1.0, help="how strong", ge=-1, le=2.5)
-    sigma: float | None = param(None, help="how far", ge=0.5, unit="px")
-    anything: float = param(0.0, help="any number")
-    size: Size | None = param(None, help="how large", ge=5, le=65536, unit="px")
-    flag: bool = param(False, help="whether")
-    stmap: bool | Path = param(False, help="whether, or where")
-    mode: str = param("xy", help="how", choices=("xy", "x", "none"))
-    patch: int = param(0, help="of what side", choices=(0, 1, 5, 7))
-
-
-KNOWN = {p.name: p for p in declared(Everything)[1]}
-
-
-def refusal(call, *arguments) -> str:
-    with pytest.raises(ParameterError) as caught:
-        call(*arguments)
-    return str(caught.value)
-
-
-def is_allowed(parameter: Parameter, value: Any) -> bool:
-    """What the declarations above say, once more and without the code under test."""
-    if value is None:
-        return parameter.name in ("sigma", "size")
-    return {
-        "count": lambda: type(value) is int and 0 <= value <= 10,
-        "strength": lambda: type(value) is float and -1 <= value <= 2.5,
-        "sigma": lambda: type(value) is float and 0.5 <= value < math.inf,
-        "anything": lambda: type(value) is float and math.isfinite(value),
-        "size": lambda: type(value) is Size and all(type(n) is int and 5 <= n <= 65536 for n in value),
-        "flag": lambda: type(value) is bool,
-        "stmap": lambda: type(value) is bool or isinstance(value, Path),
-        "mode": lambda: type(value) is str and value in ("xy", "x", "none"),
-        "patch": lambda: type(value) is int and value in (0, 1, 5, 7),
-    }[parameter.name]()
+    sources: tuple[Image, ...] = image(help="what to merge")
+    mask: Image | None = image(None, help="where")
+    mode: str = argument(help="how", choices=("over", "max"))
+    weights: Numbers = argument(help="how much of each")
+    shift: int = argument(help="how far", ge=-5, le=5, unit="px")
+    gamma: float = param(1.0, help="how bright", ge=0)
+    from_: str = param("here", help="from where")
 
 
 # --- declarations ---
 
 
 def test_a_declaration_gives_images_and_parameters_in_their_order():
-    images, parameters = declared(Everything)
+    images, parameters = Everything.images(), Everything.parameters()
     assert [(i.name, i.kind, i.required, i.help) for i in images] == [
         ("source", None, True, "what to look at"),
         ("mask", None, False, "where to look"),
     ]
-    order = ["count", "strength", "sigma", "anything", "size", "flag", "stmap", "mode", "patch"]
+    order = ["count", "strength", "sigma", "anything", "size", "flag", "stmap", "mode", "patch", "colour"]
     assert [p.name for p in parameters] == order
-    assert (Everything.images(), Everything.parameters()) == (images, parameters)
+    assert not any(given.many for given in images)
 
 
 def test_a_declaration_keeps_its_facts():
@@ -106,6 +75,7 @@ def test_a_declaration_keeps_its_facts():
         ("stmap", "0 or 1 or a file name"),
         ("mode", "xy | x | none"),
         ("patch", "0 | 1 | 5 | 7"),
+        ("colour", "numbers with commas between them"),
     ],
 )
 def test_allowed_says_type_range_and_unit(name, words):
@@ -147,6 +117,9 @@ def test_allowed_says_an_upper_bound_alone_and_a_large_one_in_full():
         ("mode", "none", "none"),
         ("patch", "7", 7),
         ("patch", "0", 0),  # a choice that is falsy is a choice
+        ("colour", "1", Numbers((1.0,))),
+        ("colour", "1,-.5,2e3", Numbers((1.0, -0.5, 2000.0))),
+        ("colour", "1, 2 ,3", Numbers((1.0, 2.0, 3.0))),
     ],
 )
 def test_a_text_becomes_a_value_of_the_declared_type(name, text, value):
@@ -198,6 +171,13 @@ def test_a_falsy_word_is_a_choice_too():
         ("patch", "6"),
         ("patch", "05"),
         ("patch", "5.0"),
+        ("colour", ""),
+        ("colour", "1,"),
+        ("colour", ",1"),
+        ("colour", "1,,2"),
+        ("colour", "1 2"),
+        ("colour", "1,nan"),
+        ("colour", "red"),
     ],
 )
 def test_a_text_out_of_type_or_range_is_refused_with_the_text_and_what_is_allowed(name, text):
@@ -256,130 +236,6 @@ def test_every_value_in_the_range_is_taken_and_none_beside_it(number, part, widt
             refusal(KNOWN[name].check, value)
 
 
-# --- values of Python callers ---
-
-
-@pytest.mark.parametrize(
-    ("name", "given_value", "value"),
-    [
-        ("count", 5, 5),
-        ("count", 5.0, 5),
-        ("count", np.int64(5), 5),
-        ("count", np.uint8(5), 5),
-        ("count", np.array(5), 5),
-        ("count", np.float32(5), 5),
-        ("strength", 2, 2.0),
-        ("strength", np.int16(-1), -1.0),
-        ("strength", np.float32(0.1), float(np.float32(0.1))),
-        ("strength", np.float64(0.1), 0.1),
-        ("sigma", None, None),
-        ("size", None, None),
-        ("size", (5, 6), Size(5, 6)),
-        ("size", [5, 6], Size(5, 6)),
-        ("size", Size(5, 6), Size(5, 6)),
-        ("size", np.array([5, 6]), Size(5, 6)),
-        ("size", (5.0, np.int32(6)), Size(5, 6)),
-        ("flag", True, True),
-        ("flag", False, False),
-        ("stmap", True, True),
-        ("stmap", "st.exr", Path("st.exr")),
-        ("stmap", Path("st.exr"), Path("st.exr")),
-        ("stmap", "1", Path("1")),  # no command line: a text is a name
-        ("mode", "x", "x"),
-        ("patch", 0, 0),
-        ("patch", 5, 5),
-        ("patch", np.int64(5), 5),
-        ("patch", 5.0, 5),
-    ],
-)
-def test_a_python_value_becomes_the_declared_type(name, given_value, value):
-    checked = KNOWN[name].check(given_value)
-    assert (checked, type(checked)) == (value, type(value))
-    if isinstance(value, Size):
-        assert [type(side) for side in checked] == [int, int]
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("count", None),
-        ("count", -1),
-        ("count", 11),
-        ("count", 5.5),
-        ("count", "5"),
-        ("count", b"5"),
-        ("count", True),
-        ("count", np.True_),
-        ("count", math.nan),
-        ("count", math.inf),
-        ("count", 5 + 0j),
-        ("count", [5]),
-        ("count", np.array([5, 6])),
-        ("strength", None),
-        ("strength", "1"),
-        ("strength", True),
-        ("strength", np.True_),
-        ("strength", np.float32(2.6)),
-        ("anything", math.nan),
-        ("anything", -math.inf),
-        ("anything", np.float32("nan")),
-        ("anything", 10**400),
-        ("size", 64),
-        ("size", "64x64"),
-        ("size", "56"),
-        ("size", (64,)),
-        ("size", (64, 64, 64)),
-        ("size", (64.5, 64)),
-        ("size", (True, 64)),
-        ("size", (64, None)),
-        ("size", (4, 64)),
-        ("size", (64, 65537)),
-        ("size", (math.inf, 64)),
-        ("flag", 1),
-        ("flag", 0),
-        ("flag", "1"),
-        ("flag", None),
-        ("stmap", 1),
-        ("stmap", None),
-        ("stmap", b"st.exr"),
-        ("mode", None),
-        ("mode", 1),
-        ("mode", ["x"]),
-        ("mode", np.array(["x", "xy"])),
-        ("patch", 6),
-        ("patch", "5"),
-        ("patch", math.nan),
-        ("patch", True),
-        ("patch", np.array([5, 7])),
-    ],
-)
-def test_a_python_value_out_of_type_or_range_is_refused_with_what_is_allowed(name, value):
-    assert refusal(KNOWN[name].check, value).endswith(f": allowed is {KNOWN[name].allowed()}")
-
-
-def test_a_refused_value_is_named():
-    assert refusal(KNOWN["count"].check, -7).startswith("count=-7: ")
-    assert refusal(KNOWN["size"].check, (4, 64)).startswith("size=(4, 64): ")
-
-
-scalars = (
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=6) | st.binary(max_size=3)
-    | st.complex_numbers() | st.fractions() | st.decimals() | st.just(np.True_) | st.just(10**400) | st.just(object())
-    | st.sampled_from([np.int8(5), np.float16(1.5), np.array(7), np.array([5, 6]), Fraction(1, 2), Decimal("sNaN")])
-)  # fmt: skip
-
-
-@FUZZ
-@given(name=st.sampled_from(list(KNOWN)), value=scalars | st.lists(scalars, max_size=3) | st.tuples(scalars, scalars))
-def test_any_python_value_becomes_an_allowed_one_or_is_refused(name, value):
-    try:
-        checked = KNOWN[name].check(value)
-    except ParameterError as error:
-        assert KNOWN[name].allowed() in str(error)
-    else:
-        assert is_allowed(KNOWN[name], checked)
-
-
 # --- an op's values together ---
 
 
@@ -414,11 +270,62 @@ def test_an_op_holds_checked_values_and_its_refusals_bear_its_name():
     made = Everything(source=None, count=np.int64(3), size=[6, 7], strength=1)
     assert made.values() == {
         "count": 3, "strength": 1.0, "sigma": None, "anything": 0.0, "size": Size(6, 7), "flag": False, "stmap": False,
-        "mode": "xy", "patch": 0,
+        "mode": "xy", "patch": 0, "colour": None,
     }  # fmt: skip
     assert (type(made.count), type(made.size), type(made.strength)) == (int, Size, float)
     text = refusal(lambda: Everything(source=None, count=11))
     assert text == "everything: count=11: allowed is a whole number >= 0 and <= 10 px"
+
+
+# --- words behind an op, many images ---
+
+
+def test_an_argument_is_a_word_of_its_own_and_no_modifier():
+    assert [p.name for p in Merge.arguments()] == ["mode", "weights", "shift"]
+    assert [p.name for p in Merge.modifiers()] == ["gamma", "from"]
+    assert all(p.required for p in Merge.arguments())
+    assert Everything.arguments() == ()
+    text = refusal(parse_modifiers, Merge, {"mode": "max"})
+    assert text == "unknown modifier 'mode'; there is gamma, from"
+
+
+def test_an_argument_is_checked_as_a_modifier_is():
+    mode, weights, shift = Merge.arguments()
+    assert (mode.parse("max"), weights.parse("1,2"), shift.parse("-5")) == ("max", (1.0, 2.0), -5)
+    assert refusal(mode.parse, "under") == "mode=under: allowed is over | max"
+    assert refusal(shift.parse, "6") == "shift=6: allowed is a whole number >= -5 and <= 5 px"
+    made = Merge(sources=(), mode="over", weights=[1, np.float32(0.5)], shift=np.int8(2))
+    assert made.values() == {"mode": "over", "weights": (1.0, 0.5), "shift": 2, "gamma": 1.0, "from": "here"}
+    assert type(made.weights) is Numbers
+    assert "merge: shift=9" in refusal(lambda: Merge(sources=(), mode="over", weights=1, shift=9))
+
+
+def test_a_word_that_python_keeps_for_itself_is_a_name_for_users():
+    assert parse_modifiers(Merge, {"from": "there"}) == {"from_": "there"}
+    assert "unknown modifier 'from_'" in refusal(parse_modifiers, Merge, {"from_": "there"})
+
+
+def test_a_declaration_says_where_many_images_go():
+    assert [(given.name, given.many, given.required) for given in Merge.images()] == [
+        ("sources", True, True),
+        ("mask", False, False),
+    ]
+
+
+def test_a_text_that_is_not_known_yet_is_passed_over_but_its_name_is_checked():
+    assert parse_modifiers(Merge, {"gamma": None, "from": "x"}) == {"from_": "x"}
+    assert "did you mean 'gamma'" in refusal(parse_modifiers, Merge, {"gama": None})
+
+
+@FUZZ
+@given(values=st.lists(st.floats(-(2.0**20), 2.0**20, width=32), min_size=1, max_size=5))
+def test_numbers_are_written_as_they_are_read(values):
+    numbers = KNOWN["colour"].check(values)
+    assert KNOWN["colour"].parse(",".join(map(repr, values))) == numbers
+    np.testing.assert_allclose(KNOWN["colour"].parse(str(numbers)), numbers, rtol=1e-5, atol=1e-30)
+
+
+# --- the filters ---
 
 
 @pytest.mark.parametrize("op", FILTERS, ids=lambda op: op.name)

@@ -1,55 +1,79 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Words of a command line become settings and actions, or an error that says what is meant."""
+"""Words of a command line become settings and steps, or an error that says what is meant."""
 
 from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.parse import OPTIONS, CommandLine, parse, split_modifiers
+from oiiotex.cli.language import LANGUAGE
+from oiiotex.cli.parse import CommandLine, Language, Option, Refused, parse, split_modifiers, values_of
 from oiiotex.errors import ParameterError
 from oiiotex.filters import FILTERS, PatchMatch, Stationarize, Warp
+from oiiotex.op import Op
+from oiiotex.params import param
 
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
-ON_THE_STACK = [o for o in OPTIONS if not o.setting]
-OF_THE_RUN = [o for o in OPTIONS if o.setting and o.name != "--help"]
+OPS = tuple(itertools.chain.from_iterable(LANGUAGE.ops.values()))
+STEPS = [o for o in LANGUAGE.options if o.run is not None]
+OF_THE_RUN = [o for o in LANGUAGE.options if o.run is None and o.name != "--help"]
+named = {"ids": lambda found: found.name}
 
 
-def refusal(call, argument) -> str:
+def read(*words: str) -> CommandLine:
+    return parse(list(words), LANGUAGE)
+
+
+def refusal(call: Callable, *arguments: object) -> str:
     with pytest.raises(ParameterError) as caught:
-        call(argument)
-    return str(caught.value)
+        call(*arguments)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
 
 
 def steps(*words: str) -> list[tuple]:
-    return [(a.op or a.option, a.modifiers or a.arguments) for a in parse(list(words)).actions]
+    """What is to be done, each with the words behind it; a file that is named is ('', name)."""
+    return [(s.op or s.option.name if s.op or s.option else "", s.word, s.arguments) for s in read(*words).steps]
 
 
-# --- actions and settings ---
+def words_behind(op: type[Op]) -> list[str]:
+    return [f"{p.name}?" for p in op.arguments()]
 
 
-def test_a_chain_becomes_actions_in_the_order_of_the_words():
-    words = "a.exr -d half --texstationarize:sigma=32:size=64x64 -o b.exr --texwarp c.exr"
-    assert steps(*words.split()) == [
-        ("-i", ("a.exr",)),
-        ("-d", ("half",)),
-        (Stationarize, {"sigma": "32", "size": "64x64"}),
-        ("-o", ("b.exr",)),
-        (Warp, ()),
-        ("-i", ("c.exr",)),
+# --- steps and settings ---
+
+
+def test_a_chain_becomes_steps_in_the_order_of_the_words():
+    words = "a.exr -d half --texstationarize:sigma=32:size=64x64 -o b.exr --texwarp c.exr --resize 50%"
+    assert [(word, *arguments) for _, word, arguments in steps(*words.split())] == [
+        ("a.exr",),
+        ("-d", "half"),
+        ("--texstationarize:sigma=32:size=64x64",),
+        ("-o", "b.exr"),
+        ("--texwarp",),
+        ("c.exr",),
+        ("--resize", "50%"),
     ]
+    assert [found for found, _, _ in steps(*words.split())][:5] == ["", "-d", Stationarize, "-o", Warp]
 
 
-def test_no_words_are_no_actions():
-    assert parse([]) == CommandLine({}, ())
+def test_no_words_are_no_steps():
+    assert read() == CommandLine({}, ())
 
 
-def test_an_action_keeps_the_word_as_it_was_written():
-    assert [a.word for a in parse(["-texwarp", "a.exr", "--o", "b.exr"]).actions] == ["-texwarp", "a.exr", "--o"]
+def test_a_step_keeps_the_word_as_it_was_written_and_has_a_name_for_messages():
+    line = read("-texpatchmatch:seed=3", "C:a", "--o", "b")
+    assert [step.word for step in line.steps] == ["-texpatchmatch:seed=3", "C:a", "--o"]
+    assert [step.name for step in line.steps] == ["-texpatchmatch", "C:a", "--o"]
 
 
-@pytest.mark.parametrize("option", OF_THE_RUN, ids=lambda o: o.name)
+@pytest.mark.parametrize("option", OF_THE_RUN, **named)
 def test_a_setting_holds_wherever_it_stands(option):
     arguments = tuple(f"value{i}" for i in range(len(option.arguments)))
     for words in (
@@ -57,34 +81,44 @@ def test_a_setting_holds_wherever_it_stands(option):
         ["a.exr", option.name, *arguments, "-o", "b.exr"],
         ["a.exr", "-o", "b.exr", option.name, *arguments],
     ):
-        line = parse(words)
+        line = read(*words)
         assert line.settings == {option.name: arguments}
-        assert [a.option for a in line.actions] == ["-i", "-o"]
+        assert [step.word for step in line.steps] == ["a.exr", "-o"]
 
 
-@pytest.mark.parametrize("option", ON_THE_STACK, ids=lambda o: o.name)
-def test_an_action_takes_what_stands_behind_it(option):
-    assert steps(option.name, "x", "a.exr") == [(option.name, ("x",)), ("-i", ("a.exr",))]
+@pytest.mark.parametrize("option", STEPS, **named)
+def test_a_step_takes_what_stands_behind_it(option):
+    behind = tuple(f"value{i}" for i in range(len(option.arguments)))
+    expected = [(option.name, option.name, behind), ("", "a.exr", ())]
+    assert steps(option.name, *behind, "a.exr") == expected
+    assert LANGUAGE.takes(f"{option.name}:x=1") == len(behind)
 
 
-@pytest.mark.parametrize("op", FILTERS, ids=lambda op: op.name)
-def test_every_filter_is_an_option(op):
-    assert steps(op.flag()) == [(op, ())]
+@pytest.mark.parametrize("op", OPS, ids=lambda op: op.flag())
+def test_every_op_is_an_option_under_all_its_names(op):
+    behind = words_behind(op)
+    for name in (op.flag(), *op.aliases, op.flag().replace("--", "-", 1)):
+        assert steps(name, *behind, "a.exr") == [(op, name, tuple(behind)), ("", "a.exr", ())]
+        assert LANGUAGE.takes(name) == len(behind)
+
+
+@pytest.mark.parametrize("op", FILTERS, **named)
+def test_a_filters_option_is_tex_and_its_name(op):
     assert op.flag() == f"--tex{op.name}"
 
 
 def test_a_file_name_may_hold_colons_quotes_and_equal_signs():
     name = "C:\\a=b'\":.exr"
-    assert steps(name) == [("-i", (name,))]
-    assert steps("-o", name) == [("-o", (name,))]
+    assert steps(name) == [("", name, ())]
+    assert steps("-o", name) == [("-o", "-o", (name,))]
 
 
 def test_what_an_option_takes_may_begin_with_a_dash():
-    assert steps("-i", "-dash.exr", "-o", "--help") == [("-i", ("-dash.exr",)), ("-o", ("--help",))]
+    assert steps("-i", "-dash.exr", "-o", "--help") == [("-i", "-i", ("-dash.exr",)), ("-o", "-o", ("--help",))]
 
 
 def test_a_single_dash_is_a_file_name():
-    assert steps("-") == [("-i", ("-",))]
+    assert steps("-") == [("", "-", ())]
 
 
 @pytest.mark.parametrize(
@@ -93,13 +127,12 @@ def test_a_single_dash_is_a_file_name():
         ("-o", "-o"),
         ("--o", "-o"),
         ("--i", "-i"),
-        ("--iscolorspace", "--iscolorspace"),
-        ("-iscolorspace", "--iscolorspace"),
-        ("-fixnan", "--fixnan"),
+        ("--missingfile", "--missingfile"),
+        ("-missingfile", "--missingfile"),
     ],
 )
-def test_one_dash_or_two_mean_the_same_on_actions(word, name):
-    assert steps(word, "x") == [(name, ("x",))]
+def test_one_dash_or_two_mean_the_same_on_steps(word, name):
+    assert steps(word, "x") == [(name, word, ("x",))]
 
 
 @pytest.mark.parametrize(
@@ -110,7 +143,6 @@ def test_one_dash_or_two_mean_the_same_on_actions(word, name):
         ("--verbose", "-v"),
         ("-verbose", "-v"),
         ("-version", "--version"),
-        ("-autocc", "--autocc"),
         ("-runstats", "--runstats"),
         ("-h", "--help"),
         ("--h", "--help"),
@@ -118,21 +150,43 @@ def test_one_dash_or_two_mean_the_same_on_actions(word, name):
     ],
 )
 def test_one_dash_or_two_and_aliases_mean_the_same_on_settings(word, name):
-    assert parse([word]).settings == {name: ()}
+    assert read(word).settings == {name: ()}
 
 
 def test_one_dash_or_two_mean_the_same_on_filters():
-    assert steps("-texpatchmatch:seed=3") == steps("--texpatchmatch:seed=3") == [(PatchMatch, {"seed": "3"})]
+    for word in ("-texpatchmatch:seed=3", "--texpatchmatch:seed=3"):
+        assert steps(word) == [(PatchMatch, word, ())]
 
 
-@pytest.mark.parametrize("option", [o for o in OPTIONS if o.arguments], ids=lambda o: o.name)
+@pytest.mark.parametrize("option", [o for o in LANGUAGE.options if o.arguments], **named)
 def test_a_missing_argument_is_asked_for(option):
-    assert refusal(parse, ["a.exr", option.name]) == f"{option.name} wants {option.arguments[0]} behind it"
+    for n in range(len(option.arguments)):
+        words = ["a.exr", option.name, *(["x"] * n)]
+        assert refusal(read, *words) == f"{option.name} wants {option.arguments[n]} behind it"
 
 
-@pytest.mark.parametrize("option", OPTIONS, ids=lambda o: o.name)
-def test_an_option_that_has_no_modifiers_refuses_them(option):
-    assert refusal(parse, [f"{option.name}:all=1", "x"]) == f"{option.name}:all=1: {option.name} has no modifiers"
+@pytest.mark.parametrize("op", [op for op in OPS if op.arguments()], ids=lambda op: op.flag())
+def test_a_missing_word_behind_an_op_is_asked_for(op):
+    assert refusal(read, "a.exr", op.flag()) == f"{op.flag()} wants {op.arguments()[0].name.upper()} behind it"
+
+
+@pytest.mark.parametrize("option", [o for o in LANGUAGE.options if o.name != "--help"], **named)
+def test_an_unknown_modifier_is_refused_before_anything_is_done(option):
+    text = refusal(read, f"{option.name}:qqqq=1", *["x"] * len(option.arguments))
+    if option.run is None:
+        assert text == f"{option.name}:qqqq=1: {option.name} has no modifiers"
+    else:
+        assert text.startswith(f"{option.name} : unknown modifier 'qqqq'")
+
+
+def test_a_modifiers_value_is_checked_before_anything_is_done_unless_it_is_an_expression():
+    text = refusal(read, "a.exr", "--texstationarize:sigma=0")
+    assert text == "--texstationarize : sigma=0: allowed is a number >= 0.5 and <= 1000000 px"
+    assert "did you mean 'sigma'" in refusal(read, "--texstationarize:sgima={TOP.width/4}")
+    (step,) = read("--texstationarize:sigma={TOP.width/4}:seed=3").steps
+    assert step.word == "--texstationarize:sigma={TOP.width/4}:seed=3"
+    assert values_of(step, {"sigma": None, "seed": "3"}) == {"seed": 3}
+    assert "sigma=0: allowed" in refusal(values_of, step, {"sigma": "0"})
 
 
 @pytest.mark.parametrize(
@@ -147,20 +201,38 @@ def test_an_option_that_has_no_modifiers_refuses_them(option):
     ],
 )
 def test_an_unknown_option_names_the_nearest(word, meant):
-    assert refusal(parse, [word]) == f"unknown option '{word.split(':')[0]}', did you mean '{meant}'?"
+    assert refusal(read, word) == f"unknown option '{word.split(':')[0]}', did you mean '{meant}'?"
 
 
 @pytest.mark.parametrize("word", ["--zzzzzz", "--O", "--TEXWARP", "--texwarp ", "-5"])
 def test_nothing_unknown_is_taken_for_something_else(word):
-    assert refusal(parse, [word]).startswith(f"unknown option '{word}'")
+    assert refusal(read, word).startswith(f"unknown option '{word}'")
+    assert LANGUAGE.takes(word) == 0
 
 
 def test_an_unknown_option_without_a_near_one_names_none():
-    assert refusal(parse, ["--zzzzzz"]) == "unknown option '--zzzzzz'"
+    assert refusal(read, "--zzzzzz") == "unknown option '--zzzzzz'"
 
 
 def test_two_dashes_alone_are_unknown():
-    assert "unknown option '--'" in refusal(parse, ["--"])
+    assert "unknown option '--'" in refusal(read, "--")
+
+
+def test_a_language_says_what_is_refused_and_why():
+    @dataclass(frozen=True)
+    class Modifiers:
+        depth: int = param(0, help="how deep", ge=0)
+
+    dig = Option("--dig", ("WHERE",), "a hole", lambda *_: None, Modifiers, aliases=("-D",))
+    language = Language({}, {"Work": (dig,)}, (Refused("--fly", 2, "people cannot fly"),))
+    assert language.options == (dig,)
+    assert (language.takes("--fly"), language.takes("-D:depth=3"), language.takes("--swim")) == (2, 1, 0)
+    (step,) = parse(["-D:depth=3", "here"], language).steps
+    assert (step.option, step.op, step.arguments) == (dig, None, ("here",))
+    assert values_of(step, {"depth": "3"}) == {"depth": 3}
+    assert refusal(parse, ["-fly", "up", "high"], language) == "-fly of oiiotool is not here: people cannot fly"
+    assert refusal(parse, ["--dig:depth=-1", "here"], language).startswith("--dig : depth=-1: allowed is")
+    assert refusal(parse, ["--texwarp"], language).startswith("unknown option '--texwarp'")
 
 
 # --- help ---
@@ -168,11 +240,11 @@ def test_two_dashes_alone_are_unknown():
 
 @pytest.mark.parametrize("word", ["--help", "-help", "-h"])
 def test_help_takes_the_topic_behind_it_and_nothing_else_counts(word):
-    assert parse([word]).settings == {"--help": ()}
-    assert parse([word, "texwarp"]).settings == {"--help": ("texwarp",)}
-    line = parse(["a.exr", word, "--texwarp", "--no-such", "-o"])
+    assert read(word).settings == {"--help": ()}
+    assert read(word, "texwarp").settings == {"--help": ("texwarp",)}
+    line = read("a.exr", word, "--texwarp", "--no-such", "-o")
     assert line.settings == {"--help": ("--texwarp",)}
-    assert [a.option for a in line.actions] == ["-i"]
+    assert [step.word for step in line.steps] == ["a.exr"]
 
 
 # --- modifiers ---
@@ -194,6 +266,11 @@ def test_help_takes_the_topic_behind_it_and_nothing_else_counts(word):
         ('--op:a="x=y:z=1"', "--op", {"a": "x=y:z=1"}),
         ("--op:a= 1 ", "--op", {"a": " 1 "}),
         ("--op:größe=5", "--op", {"größe": "5"}),
+        ("--op:a={x:y}:b=1", "--op", {"a": "{x:y}", "b": "1"}),
+        ("--op:a={TOP.'a:b'}:b=1", "--op", {"a": "{TOP.'a:b'}", "b": "1"}),
+        ("--op:a={{x:y}:z}:b=1", "--op", {"a": "{{x:y}:z}", "b": "1"}),
+        ("--op:a=x{i:j}y:b=}:c=1", "--op", {"a": "x{i:j}y", "b": "}", "c": "1"}),
+        ('--op:a="{":b=1', "--op", {"a": "{", "b": "1"}),
     ],
 )
 def test_a_word_is_split_at_the_colons_outside_quotes(word, name, modifiers):
@@ -221,10 +298,10 @@ def test_modifiers_keep_their_order():
 )
 def test_a_malformed_modifier_is_refused_with_the_word(word, says):
     assert refusal(split_modifiers, word) == f"{word}: {says}"
-    assert refusal(parse, [word.replace("--op", "--texwarp")]).endswith(says)
+    assert refusal(read, word.replace("--op", "--texwarp")).endswith(says)
 
 
-names = st.text(st.characters(exclude_characters=":='\"", codec="utf-8"), min_size=1, max_size=6)
+names = st.text(st.characters(exclude_characters=":='\"{}", codec="utf-8"), min_size=1, max_size=6)
 
 
 @FUZZ
@@ -236,7 +313,7 @@ def test_whatever_stands_in_quotes_comes_back(values, quote):
 
 
 @FUZZ
-@given(word=st.text(st.sampled_from("-:='\"ab "), max_size=12) | st.text())
+@given(word=st.text(st.sampled_from("-:='\"ab {}"), max_size=12) | st.text())
 def test_any_word_is_split_or_refused(word):
     try:
         name, modifiers = split_modifiers(word)
@@ -247,7 +324,7 @@ def test_any_word_is_split_or_refused(word):
         assert all(modifiers)
 
 
-known_words = [o.name for o in OPTIONS] + [op.flag() for op in FILTERS]
+known_words = [o.name for o in LANGUAGE.options] + [op.flag() for op in OPS]
 any_word = (
     st.sampled_from(known_words)
     | st.text(max_size=8)
@@ -260,22 +337,22 @@ any_word = (
 @given(words=st.lists(any_word, max_size=6))
 def test_any_words_become_a_command_line_or_are_refused(words):
     try:
-        line = parse(words)
+        line = read(*words)
     except ParameterError as error:
         assert str(error)
         return
-    arguments = {o.name: len(o.arguments) for o in OPTIONS}
-    assert set(line.settings) <= {o.name for o in OPTIONS if o.setting}
+    arguments = {o.name: len(o.arguments) for o in LANGUAGE.options}
+    assert set(line.settings) <= {o.name for o in LANGUAGE.options if o.run is None}
     for name, values in line.settings.items():
         assert len(values) == arguments[name] or (name == "--help" and len(values) <= 1)
-    for action in line.actions:
-        if action.op is not None:
-            assert action.op in FILTERS
-            assert not action.arguments
+    for step in line.steps:
+        if step.op is not None:
+            assert step.op in OPS and step.option is None
+            assert len(step.arguments) == len(step.op.arguments())
+        elif step.option is not None:
+            assert step.option in STEPS
+            assert len(step.arguments) == arguments[step.option.name]
         else:
-            assert action.option in {o.name for o in ON_THE_STACK}
-            assert len(action.arguments) == arguments[action.option]
-            assert not action.modifiers
+            assert not step.word.startswith("-") or step.word == "-"
     if not line.settings:  # no word is lost, none is made up
-        flat = [(a.word, *(a.arguments if a.word.startswith("-") and a.word != "-" else ())) for a in line.actions]
-        assert [word for group in flat for word in group] == words
+        assert [word for step in line.steps for word in (step.word, *step.arguments)] == words

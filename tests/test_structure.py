@@ -17,18 +17,19 @@ PACKAGE = ROOT / "oiiotex"
 FLOORS = [
     {"errors", "stats", "windows"},
     {"temporary"},
-    {"params", "__init__"},
+    {"params", "text_values", "__init__"},
     {"op"},
     {"opencl_runtime"},
     {"device", "images"},
     {"tiles"},
-    {"files", "color", "cryptomatte"},
+    {"files", "color"},
+    {"formats"},
     {"writing"},
     {"session"},
     {"working"},
     {"analysis"},
     {"synthesis"},
-    {"filters"},
+    {"filters", "host"},
     {"cli"},
 ]
 
@@ -86,3 +87,9 @@ def test_the_docs_page_is_made_from_the_declaration(op):
 
     path = ROOT / "docs" / f"tex{op.name}.md"
     assert path.read_text() == page_text(op, path), "run make docs"
+
+
+def test_the_page_of_the_chain_is_made_from_the_declarations():
+    from docs.pages import language_text
+
+    assert (ROOT / "docs" / "chain.md").read_text() == language_text(), "run make docs"

@@ -97,7 +97,8 @@ def survey(
 
     def seen(rows: np.ndarray) -> np.ndarray | BrokenValues:
         try:
-            return look(*lens.values(rows))
+            with np.errstate(over="ignore"):  # values are cut to a range in the end
+                return look(*lens.values(rows))
         except BrokenValues as error:
             return error
 
@@ -176,8 +177,9 @@ class Surface:
         part = slice(left - self._cells.window.left, right - self._cells.window.left)
         first, weights = self._first_row[at], self._row_weights[at]
         out = self._spread(first)[part] * weights[0]
+        term = np.empty_like(out)
         for k in range(1, 4):
-            out += self._spread(first + k)[part] * weights[k]
+            out += np.multiply(self._spread(first + k)[part], weights[k], out=term)
         return out
 
     def values(self, window: Window) -> np.ndarray:

@@ -47,7 +47,7 @@ def cells_for(image: Image, sigma: float) -> Cells:
     return Cells(image.first.window, max(1, min(_LARGEST_CELL, round(sigma / _CELLS_PER_SIGMA))))
 
 
-def deviation_of(image: Image, lens: Lens, sigma: float, session: Session, what: str) -> Deviation:
+def deviation_of(image: Image, lens: Lens, sigma: float, session: Session) -> Deviation:
     """The local deviation from stationarity of an image's first part, from one look at its pixels.
 
     Parameters
@@ -57,8 +57,6 @@ def deviation_of(image: Image, lens: Lens, sigma: float, session: Session, what:
     sigma : float
         Of the Gaussian window w_d of MJH17 eq. 3, px.
     session : Session
-    what : str
-        Who asks, for messages.
 
     Raises
     ------
@@ -67,10 +65,10 @@ def deviation_of(image: Image, lens: Lens, sigma: float, session: Session, what:
     """
     cells, count = cells_for(image, sigma), lens.count
     places = (cells.down + 4) * (cells.across + 4)
-    need = 8 * count * BINS * cells.down * cells.across + 8 * 8 * places
-    session.require(need, f"{what} at sigma {sigma:g} px", "a larger sigma")
+    need = 4 * count * BINS * cells.down * cells.across + 8 * 8 * places
+    session.require(need, f"sigma {sigma:g} px", "take a larger sigma")
     ranges = RANGES if lens.space is not None else (RANGES[0],) * count
-    histograms = np.zeros((cells.down, count, cells.across, BINS), np.int64)
+    histograms = np.zeros((cells.down, count, cells.across, BINS), np.int32)
     column = np.repeat(np.arange(cells.across, dtype=np.int32), cells.side)[: cells.window.width] * np.int32(BINS)
 
     def look(values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
@@ -105,10 +103,10 @@ def cell_histograms(
 
     Returns
     -------
-    (channels, across, BINS) int64
+    (channels, across, BINS) int32
         A pixel counts `SHARES`.
     """
-    out = np.empty((len(ranges), across, BINS), np.int64)
+    out = np.empty((len(ranges), across, BINS), np.int32)
     for c, (low, high) in enumerate(ranges):
         per_unit = np.float32((BINS - 1) * SHARES / (high - low))
         place = (values[..., c] - np.float32(low)) * per_unit
@@ -120,7 +118,7 @@ def cell_histograms(
             lower, share = lower[opaque], share[opaque]
         number = np.bincount(lower.ravel(), minlength=across * BINS).reshape(across, BINS)
         # sums of whole numbers, exact in doubles
-        upper = np.bincount(lower.ravel(), share.ravel(), across * BINS).reshape(across, BINS).astype(np.int64)
+        upper = np.bincount(lower.ravel(), share.ravel(), across * BINS).reshape(across, BINS).astype(np.int32)
         out[c] = number * SHARES - upper
         out[c, :, 1:] += upper[:, :-1]
     return out

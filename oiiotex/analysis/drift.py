@@ -14,9 +14,7 @@ from ..working import Lens
 from .cells import Cells, Surface, correlated, padded, smoothing_taps, survey
 
 STEPS = 64  # of the integer grid, per unit of Lab
-_LIMIT = (
-    2048 * STEPS
-)  # what lies beyond is taken as this: the squares of a cell's pixels still add up exactly in doubles
+_LIMIT = 2048 * STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
 _CELLS_PER_SIGMA = 4
 _LARGEST_CELL = 256  # px; how many values can lie in a cell is bounded by it
 _NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
@@ -51,7 +49,7 @@ def cells_for(image: Image, sigma: float) -> Cells:
     return Cells(image.first.window, max(1, min(_LARGEST_CELL, round(sigma / _CELLS_PER_SIGMA))))
 
 
-def drift_of(image: Image, lens: Lens, sigma: float, session: Session, what: str) -> Drift | None:
+def drift_of(image: Image, lens: Lens, sigma: float, session: Session) -> Drift | None:
     """The statistics of an image's first part at that scale, from one look at its pixels.
 
     Parameters
@@ -61,8 +59,6 @@ def drift_of(image: Image, lens: Lens, sigma: float, session: Session, what: str
     sigma : float
         px.
     session : Session
-    what : str
-        Who asks, for messages.
 
     Returns
     -------
@@ -76,7 +72,7 @@ def drift_of(image: Image, lens: Lens, sigma: float, session: Session, what: str
     """
     cells, count = cells_for(image, sigma), lens.count
     need = 8 * (1 + 2 * count + 6 + 4 * count) * (cells.down + 4) * (cells.across + 4)
-    session.require(need, f"{what} at sigma {sigma:g} px", "a larger sigma")
+    session.require(need, f"sigma {sigma:g} px", "take a larger sigma")
     sums = np.zeros((cells.down, cells.across, 1 + 2 * count))
     starts = cells.starts()
 
@@ -171,11 +167,12 @@ def _local_fit(number: np.ndarray, total: np.ndarray, taps: np.ndarray) -> np.nd
 class Correction:
     """What takes drift out of an image: (value - mean) * gain + share * mean + level, per channel.
 
-    `surface` holds mean and gain in four fields each, as `Lens.values` has four values; share and level are constants,
+    Mean and gain are surfaces of four fields, as `Lens.values` has four values; share and level are constants,
     (4,) float32.
     """
 
-    surface: Surface
+    mean: Surface
+    gain: Surface
     share: np.ndarray
     level: np.ndarray
 
@@ -183,10 +180,9 @@ class Correction:
         """Correct (height, width, 4) float32 in place; `window` says which pixels they are."""
         with_mean = bool(self.share.any())
         for line, y in zip(values, range(window.top, window.bottom), strict=True):
-            fields = self.surface.row(y, window.left, window.right)
-            mean, gain = fields[:, :4], fields[:, 4:]
+            mean = self.mean.row(y, window.left, window.right)
             line -= mean
-            line *= gain
+            line *= self.gain.row(y, window.left, window.right)
             if with_mean:
                 line += mean * self.share
             line += self.level
@@ -210,9 +206,8 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     count = drift.mean.shape[-1]
     gain = ((drift.overall_deviation + _NOISE) / (drift.deviation + _NOISE)) ** contrast
     gain = 1.0 + amount * (np.clip(gain, 1.0 / MOST_GAIN, MOST_GAIN) - 1.0)
-    fields = np.zeros((*drift.mean.shape[:2], 8))
-    fields[..., 4:] = 1.0
-    fields[..., :count], fields[..., 4 : 4 + count] = drift.mean, gain
+    means, gains = np.zeros((*drift.mean.shape[:2], 4)), np.ones((*drift.mean.shape[:2], 4))
+    means[..., :count], gains[..., :count] = drift.mean, gain
     share, level = np.zeros(4, np.float32), np.zeros(4, np.float32)
     share[:count], level[:count] = 1.0 - amount, amount * target
-    return Correction(Surface(fields, drift.cells), share, level)
+    return Correction(Surface(means, drift.cells), Surface(gains, drift.cells), share, level)

@@ -10,6 +10,7 @@ import OpenImageIO as oiio
 
 from ..files import read
 from ..images import Image
+from . import metadata, pixel_statistics
 
 if TYPE_CHECKING:
     from .chain import Chain
@@ -55,22 +56,16 @@ class ChainAccess:
 
     def statistics(self, image: Image) -> oiio.PixelStats:
         """Smallest, largest and mean values of the first part's channels."""
-        return _printing().statistics(image)
+        return pixel_statistics.statistics(image)
 
     def constant_colour(self, image: Image) -> Sequence[float] | None:
         """The colour of an image that has only one."""
-        return _printing().constant_colour(image)
+        return pixel_statistics.constant_colour(image)
 
     def metadata_text(self, image: Image, verbose: bool, native: bool) -> str:
         """What --info prints."""
-        return _printing().metadata_text(image, verbose, native)
+        return metadata.metadata_text(image, verbose, native)
 
     def statistics_text(self, image: Image) -> str:
         """What --stats prints."""
-        return _printing().statistics_text(image)
-
-
-def _printing():
-    from . import printing
-
-    return printing
+        return pixel_statistics.statistics_text(image)

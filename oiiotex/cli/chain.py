@@ -40,6 +40,7 @@ class First:
     pixel_type: oiio.TypeDesc | None = None
     channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
     bits: int = 0
+    tile: tuple[int, int] | None = None
 
     def learn(self, image: Image) -> None:
         """Take in an image that has been read: its type, where it has a wider one than those before."""
@@ -49,8 +50,14 @@ class First:
             merged = own if self.pixel_type is None else _merged(self.pixel_type, own)
             self.pixel_type = merged
             self.bits = self.bits or part.spec.get_int_attribute("oiio:BitsPerSample")
+            if part.spec.tile_width:
+                self.tile = self.tile or (part.spec.tile_width, part.spec.tile_height)
+            prefix = part.spec.get_string_attribute("oiio:subimagename")
+            if prefix:
+                self.channel_types.setdefault(f"{prefix}.*", own)
             for channel, name in enumerate(part.spec.channelnames):
-                self.channel_types.setdefault(name, part.spec.channelformat(channel))
+                key = f"{prefix}.{name}" if prefix else name
+                self.channel_types.setdefault(key, part.spec.channelformat(channel))
 
 
 def _merged(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:
@@ -169,17 +176,20 @@ class Chain:
             self.read_input(self, word)
             return self._run_waiting()
         texts = step.arguments if step.option and step.option.control else tuple(map(self.expressed, step.arguments))
+        values = values_of(step, split_modifiers(word)[1])
         if step.op is not None:
-            self._waiting.append((step, texts, values_of(step, split_modifiers(word)[1])))
+            _require_utf8(word, *texts)
+            values |= {p.name: p.parse(text) for p, text in zip(step.op.arguments(), texts, strict=True)}
+            self._waiting.append((step, (), values))
             return self._run_waiting()
         option = step.option
         assert option is not None and option.run is not None
         if option.needs > len(self.stack):
-            self._waiting.append((step, texts, values_of(step, split_modifiers(word)[1])))
+            self._waiting.append((step, texts, values))
             return None
         if not (option.state or option.control or option.name == "-i"):
             self._nothing_waits()
-        option.run(self, *texts, **values_of(step, split_modifiers(word)[1]))
+        option.run(self, *texts, **values)
         return self._run_waiting()
 
     def expressed(self, text: str) -> str:
@@ -204,25 +214,24 @@ class Chain:
             step, texts, values = self._waiting.pop(0)
             try:
                 if step.op is not None:
-                    self.apply(step.op, texts, values)
+                    self.apply(step.op, **values)
                 else:
                     assert step.option is not None and step.option.run is not None
                     step.option.run(self, *texts, **values)
             except Error as error:
                 raise error if isinstance(error, StepError) else StepError(step, error) from error
 
-    def apply(self, op: type[Op], texts: tuple[str, ...], values: dict[str, Any]) -> None:
+    def apply(self, op: type[Op], **values: Any) -> None:
         """Replace the op's operands on the stack by its result."""
         count = op.arity(values, len(self.stack))
         operands = self.stack[len(self.stack) - count :]
-        given = _bound(op.images(), operands)
-        arguments = {p.name: p.parse(text) for p, text in zip(op.arguments(), texts, strict=True)}
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
         with self.session.stats.time(op.flag()):
-            bound = op(**given, **arguments, **values)
+            bound = op(**_bound(op.images(), operands), **values)
             result = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
         del self.stack[len(self.stack) - count :]
         self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
+        self.user |= bound.facts() if isinstance(bound, HostOp) else {}
         self.unwritten = True
 
     def image(self, index: int) -> Image:
@@ -230,6 +239,16 @@ class Chain:
         if not 0 <= index < len(self.stack):
             raise ParameterError(f"there is no image {index}: the stack holds {len(self.stack)}")
         return self.stack[-1 - index]
+
+
+def _require_utf8(*texts: str) -> None:
+    """Refuse what OpenImageIO's Python edge cannot take."""
+    for text in texts:
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            shown = text.encode(errors="surrogateescape").decode(errors="backslashreplace")
+            raise ParameterError(f"'{shown}' is not UTF-8") from None
 
 
 def _with_metadata_of(operands: list[Image], result: Image) -> Image:

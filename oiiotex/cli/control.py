@@ -164,10 +164,18 @@ def evaluation_on(chain: Chain) -> None:
 
 OPTIONS = (
     Option("--set", ("NAME", "VALUE"), "set a variable for expressions", set_variable, SetModifiers, state=True),
-    Option("--if", ("VALUE",), "do what follows, to --else or --endif, if VALUE is not 0 or empty", begin_if, control=True),
+    Option(
+        "--if", ("VALUE",), "do what follows, to --else or --endif, if VALUE is not 0 or empty", begin_if, control=True
+    ),
     Option("--else", (), "do what follows, to --endif, if the VALUE of --if was 0 or empty", otherwise, control=True),
     Option("--endif", (), "end of --if", end_if, control=True),
-    Option("--while", ("VALUE",), "do what follows, to --endwhile, while VALUE is not 0 or empty", begin_while, control=True),
+    Option(
+        "--while",
+        ("VALUE",),
+        "do what follows, to --endwhile, while VALUE is not 0 or empty",
+        begin_while,
+        control=True,
+    ),
     Option("--endwhile", (), "end of --while", end_while, control=True),
     Option(
         "--for",
@@ -180,6 +188,11 @@ OPTIONS = (
     Option("--evaloff", (), "from here on, braces mean themselves", evaluation_off, state=True),
     Option("--evalon", (), "from here on, braces hold expressions", evaluation_on, state=True),
     Option(
-        "--oiioattrib", ("NAME", "VALUE"), "set an attribute of OpenImageIO", set_oiio_attribute, SetModifiers, state=True
+        "--oiioattrib",
+        ("NAME", "VALUE"),
+        "set an attribute of OpenImageIO",
+        set_oiio_attribute,
+        SetModifiers,
+        state=True,
     ),
 )

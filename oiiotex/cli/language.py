@@ -19,7 +19,9 @@ SETTINGS = (
     Option("--threads", ("N",), "CPU threads; 0: as many as the process may use"),
     Option("--cache", ("MB",), "memory budget; a quarter of the machine's when left out"),
     Option("--colorconfig", ("FILE",), "OCIO config; else $OCIO, else a built-in one"),
-    Option("--interchange", ("SPACE", "OURS"), "SPACE of a config without interchange roles is lin_rec709, ACES2065-1 ..."),
+    Option(
+        "--interchange", ("SPACE", "OURS"), "SPACE of a config without interchange roles is lin_rec709, ACES2065-1 ..."
+    ),
     Option("-v", (), "say what is done, and measure the results", aliases=("--verbose",)),
     Option("-q", (), "print less"),
     Option("--runstats", (), "say where the time went, and measure the results"),
@@ -34,7 +36,11 @@ _STATES = (
     Option("--metamerge", (), "results have the metadata of all their inputs", switch("--metamerge"), state=True),
     Option("--sansattrib", (), "--history without --attrib and --sattrib", switch("--sansattrib"), state=True),
     Option(
-        "--autotile", ("SIZE",), "nothing: images are always read piece by piece here", lambda chain, size: None, state=True
+        "--autotile",
+        ("SIZE",),
+        "nothing: images are always read piece by piece here",
+        lambda chain, size: None,
+        state=True,
     ),
     Option("--experimental", (), "nothing: no op is experimental here", lambda chain: None, state=True),
 )

@@ -3,48 +3,67 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 import traceback
 from typing import NoReturn
 
 from ..errors import Error
-from .running import Stopped, run, stop
+from .stopping import Stopped, stop_on_signals
+from .streams import drop, open_standard_streams, quiet_libraries
 
 
 def main(words: list[str] | None = None) -> NoReturn:
     """Run the command line and exit: 0 well, 1 an error, 130 and 143 after SIGINT and SIGTERM."""
     words = sys.argv[1:] if words is None else words
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
-    status = 0
+    open_standard_streams()
+    if not _debugging(words):
+        quiet_libraries()
     try:
-        status = run(words)
-        sys.stdout.flush()
-    except Error as error:
-        if _debugging(words):
-            traceback.print_exc()
-        sys.exit(f"oiiotex ERROR: {error}")
-    except MemoryError:
-        sys.exit("oiiotex ERROR: out of memory: lower --cache, or make the tile or the photo smaller")
-    except BrokenPipeError:
-        _drop_stdout()
-        sys.exit(0)
+        stop_on_signals()
+        status = _run(words)
     except Stopped as stopped:
-        sys.exit(128 + stopped.number)
-    except Exception as error:  # a fault of ours or of the machine: still one line, the rest on demand
-        if _debugging(words):
-            traceback.print_exc()
-        _drop_stdout()
-        kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
-        sys.exit(f"oiiotex ERROR: {kind}{' '.join(str(error).split())} (--debug shows where)")
+        status = 128 + stopped.number
+        drop(1)
     sys.exit(status)
 
 
-def _drop_stdout() -> None:
-    """What is left to print goes nowhere: Python would try a full or broken stdout once more at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _run(words: list[str]) -> int:
+    try:
+        from .running import run  # only now: a signal while much is imported is answered too
+
+        status = run(words)
+    except Error as error:
+        return _failed(words, str(error))
+    except MemoryError:
+        return _failed(words, "out of memory: lower --cache, or make the tile or the photo smaller")
+    except BrokenPipeError:  # who reads what is printed has gone, with files perhaps not written
+        drop(1)
+        return 141  # as a shell says it of a program that SIGPIPE ends
+    except Exception as error:  # a fault of ours or of the machine: still one line, the rest on demand
+        kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
+        return _failed(words, f"{kind}{error} (--debug shows where)")
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:  # all is done, and nobody wants to read more
+        drop(1)
+    except OSError as error:
+        return _failed(words, f"what is printed cannot be written: {error.strerror}")
+    return status
+
+
+def _failed(words: list[str], text: str) -> int:
+    """Say what went wrong in one line, behind what has been printed."""
+    if _debugging(words):
+        traceback.print_exc()
+    try:
+        sys.stdout.flush()
+    except OSError:
+        drop(1)
+    try:
+        print(f"oiiotex ERROR: {' '.join(text.split())}", file=sys.stderr, flush=True)
+    except OSError:  # nobody listens: the exit code has to do
+        drop(sys.stderr.fileno())
+    return 1
 
 
 def _debugging(words: list[str]) -> bool:

@@ -18,9 +18,10 @@ import OpenImageIO as oiio
 
 from .. import __version__
 from ..errors import ImageError, ParameterError
+from ..formats import Format
 from ..images import Image, type_named
 from ..params import Size, param
-from ..writing import Format, write
+from ..writing import write
 from .chain import Chain
 from .parse import Option
 
@@ -123,6 +124,7 @@ def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
     return Format(
         pixel_type=asked,
         computed_type=chain.first.pixel_type,
+        computed_tile=chain.first.tile,
         computed_channels={} if asked else chain.first.channel_types,
         channel_types=channels,
         bits=bits or (0 if asked else chain.first.bits),
@@ -153,13 +155,30 @@ def software(chain: Chain) -> dict[str, Any]:
     """What a file says of the program that wrote it: a hash of the command line, or with --history the line itself."""
     if chain.settings.get("--nosoftwareattrib"):
         return {}
-    line = shlex.join(["oiiotex", *chain.session.words])
-    found: dict[str, Any] = {"Software": f"oiiotex {__version__} : {hashlib.sha1(line.encode()).hexdigest()}"}
+    words = list(chain.session.words)
+    if chain.settings.get("--sansattrib"):
+        words = _without_attributes(words)
+    line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
+    # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
+    program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
+    found: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
     if chain.settings.get("--history"):
-        found["Software"] = f"oiiotex {__version__} : {line}"
+        found["Software"] = f"{program} : {line}"
         before = chain.top.first.spec.get_string_attribute("Exif:ImageHistory") if chain.stack else ""
         found["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
     return found
+
+
+def _without_attributes(words: list[str]) -> list[str]:
+    """A command line less its --attrib and --sattrib, each of which is three words."""
+    kept, skip = [], 0
+    for word in words:
+        if word.split(":")[0].lstrip("-") in ("attrib", "sattrib") and word.startswith("-"):
+            skip = 3
+        if not skip:
+            kept.append(word)
+        skip = max(0, skip - 1)
+    return kept
 
 
 def _with_provenance(chain: Chain, image: Image) -> Image:
@@ -176,7 +195,7 @@ def _with_provenance(chain: Chain, image: Image) -> Image:
 
 
 def _trimmed(chain: Chain, image: Image, path: str) -> Image:
-    from ..host import Trim
+    from ..host.cropping import Trim
 
     out = oiio.ImageOutput.create(path)
     return Trim(source=image).compute(chain.session) if out is not None and out.supports("displaywindow") else image
@@ -184,14 +203,14 @@ def _trimmed(chain: Chain, image: Image, path: str) -> Image:
 
 def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bool) -> tuple[Image, Format]:
     """In the colour space, and of the type, that the config finds in the file's name (--autocc)."""
-    from ..host import ColorConvert
+    from ..host.color import ColorConvert
 
     colors = chain.session.color
     space = colors.space_of_output(path)
     if space is None:
         return image, how
     kind = colors.pixel_type(space)
-    if kind is not None and not kind[0] == oiio.TypeDesc("float"):
+    if kind is not None and kind[0] != oiio.TypeDesc("float"):
         how = dataclasses.replace(how, pixel_type=kind[0], bits=kind[1])
     current = image.first.spec.get_string_attribute("oiio:ColorSpace") or colors.linear
     if current is None or colors.same(current, space):
@@ -315,9 +334,7 @@ OPTIONS = (
     _state("--dither", "dither where 8 bits are made of more"),
     Option("--planarconfig", ("CONFIG",), "contig, separate or default", set_planar, state=True),
     _state("--adjust-time", "give written files the time that their metadata says"),
-    _state(
-        "--noautocrop", "formats without display window get the data window", sets=("--autocrop", False)
-    ),
+    _state("--noautocrop", "formats without display window get the data window", sets=("--autocrop", False)),
     _state("--autotrim", "without black borders, where the format has a data window"),
     _state("--history", "write the command line into the files' metadata"),
     _state("--no-history", "write only a hash of the command line (as is the rule)", sets=("--history", False)),

@@ -1,5 +1,268 @@
-OPTIONS = ()
+# SPDX-License-Identifier: Apache-2.0
+"""Options that print texts of images, as they are read or of the top one.
+
+Where we depart from oiiotool
+-----------------------------
+1. Regular expressions of --metamatch are Python's, with the letter classes of POSIX added.
+2. --buildinfo does not know the C++ standard that OpenImageIO was built with.
+3. --stats of unsigned 32 bit images are of 4294967295; oiiotool multiplies by -1. --dumpdata prints int8 as numbers.
+4. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
+5. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
+   been at work, and for all parts alike.
+6. -v holds for the whole command line.
+7. --hash refuses files with channels of whole and of broken numbers. Deep files cannot be read at all.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import ParameterError
+from ..images import Image
+from ..params import param
+from ..windows import Window
+from . import comparing, inventory
+from .chain import Chain
+from .metadata import Asked, Dump, description, metadata_text
+from .output import switch
+from .parse import Option
+from .pixel_statistics import colour_counts, constant_colour, range_counts, statistics, statistics_text
+
+__all__ = ["OPTIONS", "constant_colour", "metadata_text", "print_input", "statistics", "statistics_text"]
 
 
-def print_input(chain, image):
-    pass
+def _asked(chain: Chain) -> Asked:
+    """What the options so far ask for."""
+    settings = chain.settings
+    info = settings.get("--info")
+    return Asked(
+        verbose=_verbose(chain) or bool(info and info.verbose),
+        all_parts=chain.session.all_parts,
+        match=settings.get("--metamatch", ""),
+        no_match=settings.get("--no-metamatch", ""),
+        hash=bool(settings.get("--hash")),
+        statistics=bool(settings.get("--stats")),
+        dump=settings.get("--dumpdata"),
+    )
+
+
+def _verbose(chain: Chain) -> bool:
+    return bool(chain.settings.get("-v", chain.session.measure))
+
+
+def _with(asked: Asked, **changes: Any) -> Asked:
+    return Asked(**{**vars(asked), **changes})
+
+
+def print_input(chain: Chain, image: Image, info: int | None = None, infoformat: str = "") -> None:
+    """Print what --info, --stats, --hash and --dumpdata ask of every file that is read.
+
+    Parameters
+    ----------
+    chain : Chain
+    image : Image
+        As its file has it, before anything is done to it.
+    info, infoformat
+        Modifiers of -i: 0 no, 1 as --info does, 2 all metadata of all parts; None and '' leave it to --info.
+    """
+    settings = chain.settings
+    level = int("--info" in settings) if info is None else info
+    if not (level or any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash"))):
+        return
+    asked = _asked(chain)
+    form = infoformat or (settings["--info"].format if "--info" in settings else "")
+    asked = _with(
+        asked, verbose=asked.verbose or level > 1, all_parts=asked.all_parts or level > 1, xml=form.lower() == "xml"
+    )
+    _print(chain, image, asked, image.source)
+
+
+def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None:
+    with chain.session.stats.time("print"):
+        for text in description(image, asked, filename):
+            print(text, end="")
+    sys.stdout.flush()
+    chain.used = True
+
+
+# --- texts of images ---
+
+
+@dataclass(frozen=True)
+class InfoModifiers:
+    """Of --info."""
+
+    format: str = param("", choices=("", "text", "xml"), help="as text or xml")
+    verbose: bool = param(False, help="with all metadata, as -v does")
+
+
+def print_inputs(chain: Chain, **modifiers: Any) -> None:
+    """Print the size of every image that is read from here on, with -v all its metadata."""
+    chain.settings["--info"] = InfoModifiers(**modifiers)
+
+
+@dataclass(frozen=True)
+class PrintInfoModifiers:
+    """Of --printinfo."""
+
+    allsubimages: bool | None = param(None, help="of all parts; as -a says when left out")
+    native: bool = param(False, help="pixel types as in the file, not as ops see them")
+    stats: bool | None = param(None, help="with statistics; as --stats says when left out")
+    verbose: bool = param(True, help="with all metadata")
+
+
+def print_top(chain: Chain, **modifiers: Any) -> None:
+    """Print the size and metadata of the top image."""
+    given, asked = PrintInfoModifiers(**modifiers), _asked(chain)
+    asked = _with(
+        asked,
+        verbose=given.verbose,
+        native=given.native,
+        all_parts=asked.all_parts if given.allsubimages is None else given.allsubimages,
+        statistics=asked.statistics if given.stats is None else given.stats,
+    )
+    _print(chain, chain.top, asked)
+
+
+@dataclass(frozen=True)
+class PrintStatsModifiers:
+    """Of --printstats."""
+
+    allsubimages: bool | None = param(None, help="of all parts; as -a says when left out")
+    window: str = param("", help="of this window alone: WxH+X+Y or X0,Y0,X1,Y1")
+
+
+def print_statistics(chain: Chain, **modifiers: Any) -> None:
+    """Print the pixel statistics of the top image."""
+    given, asked, first = PrintStatsModifiers(**modifiers), _asked(chain), chain.top.first
+    asked = _with(
+        asked,
+        statistics=True,
+        all_parts=asked.all_parts if given.allsubimages is None else given.allsubimages,
+        window=_window(given.window, first.window),  # of the first part, also for the others
+        channels=first.spec.nchannels,
+    )
+    _print(chain, chain.top, asked)
+
+
+def _window(text: str, whole: Window) -> Window:
+    from ..host.geometry_text import box_of, parse_box
+
+    window = parse_box(text, box_of(whole), scaling=True).window() if text else whole
+    if window.empty:
+        raise ParameterError(f"window={text}: it has no pixel")
+    return window
+
+
+@dataclass(frozen=True)
+class DumpModifiers:
+    """Of --dumpdata."""
+
+    empty: bool = param(True, help="black pixels too")
+    C: str = param("", help="as an array of C of this name")
+
+
+def dump_inputs(chain: Chain, empty: bool = True, C: str = "") -> None:
+    """Print the pixels of every image that is read from here on."""
+    chain.settings["--dumpdata"] = Dump(empty=empty, array=C)
+
+
+def _remember(name: str) -> Any:
+    def run(chain: Chain, text: str) -> None:
+        chain.settings[name] = text
+
+    return run
+
+
+# --- counting ---
+
+
+@dataclass(frozen=True)
+class CountModifiers:
+    """Of --colorcount."""
+
+    eps: str = param("0.001", help="how far a value may be off, per channel")
+
+
+def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
+    """Print how many pixels of the top image have each of some colours."""
+    part = chain.top.first
+    words = text.split(":" if ":" in text else ";")
+    colours = np.array([_numbers(word, part.spec.nchannels, 0.0) for word in words], np.float32)
+    tolerance = _numbers(eps, part.spec.nchannels, 0.001)
+    for word, count in zip(words, colour_counts(part, colours, tolerance), strict=True):
+        print(f"{count:8}  {word}")
+    chain.used = True
+
+
+def check_range(chain: Chain, low: str, high: str) -> None:
+    """Print how many pixels of the top image are below or above a range."""
+    part = chain.top.first
+    bounds = _numbers(low, part.spec.nchannels, 0.0), _numbers(high, part.spec.nchannels, 1.0)
+    below, above, within = range_counts(part, *bounds)
+    print(f"{below:8}  < {low}\n{above:8}  > {high}\n{within:8}  within range")
+    chain.used = True
+
+
+def _numbers(text: str, count: int, default: float) -> np.ndarray:
+    """'0.5,,1' -> one float per channel: one number is meant for all, what is left out has the default."""
+    words = text.split(",")
+    try:
+        found = [float(word) if word.strip() else default for word in words]
+    except ValueError:
+        raise ParameterError(f"'{text}': allowed are numbers with commas between them") from None
+    found = found * count if len(found) == 1 else [*found, *[default] * count]
+    return np.array(found[:count], np.float32)
+
+
+# --- texts of the program ---
+
+
+@dataclass(frozen=True)
+class EchoModifiers:
+    """Of --echo."""
+
+    newline: int = param(1, ge=0, help="how many line ends follow")
+
+
+def echo(chain: Chain, text: str, newline: int = 1) -> None:
+    """Print a text."""
+    print(text, end="\n" * newline, flush=True)
+    chain.used = True
+
+
+OPTIONS = (
+    Option(
+        "--info",
+        (),
+        "print the size of every image as it is read; with -v its metadata",
+        print_inputs,
+        InfoModifiers,
+        state=True,
+    ),
+    Option("--printinfo", (), "print the size and metadata of the top image", print_top, PrintInfoModifiers, needs=1),
+    Option("--stats", (), "print pixel statistics of every image as it is read", switch("--stats"), state=True),
+    Option(
+        "--printstats", (), "print pixel statistics of the top image", print_statistics, PrintStatsModifiers, needs=1
+    ),
+    Option("--hash", (), "print the SHA-1 of the pixels of every image as it is read", switch("--hash"), state=True),
+    Option("--dumpdata", (), "print the pixels of every image as it is read", dump_inputs, DumpModifiers, state=True),
+    Option("--metamatch", ("REGEX",), "which metadata to print, by name", _remember("--metamatch"), state=True),
+    Option("--no-metamatch", ("REGEX",), "which metadata not to print", _remember("--no-metamatch"), state=True),
+    Option(
+        "--colorcount",
+        ("COLORS",),
+        "count the pixels of each colour: R,G,B;R,G,B ...",
+        count_colours,
+        CountModifiers,
+        needs=1,
+    ),
+    Option("--rangecheck", ("LOW", "HIGH"), "count the pixels outside a range of colours", check_range, needs=1),
+    *comparing.OPTIONS,
+    Option("--echo", ("TEXT",), "print a text", echo, EchoModifiers, state=True),
+    *inventory.OPTIONS,
+)

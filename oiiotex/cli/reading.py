@@ -53,9 +53,6 @@ def read_input(chain: Chain, path: str, **modifiers: Any) -> None:
         image = _opened(chain, path, given)
     except ImageError as error:
         image = _substitute(chain, error)
-    else:
-        chain.inputs.append(path)
-        chain.first.learn(image)
     chain.push(image)
     _prepare(chain, path, given)
 
@@ -68,6 +65,9 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         config = config or oiio.ImageSpec()
         config.attribute("oiio:UnassociatedAlpha", 1)
     image = read(path, chain.session.cache, native=native, config=config)
+    chain.inputs.append(path)
+    chain.first.learn(image)
+    printing.print_input(chain, image, given.info, given.infoformat)
     if given.type is not None:
         image = _retyped(image, type_named(given.type))
     if given.now:
@@ -115,16 +115,15 @@ def _substitute(chain: Chain, error: ImageError) -> Image:
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
     """What is done to an image as soon as it has been read."""
     if given.ch is not None:
-        from ..host import Channels
+        from ..host.channels import Channels
 
-        chain.apply(Channels, (given.ch,), {"allsubimages": True})
-    printing.print_input(chain, chain.top)
+        chain.apply(Channels, channels=given.ch, allsubimages=True)
     if given.get_thumbnail:
         thumbnail(chain)
     if chain.settings.get("--autoorient"):
-        from ..host import Reorient
+        from ..host.turning import Reorient
 
-        chain.apply(Reorient, (), {})
+        chain.apply(Reorient)
     automatic = chain.session.autocc if given.autocc is None else given.autocc
     if automatic:
         _to_linear(chain, path, bool(given.unpremult))
@@ -132,13 +131,13 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
 
 def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
     """Convert to scene linear from the space that the file's name, or else its tag, says (--autocc)."""
-    from ..host import ColorConvert
+    from ..host.color import ColorConvert
 
     colors = chain.session.color
     space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")
     linear = colors.linear
     if space and linear and not colors.same(space, linear):
-        chain.apply(ColorConvert, (space, linear), {"strict": False, "unpremult": unpremult})
+        chain.apply(ColorConvert, from_space=space, to_space=linear, strict=False, unpremult=unpremult)
 
 
 def missing_file(chain: Chain, policy: str) -> None:
@@ -192,9 +191,16 @@ def autocc_off(chain: Chain) -> None:
 OPTIONS = (
     Option("-i", ("FILE",), "read an image (as naming it does) and put it on the stack", read_input, ReadModifiers),
     Option(
-        "--iconfig", ("NAME", "VALUE"), "a hint for the reader of the next file", input_attribute, SetModifiers, state=True
+        "--iconfig",
+        ("NAME", "VALUE"),
+        "a hint for the reader of the next file",
+        input_attribute,
+        SetModifiers,
+        state=True,
     ),
-    Option("--missingfile", ("POLICY",), "files that cannot be read: error, black or checker", missing_file, state=True),
+    Option(
+        "--missingfile", ("POLICY",), "files that cannot be read: error, black or checker", missing_file, state=True
+    ),
     Option("--testread", ("FILE",), "read a file and forget it", test_read, state=True),
     Option("-a", (), "ops work on all parts (subimages), not on the first alone", all_parts, state=True),
     Option("--native", (), "ops work on the pixel type of the file instead of float", switch("--native"), state=True),

@@ -47,11 +47,10 @@ def page(name: str) -> str:
     ParameterError
         There is none of that name.
     """
-    bare = name.lstrip("-")
-    try:
-        found = LANGUAGE.find(f"--tex{bare}")
+    try:  # a bare name means the filter first: there is a --warp of the host, and a --texwarp
+        found = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
     except ParameterError:
-        found = LANGUAGE.find(f"--{bare}")
+        found = LANGUAGE.find(name if name.startswith("-") else f"--{name}")
     if isinstance(found, Refused):
         return f"{found.name} of oiiotool is not here: {found.reason}"
     if isinstance(found, Option):
@@ -188,7 +187,7 @@ def completion(shell: str) -> str:
     names = {op.flag(): [p.name for p in op.modifiers()] for ops in LANGUAGE.ops.values() for op in ops}
     names |= {o.name: [p.name for p in declared(o.modifiers)[1]] if o.modifiers else [] for o in LANGUAGE.options}
     rows = [
-        f"""        {name}) COMPREPLY=($(compgen -W "{' '.join(f'{m}=' for m in modifiers)}" -- "${{word##*:}}")) ;;"""
+        f"""        {name}) COMPREPLY=($(compgen -W "{" ".join(f"{m}=" for m in modifiers)}" -- "${{word##*:}}")) ;;"""
         for name, modifiers in names.items()
         if modifiers
     ]

@@ -7,13 +7,15 @@ import contextlib
 import io
 import logging
 import multiprocessing
+import multiprocessing.connection
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
-from types import FrameType
-from typing import NoReturn
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 import OpenImageIO as oiio
 
@@ -24,15 +26,10 @@ from .language import LANGUAGE
 from .parse import CommandLine, parse
 from .reading import read_input
 from .sequences import Frame, frames
+from .stopping import end_at_once
+from .streams import loud, quiet_libraries
 
 log = logging.getLogger("oiiotex")
-
-
-class Stopped(BaseException):
-    """A signal asked the run to end: unwinds it, so that nothing half is left behind."""
-
-    def __init__(self, number: int):
-        self.number = number
 
 
 def run(words: list[str], folder: str | os.PathLike | None = None) -> int:
@@ -77,6 +74,7 @@ def _run_frame(frame: Frame, session: Session) -> int:
     command = parse(list(frame.words), LANGUAGE)
     session.all_parts = session.autocc = False  # options of the line set them anew for each frame
     chain = Chain(session, read_input, frame)
+    chain.settings["-v"] = "-v" in command.settings
     chain.run(command.steps)
     return chain.status
 
@@ -90,8 +88,10 @@ def _run_in_parallel(todo: list[Frame], command: CommandLine) -> int:
     budget = _session(command, []).budget // workers
     jobs = [(frame, budget >> 20) for frame in todo]
     status = 0
-    with _pool(workers) as pool:
-        for printed, error, own in pool.imap(_job, jobs):
+    with _pool(workers, "--debug" in command.settings) as pool:
+        with loud(), _without_interrupts():  # workers are born deaf to Ctrl-C: it is for the parent, who ends them
+            results = pool.map(_job, jobs)
+        for printed, error, own in results:
             sys.stdout.write(printed)
             status = max(status, own)
             if error:
@@ -102,22 +102,50 @@ def _run_in_parallel(todo: list[Frame], command: CommandLine) -> int:
 
 
 @contextlib.contextmanager
-def _pool(workers: int) -> Iterator[multiprocessing.pool.Pool]:
-    pool = multiprocessing.get_context("spawn").Pool(workers, _start_worker, (log.getEffectiveLevel(),))
+def _pool(workers: int, debugging: bool) -> Iterator[ProcessPoolExecutor]:
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, context, _start_worker, (log.getEffectiveLevel(), debugging))
     try:
         yield pool
-        pool.close()
-    except BaseException:
-        pool.terminate()  # a worker that is asked to end cleans up behind itself
+    except BaseException as error:
+        for worker in multiprocessing.active_children():
+            worker.terminate()  # it cleans up behind itself
+        if isinstance(error, BrokenProcessPool):
+            text = "a process that worked on a frame has ended of itself: killed, or out of memory?"
+            raise Error(text) from error
         raise
     finally:
-        pool.join()
+        pool.shutdown(cancel_futures=True)
 
 
-def _start_worker(level: int) -> None:
+@contextlib.contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """SIGINT waits, for this thread and for processes that it starts."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_worker(level: int, debugging: bool) -> None:
+    if not debugging:
+        quiet_libraries()
     logging.basicConfig(format="%(message)s", level=level)
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent, which gets it too, ends its workers
+    signal.signal(signal.SIGTERM, end_at_once)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A parent that is killed cannot end its workers."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        end_at_once(signal.SIGTERM)
 
 
 def _job(job: tuple[Frame, int]) -> tuple[str, str, int]:
@@ -130,14 +158,10 @@ def _job(job: tuple[Frame, int]) -> tuple[str, str, int]:
             session = _session(parse(words, LANGUAGE), words)
             session.threads, session.budget = 1, megabytes << 20
             _limit_threads(1)
-            return printed.getvalue(), "", _run_frame(frame, session) or 0
+            status = _run_frame(frame, session)
+        return printed.getvalue(), "", status
     except Error as error:
         return printed.getvalue(), str(error), 1
-
-
-def stop(number: int, _: FrameType | None) -> NoReturn:
-    """A signal's handler: unwinds the run."""
-    raise Stopped(number)
 
 
 # --- settings ---

@@ -150,7 +150,9 @@ def split_layers(chain: Chain) -> None:
     """Replace an image by one image for each layer: channels whose names begin alike, up to a dot."""
     image = chain.pop()
     names = list(image.first.spec.channelnames)
-    layers = [name.rpartition(".")[0] if name.count(".") == 1 else name.partition(".")[0] * ("." in name) for name in names]
+    layers = [
+        name.rpartition(".")[0] if name.count(".") == 1 else name.partition(".")[0] * ("." in name) for name in names
+    ]
     begin = 0
     for end in range(1, len(names) + 1):
         if end == len(names) or layers[end] != layers[begin]:
@@ -179,8 +181,17 @@ def without_levels(chain: Chain) -> None:
     """Keep the largest version of a MIP-mapped image."""
     image = chain.top
     if any(part.levels for part in image.parts):
-        parts = tuple(dataclasses.replace(part, levels=(), stored=None) for part in image.parts)
+        parts = tuple(_copied(dataclasses.replace(part, levels=())) for part in image.parts)
         chain.stack[-1] = Image(parts, image.source)
+
+
+def _copied(part: Part) -> Part:
+    """The part as if an op had made it: as floats, and of no file any more."""
+    spec = oiio.ImageSpec(part.spec)
+    spec.set_format(part.working_type)
+    for name in ("oiio:miplevels", "oiio:subimages"):
+        spec.erase_attribute(name)
+    return Part(part.name, spec, part.buffer, ready=part.ready)
 
 
 def select_level(chain: Chain, text: str) -> None:
@@ -222,7 +233,7 @@ def thumbnail(chain: Chain, fail: bool = True, index: int = 0) -> None:
 
         longer = max(image.first.spec.full_width, image.first.spec.full_height)
         percent = min(100.0, 25600 / longer)
-        chain.apply(Resize, (f"{percent}%",), {})
+        chain.apply(Resize, size=f"{percent}%")
 
 
 OPTIONS = (

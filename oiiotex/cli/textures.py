@@ -11,6 +11,7 @@ from typing import Any
 import OpenImageIO as oiio
 
 from ..errors import ImageError
+from ..files import checked_name, keep_readable
 from ..images import one_line, type_named
 from ..params import Size, param
 from ..temporary import temporary_beside
@@ -82,11 +83,12 @@ def write_texture(mode: oiio.MakeTextureMode) -> Any:
         part = chain.top.first
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
         chain.session.require(3 * size, "a MIP-mapped texture")
-        with chain.session.stats.time("make texture"), temporary_beside(Path(path)) as temporary:
+        with chain.session.stats.time("make texture"), temporary_beside(Path(checked_name(path))) as temporary:
             config = _config(chain, part.stored, given)
             made = oiio.ImageBufAlgo.make_texture(mode, part.buffer(part.window), str(temporary), config)
             if not made or not temporary.exists():
                 raise ImageError(f"{path}: {one_line(oiio.geterror()) or 'no texture could be made'}")
+            keep_readable(Path(path))
         log.info("wrote %s", path)
 
     return run
@@ -105,6 +107,8 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
     values = {name: value for name, value in vars(given).items() if name not in _ELSEWHERE}
     for name, other in _BOTH.items():
         values[name] = values[name] or getattr(given, other)
+    if not values["filtername"]:  # by what is asked, else by what there is to do
+        del values["filtername"]
     for name, value in values.items():
         config.attribute(f"maketx:{name}", int(value) if isinstance(value, bool) else value)
     for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):

@@ -59,23 +59,20 @@ class Flatten(Op):
         part = self.source.first
         lens = lens_of(self.source, None if self.data else session.color, session.autocc)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 16)
-        drift = drift_of(self.source, lens, sigma, session, self.flag())
+        drift = drift_of(self.source, lens, sigma, session)
         spec = derived_spec(part.spec)
+        others = self.source.parts[1:]
         if drift is None or self.amount == 0:  # nothing to see, or nothing to do: not even rounding
-            return Image(
-                (computed(part, spec, session, lambda rows, _: rows), *self.source.parts[1:]), self.source.source
-            )
+            return Image((replace(part, spec=spec, levels=()), *others), self.source.source)
         middle = np.array(_CENTRE if lens.space is not None else _CENTRE[:1] * 3)[: lens.count]
         target = drift.overall_mean if self.keep == "mean" else middle
         change = correction(drift, self.amount, self.contrast, target)
-        spread = np.abs(drift.mean[2:-2, 2:-2] - drift.overall_mean).max((0, 1))
-        log.info(
-            "%s: local means were up to %s from the overall one", self.flag(), ", ".join(f"{v:.1f}" for v in spread)
-        )
+        away = np.abs(drift.mean[MARGIN:-MARGIN, MARGIN:-MARGIN] - drift.overall_mean).max((0, 1))
+        log.info("%s: local means lay up to %s from the overall one", self.flag(), ", ".join(f"{v:.1f}" for v in away))
 
         def work(rows: np.ndarray, window: Window) -> np.ndarray:
             values, opaque = lens.values(rows)
             change.apply(values, window)
             return lens.replaced(rows, values, opaque)
 
-        return Image((computed(part, spec, session, work), *self.source.parts[1:]), self.source.source)
+        return Image((computed(part, spec, session, work), *others), self.source.source)

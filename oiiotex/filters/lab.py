@@ -73,9 +73,8 @@ class Lab(Op):
         if len(lens.channels.colour) == 1:
             names[lens.channels.colour[0] : lens.channels.colour[0] + 1] = ["R", "G", "B"]
             spec.nchannels = len(names)
-            spec.alpha_channel = (
-                names.index(part.spec.channelnames[lens.channels.alpha]) if lens.channels.alpha is not None else -1
-            )
+            alpha = lens.channels.alpha
+            spec.alpha_channel = -1 if alpha is None else names.index(part.spec.channelnames[alpha])
             spec.channelnames = tuple(names)
         spec.attribute(FROM, part.spec.get_string_attribute(TAG) or space)
         return replace(computed(part, spec, session, work), stored=_FLOAT)

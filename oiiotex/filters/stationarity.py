@@ -54,7 +54,7 @@ class Stationarity(Op):
         part = self.source.first
         lens = lens_of(self.source, None if self.data else session.color, session.autocc)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)
-        found = deviation_of(self.source, lens, sigma, session, self.flag())
+        found = deviation_of(self.source, lens, sigma, session)
         log.info("%s: stationarity cost %.2f Lab at sigma %g px (MJH17 eq. 1)", self.flag(), found.cost, sigma)
         surface = Surface(found.local[..., None], found.cells)
 

@@ -36,6 +36,7 @@ _ST = Output(
 class _PatchSynthesis(Op):
     """What both ops share: inputs, how a recipe becomes an image, the report."""
 
+    copies: ClassVar[bool] = True
     reach: ClassVar[Reach] = Reach.GLOBAL
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
@@ -107,7 +108,7 @@ class _PatchSynthesis(Op):
             return source_coordinates(*unpack(made.source[window.inside(whole)]), source.spec)
 
         tile = Part(source.name, _tile_spec(source.spec, self, width, height), copied, source.spec.format, ready=True)
-        st = Part("st", _st_spec(width, height), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True)
+        st = Part("st", _st_spec(width, height), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True, exact=True)
         if isinstance(self.stmap, Path):
             write(Image((st,), str(self.stmap)), self.stmap, st.spec.format)
             session.written.add(os.path.realpath(self.stmap))

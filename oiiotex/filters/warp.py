@@ -27,6 +27,7 @@ class Warp(Op):
     """
 
     name: ClassVar[str] = "warp"
+    copies: ClassVar[bool] = True
     reach: ClassVar[Reach] = Reach.GLOBAL
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("warped", "the image's pixels at the map's places"),)

@@ -3,16 +3,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 import OpenImageIO as oiio
 from OpenImageIO import ImageBufAlgo
 
+from ..errors import ImageError, ParameterError
 from ..images import Image
 from ..op import Op
-from ..params import Numbers, argument, image
+from ..params import Numbers, argument, image, param
 from .kinds import Point
+
+
+def per_channel(given: Sequence[float], count: int, neutral: float) -> tuple[float, ...]:
+    """A value for each channel: the one there is, or those given with `neutral` for the channels that get none."""
+    given = tuple(given[:count]) if len(given) > 1 else tuple(given) * count
+    return given + (neutral,) * (count - len(given))
+
+
+@dataclass(frozen=True, kw_only=True)
+class OneImage(Point):
+    """One image, pixel by pixel."""
+
+    source: Image = image(help="the image")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,19 +40,20 @@ class TwoImages(Point):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageAndValues(Point):
+class ImageAndValues(OneImage):
     """An image and a value for all channels, or one for each."""
 
+    function: ClassVar[Callable[..., oiio.ImageBuf]]
     neutral: ClassVar[float] = 0.0  # for channels that get no value
 
-    source: Image = image(help="the image")
     value: Numbers = argument(help="one value for all channels, or one for each")
 
-    def values(self, buffer: oiio.ImageBuf) -> tuple[float, ...]:
-        """A value for every channel."""
-        count = buffer.nchannels
-        given = self.value[:count]
-        return given * count if len(self.value) == 1 else given + (self.neutral,) * (count - len(given))
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The function of the image and a value for every channel."""
+        return type(self).function(*buffers, per_channel(self.value, buffers[0].nchannels, self.neutral))
+
+
+# --- two images ---
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,14 +68,277 @@ class Add(TwoImages):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Subtract(TwoImages):
+    """Subtract the second image from the first."""
+
+    name: ClassVar[str] = "sub"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """A - B."""
+        return ImageBufAlgo.sub(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multiply(TwoImages):
+    """Multiply two images."""
+
+    name: ClassVar[str] = "mul"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """A * B."""
+        return ImageBufAlgo.mul(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Divide(TwoImages):
+    """Divide the first image by the second; what is divided by 0 becomes 0."""
+
+    name: ClassVar[str] = "div"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """A / B."""
+        return ImageBufAlgo.div(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale(TwoImages):
+    """Scale all channels of one image by the single channel of the other."""
+
+    name: ClassVar[str] = "scale"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """A * B, one of which has a single channel."""
+        return ImageBufAlgo.scale(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsoluteDifference(TwoImages):
+    """Take the absolute difference of two images."""
+
+    name: ClassVar[str] = "absdiff"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """|A - B|."""
+        return ImageBufAlgo.absdiff(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Minimum(TwoImages):
+    """Take the smaller value of two images; channels that only one of them has are its own."""
+
+    name: ClassVar[str] = "min"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The smaller of A and B."""
+        return ImageBufAlgo.min(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Maximum(TwoImages):
+    """Take the larger value of two images; channels that only one of them has are its own."""
+
+    name: ClassVar[str] = "max"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The larger of A and B."""
+        a, b = buffers
+        # OpenImageIO's max reads past the pixel of the image that has fewer channels
+        return ImageBufAlgo.max(_widened(a, b), _widened(b, a))
+
+
+def _widened(buffer: oiio.ImageBuf, other: oiio.ImageBuf) -> oiio.ImageBuf:
+    """The buffer with the further channels of another that has the same window."""
+    count = buffer.nchannels
+    if count >= other.nchannels:
+        return buffer
+    spec, further = oiio.ImageSpec(buffer.spec()), other.spec()
+    spec.nchannels = further.nchannels
+    spec.channelnames = (*spec.channelnames[:count], *further.channelnames[count:])
+    if spec.alpha_channel < 0 and further.alpha_channel >= count:
+        spec.alpha_channel = further.alpha_channel
+    if spec.z_channel < 0 and further.z_channel >= count:
+        spec.z_channel = further.z_channel
+    own = buffer.get_pixels(spec.format, buffer.roi)
+    theirs = other.get_pixels(spec.format, other.roi)
+    wide = oiio.ImageBuf(spec)
+    wide.set_pixels(wide.roi, np.concatenate([own, theirs[..., count:]], axis=-1))
+    return wide
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultiplyAdd(Point):
+    """Multiply two images and add a third."""
+
+    name: ClassVar[str] = "mad"
+
+    a: Image = image(help="the first factor")
+    b: Image = image(help="the second factor")
+    c: Image = image(help="what is added")
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """A * B + C."""
+        counts = [buffer.nchannels for buffer in buffers]
+        if len(set(counts)) > 1:  # OpenImageIO reads past the pixel of an image that has fewer
+            raise ImageError(
+                f"the images must have the same number of channels; they have {counts[0]}, {counts[1]} and {counts[2]}"
+            )
+        return ImageBufAlgo.mad(*buffers)
+
+
+# --- an image and values ---
+
+
+@dataclass(frozen=True, kw_only=True)
 class AddValues(ImageAndValues):
     """Add to all channels a value, or to each its own."""
 
     name: ClassVar[str] = "addc"
+    aliases: ClassVar[tuple[str, ...]] = ("--cadd",)
+    function = ImageBufAlgo.add
+
+
+@dataclass(frozen=True, kw_only=True)
+class SubtractValues(ImageAndValues):
+    """Subtract from all channels a value, or from each its own."""
+
+    name: ClassVar[str] = "subc"
+    aliases: ClassVar[tuple[str, ...]] = ("--csub",)
+    function = ImageBufAlgo.sub
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultiplyValues(ImageAndValues):
+    """Multiply all channels by a value, or each by its own."""
+
+    name: ClassVar[str] = "mulc"
+    aliases: ClassVar[tuple[str, ...]] = ("--cmul",)
+    function = ImageBufAlgo.mul
+    neutral = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class DivideValues(ImageAndValues):
+    """Divide all channels by a value, or each by its own; what is divided by 0 becomes 0."""
+
+    name: ClassVar[str] = "divc"
+    function = ImageBufAlgo.div
+    neutral = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbsoluteDifferenceValues(ImageAndValues):
+    """Take the absolute difference from a value, or for each channel from its own."""
+
+    name: ClassVar[str] = "absdiffc"
+    function = ImageBufAlgo.absdiff
+
+
+@dataclass(frozen=True, kw_only=True)
+class Power(ImageAndValues):
+    """Raise all channels to a power, or each to its own."""
+
+    name: ClassVar[str] = "powc"
+    aliases: ClassVar[tuple[str, ...]] = ("--cpow",)
+    function = ImageBufAlgo.pow
+    neutral = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaximumValues(ImageAndValues):
+    """Raise what is smaller to a value, or in each channel to its own."""
+
+    name: ClassVar[str] = "maxc"
+    function = ImageBufAlgo.max
+
+
+@dataclass(frozen=True, kw_only=True)
+class MinimumValues(ImageAndValues):
+    """Lower what is larger to a value, or in each channel to its own."""
+
+    name: ClassVar[str] = "minc"
+    function = ImageBufAlgo.min
+
+
+# --- one image ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class Absolute(OneImage):
+    """Take the absolute value."""
+
+    name: ClassVar[str] = "abs"
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A + value."""
-        return ImageBufAlgo.add(*buffers, self.values(*buffers))
+        """|A|."""
+        return ImageBufAlgo.abs(*buffers)
 
 
-OPS: tuple[type[Op], ...] = (Add, AddValues)
+@dataclass(frozen=True, kw_only=True)
+class Invert(OneImage):
+    """Subtract the colour from 1."""
+
+    name: ClassVar[str] = "invert"
+
+    chbegin: int = param(0, ge=0, help="the first channel that is inverted")
+    chend: int | None = param(None, ge=1, help="the channel behind the last; 3 at most when left out")
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """1 - A."""
+        (source,) = buffers
+        end = min(source.nchannels, 3 if self.chend is None else self.chend)
+        if self.chbegin >= end:
+            raise ParameterError(
+                f"chbegin={self.chbegin}: there is no channel from there to {end}, the image has {source.nchannels}"
+            )
+        roi = source.roi
+        roi.chbegin, roi.chend = self.chbegin, end
+        result = ImageBufAlgo.copy(source)
+        ImageBufAlgo.invert(result, source, roi)
+        return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComplexToPolar(OneImage):
+    """Turn two channels (real, imaginary) into (amplitude, phase)."""
+
+    name: ClassVar[str] = "polar"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Amplitude and phase."""
+        return ImageBufAlgo.complex_to_polar(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolarToComplex(OneImage):
+    """Turn two channels (amplitude, phase) into (real, imaginary)."""
+
+    name: ClassVar[str] = "unpolar"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Real and imaginary."""
+        return ImageBufAlgo.polar_to_complex(*buffers)
+
+
+OPS: tuple[type[Op], ...] = (
+    Add,
+    Subtract,
+    Multiply,
+    Divide,
+    Scale,
+    AbsoluteDifference,
+    Minimum,
+    Maximum,
+    MultiplyAdd,
+    AddValues,
+    SubtractValues,
+    MultiplyValues,
+    DivideValues,
+    AbsoluteDifferenceValues,
+    Power,
+    MaximumValues,
+    MinimumValues,
+    Absolute,
+    Invert,
+    ComplexToPolar,
+    PolarToComplex,
+)

@@ -125,7 +125,10 @@ def _match(text: str) -> tuple[str, list[float]]:
     for form, pattern in _FORMS.items():
         found = pattern.fullmatch(text.strip())
         if found:
-            return form, [float(n) for n in found.groups()]
+            numbers = [float(n) for n in found.groups()]
+            if any(abs(n) >= 1 << 31 for n in numbers):
+                raise ParameterError(f"'{text}': a number in it is too large for a picture")
+            return form, numbers
     raise ParameterError(f"'{text}' is no size, offset or window: allowed is WxH, +X+Y, WxH+X+Y or X0,Y0,X1,Y1")
 
 

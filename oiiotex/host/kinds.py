@@ -22,7 +22,7 @@ import OpenImageIO as oiio
 from ..errors import ImageError, ParameterError
 from ..images import Image, Part, Pixels, cropped, in_memory, one_line
 from ..op import Op, Output, Reach, Space
-from ..params import image, param
+from ..params import Parameter, declared, image, param
 from ..tiles import remembered, settled
 from ..windows import Window
 
@@ -31,25 +31,12 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hosted(Op):
-    """What all share: an oiiotool option that leaves one image."""
+class HostOp(Op):
+    """Works part by part: on the first, on all, or on some."""
 
     prefix: ClassVar[str] = "--"
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("image", "the result"),)
-
-    def inputs(self) -> list[Image]:
-        """The images that it was given, in the order of declaration."""
-        given: list[Image] = []
-        for declared in self.images():
-            value = getattr(self, declared.name)
-            given += value if declared.many else [value]
-        return given
-
-
-@dataclass(frozen=True, kw_only=True)
-class HostOp(Hosted):
-    """Works part by part: on the first, on all, or on some."""
 
     subimages: str | None = param(
         None, help="parts to work on, by number or name with commas between them, or all; -N leaves one out"
@@ -59,6 +46,10 @@ class HostOp(Hosted):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The op's result from one part of each input."""
         raise NotImplementedError
+
+    def facts(self) -> dict[str, int | float | str]:
+        """User variables that the op sets for expressions that follow."""
+        return {}
 
     def idle(self, parts: Sequence[Part]) -> bool:
         """Whether none of these parts of the first image would change: the image then goes on as it is."""
@@ -79,6 +70,32 @@ class HostOp(Hosted):
             parts.append(self.result(operands, session) if wanted is None or n in wanted else part)
         return Image(tuple(parts), first.source)
 
+    def inputs(self) -> list[Image]:
+        """The images that it was given, in the order of declaration."""
+        given: list[Image] = []
+        for slot in self.images():
+            value = getattr(self, slot.name)
+            given += value if slot.many else [value]
+        return given
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hosted(HostOp):
+    """Makes one image its own way: from none, from many, from all parts. The modifiers for parts are not its."""
+
+    _OF_PARTS: ClassVar[tuple[str, ...]] = ("subimages", "allsubimages")
+
+    def __post_init__(self) -> None:
+        for name in self._OF_PARTS:
+            if getattr(self, name) is not None:
+                raise ParameterError(f"{self.name}: it has no modifier '{name}'")
+        super().__post_init__()
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """The declared parameters."""
+        return tuple(p for p in declared(cls)[1] if p.name not in cls._OF_PARTS)
+
 
 def _chosen(subimages: str | None, first: Image) -> set[int] | None:
     """The numbers of the parts meant by a `subimages` modifier; None for all."""
@@ -94,7 +111,9 @@ def _chosen(subimages: str | None, first: Image) -> set[int] | None:
         elif bare.isdigit() or bare in names:
             (excluded if word != bare else included).add(int(bare) if bare.isdigit() else names.index(bare))
         else:
-            raise ParameterError(f"subimages={subimages}: {first.source} has no part '{bare}'; it has {', '.join(names)}")
+            raise ParameterError(
+                f"subimages={subimages}: {first.source} has no part '{bare}'; it has {', '.join(names)}"
+            )
     return (included or set(range(len(names)))) - excluded
 
 
@@ -137,14 +156,18 @@ class Point(HostOp):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
-        whole = self.window(parts)
-        corner = Window.sized(whole.left, whole.top, 1, 1)
-        spec = checked(self.apply(*(_blank(part, corner) for part in parts))).spec()
+        return pointwise(parts, self.window(parts), self.apply)
 
-        def fetch(window: Window) -> oiio.ImageBuf:
-            return checked(self.apply(*(_padded(part, window) for part in parts)))
 
-        return Part(parts[0].name, whole.apply_to(spec), fetch)
+def pointwise(parts: Sequence[Part], whole: Window, apply: Callable[..., oiio.ImageBuf]) -> Part:
+    """What `apply` makes of the pixels of parts over the data window `whole`, not yet computed."""
+    corner = Window.sized(whole.left, whole.top, 1, 1)
+    spec = checked(apply(*(_blank(part, corner) for part in parts))).spec()
+
+    def fetch(window: Window) -> oiio.ImageBuf:
+        return checked(apply(*(_padded(part, window) for part in parts)))
+
+    return Part(parts[0].name, whole.apply_to(spec), fetch)
 
 
 def _padded(part: Part, window: Window) -> oiio.ImageBuf:
@@ -184,7 +207,7 @@ _CELL = 256  # side of the squares in which slanted reads are done: a band of ro
 
 
 def remapped(
-    op: Hosted,
+    op: HostOp,
     parts: Sequence[Part],
     target: oiio.ImageSpec,
     needs: Callable[[Window], Sequence[Window]],
@@ -197,7 +220,7 @@ def remapped(
 
     Parameters
     ----------
-    op : Hosted
+    op : HostOp
         Named in messages.
     parts : sequence of Part
     target : oiio.ImageSpec
@@ -215,7 +238,9 @@ def remapped(
     """
     whole = Window.data(target)
     if whole.empty or target.full_width < 1 or target.full_height < 1:
-        raise ImageError(f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least")
+        raise ImageError(
+            f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least"
+        )
     near = [once_settled(part, session) if scattered else remembered(part, session.cache) for part in parts]
 
     def at(window: Window) -> oiio.ImageBuf:
@@ -231,19 +256,23 @@ def remapped(
     return dataclasses.replace(part, fetch=_in_cells(part)) if scattered else part
 
 
-def _seen(wanted: Window, part: Part) -> Window:
-    """What there is of a window, with the pixels of the display window's edge that OpenImageIO repeats outside."""
-    if wanted & part.window == wanted:
+def with_edges(wanted: Window, spec: oiio.ImageSpec) -> Window:
+    """A window, with the edge of the display window, which OpenImageIO repeats beyond the data window."""
+    data, display = Window.data(spec), Window.display(spec)
+    if not wanted.empty and wanted & data == wanted:
         return wanted
-    display = Window.display(part.spec)
-    edge = Window(
+    return wanted | Window(
         min(max(wanted.left, display.left), display.right - 1),
         min(max(wanted.top, display.top), display.bottom - 1),
         min(max(wanted.right, display.left + 1), display.right),
         min(max(wanted.bottom, display.top + 1), display.bottom),
     )
-    seen = (wanted | edge) & part.window
-    return _nearest(wanted, part.window) if seen.empty else seen  # an op needs a pixel to look at, be it far away
+
+
+def _seen(wanted: Window, part: Part) -> Window:
+    """What an op sees of a window: a pixel at least, be it far away."""
+    seen = with_edges(wanted, part.spec) & part.window
+    return _nearest(wanted, part.window) if seen.empty else seen
 
 
 def _sample(whole: Window) -> Window:

@@ -17,7 +17,7 @@ from ..session import Session
 from ..tiles import remembered, with_halo
 from ..windows import Window
 from .geometry_text import parse_offset
-from .kinds import HostOp, Hosted, Remap, worked
+from .kinds import Hosted, HostOp, Remap, worked
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals that end a run: the first unwinds it, a second one ends it at once. Either leaves nothing half behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+from types import FrameType
+
+from ..temporary import discard_all
+
+_stopping = False
+
+
+class Stopped(BaseException):
+    """A signal asked the run to end: unwinds it, so that nothing half is left behind."""
+
+    def __init__(self, number: int):
+        self.number = number
+
+
+def stop_on_signals() -> None:
+    """From here on SIGINT and SIGTERM raise `Stopped` in the main thread."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup and shells' background jobs have it
+            signal.signal(number, _stop)
+
+
+def end_at_once(number: int, _: FrameType | None = None) -> None:
+    """A signal's handler: what is half written goes, and the process with it."""
+    discard_all()
+    os._exit(128 + number)
+
+
+def _stop(number: int, _: FrameType | None) -> None:
+    global _stopping
+    if _stopping:
+        end_at_once(number)
+    _stopping = True
+    raise Stopped(number)

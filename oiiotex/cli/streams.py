@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Standard streams: ours are for what we say; what libraries print of their own accord goes nowhere."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+
+_loud = 2  # where the real stderr is
+
+
+def open_standard_streams() -> None:
+    """What came closed goes nowhere: else the next file opened would get its number, and what libraries print."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - open as long as the process
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(errors="surrogateescape")  # names that are not UTF-8 are printed as they are
+
+
+def quiet_libraries() -> None:
+    """An error is one line, of ours: libpng, libjpeg and others print theirs too, past Python."""
+    global _loud
+    if _loud != 2:
+        return
+    warnings.simplefilter("ignore")
+    sys.stderr.flush()
+    _loud = os.dup(2)
+    sys.stderr = open(_loud, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    drop(2)
+
+
+@contextlib.contextmanager
+def loud() -> Iterator[None]:
+    """Processes that are started now have the real stderr."""
+    if _loud == 2:
+        yield
+        return
+    os.dup2(_loud, 2)
+    try:
+        yield
+    finally:
+        drop(2)
+
+
+def drop(number: int) -> None:
+    """What is printed there from here on goes nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, number)
+    os.close(nowhere)

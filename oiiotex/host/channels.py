@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Channels: choosing, naming, summing, mapping."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import logging
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import OpenImageIO as oiio
+from OpenImageIO import ImageBufAlgo
+
+from ..errors import ParameterError
+from ..images import Image, Part
+from ..op import Op
+from ..params import Numbers, argument, image, param
+from ..session import Session
+from .arithmetic import OneImage, per_channel
+from .kinds import Point, Respec, pointwise
+
+log = logging.getLogger("oiiotex")
+
+_DEFAULT_NAMES = ("R", "G", "B", "A", "Z")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_MAPS = (
+    "inferno",
+    "viridis",
+    "magma",
+    "turbo",
+    "plasma",
+    "blue-red",
+    "red-blue",
+    "bluered",
+    "redblue",
+    "spectrum",
+    "heat",
+)
+
+
+class Chosen(NamedTuple):
+    """A channel of a result: which one of the image it is, or a constant; and its name."""
+
+    source: int | float
+    name: str
+
+
+def chosen_channels(text: str, names: Sequence[str]) -> list[Chosen]:
+    """What a list of channels means for an image with channels of those names.
+
+    Parameters
+    ----------
+    text : str
+        With commas: NAME or NUMBER (that channel), NEW=NAME (under another name), NEW=VALUE and =VALUE (a constant).
+        A name or number that is not there gives zeros. RGB and RGBA stand for R,G,B and R,G,B,A.
+    names : sequence of str
+
+    Raises
+    ------
+    ParameterError
+        There is no channel in the list.
+    """
+    words = {"RGB": "R,G,B", "RGBA": "R,G,B,A"}.get(text, text).split(",")
+    if len(words) > 1 and not words[-1].strip():
+        words.pop()
+    if not any(word.strip() for word in words):
+        raise ParameterError(f"'{text}' names no channel")
+    return [_chosen(word.strip(), place, names) for place, word in enumerate(words)]
+
+
+def _chosen(word: str, place: int, names: Sequence[str]) -> Chosen:
+    default = _DEFAULT_NAMES[place] if place < len(_DEFAULT_NAMES) else f"channel{place}"
+    if re.fullmatch(r"\d+", word):
+        index = int(word)
+        return Chosen(index, names[index]) if index < len(names) else Chosen(0.0, default)
+    new, equals, old = word.rpartition("=") if word.startswith("=") else word.partition("=")
+    if not equals:
+        new, old = "", word
+    new, old = new.strip(), old.strip()
+    if equals and _NUMBER.fullmatch(old):
+        return Chosen(float(old), new or default)
+    if not old:
+        return Chosen(0.0, new or default)
+    found = _index(old, names)
+    if found is None:
+        log.warning("there is no channel '%s', it is filled with 0; there is %s", old, ", ".join(names))
+        return Chosen(0.0, new or default)
+    return Chosen(found, new or names[found])
+
+
+def _index(name: str, names: Sequence[str]) -> int | None:
+    """The channel of that name, in these letters or in others."""
+    if name in names:
+        return list(names).index(name)
+    lower = [n.lower() for n in names]
+    return lower.index(name.lower()) if name.lower() in lower else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChosenChannels(OneImage):
+    """Some channels, in some order."""
+
+    def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
+        """The channels of the result."""
+        raise NotImplementedError
+
+    def idle(self, parts: Sequence[Part]) -> bool:
+        """Whether all channels stay as they are."""
+        return all(
+            self.chosen(part.spec) == [Chosen(n, name) for n, name in enumerate(part.spec.channelnames)]
+            for part in parts
+        )
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed."""
+        chosen = self.chosen(parts[0].spec)
+        order, names = tuple(c.source for c in chosen), tuple(c.name for c in chosen)
+        return pointwise(parts, parts[0].window, lambda source: ImageBufAlgo.channels(source, order, names))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channels(ChosenChannels):
+    """Choose, reorder, rename or add channels."""
+
+    name: ClassVar[str] = "ch"
+
+    channels: str = argument(help="with commas: NAME, NUMBER, NEW=NAME, NEW=VALUE, =VALUE; what is not there is 0")
+
+    def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
+        """As the list says."""
+        return chosen_channels(self.channels, spec.channelnames)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelCount(ChosenChannels):
+    """Keep the first channels, or add channels of 0."""
+
+    name: ClassVar[str] = "nchannels"
+
+    count: int = argument(ge=1, le=1 << 16, help="how many channels the result has")
+
+    def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
+        """The first ones."""
+        return chosen_channels(",".join(map(str, range(self.count))), spec.channelnames)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AppendChannels(Point):
+    """Append the channels of the last images to each other."""
+
+    name: ClassVar[str] = "chappend"
+
+    sources: tuple[Image, ...] = image(help="the images, in the order of the result's channels")
+    n: int = param(2, ge=2, le=1 << 16, help="how many images")
+
+    @classmethod
+    def arity(cls, values: dict[str, Any], depth: int) -> int:
+        """As `n` says."""
+        return values.get("n", 2)
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """All channels; appended from the top of the stack down, on which the names of equal ones depend."""
+        return functools.reduce(lambda appended, below: ImageBufAlgo.channel_append(below, appended), reversed(buffers))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelNames(Respec):
+    """Rename the channels."""
+
+    name: ClassVar[str] = "chnames"
+
+    names: str = argument(help="the names, with commas; where one is empty or left out the channel keeps its own")
+
+    def change(self, spec: oiio.ImageSpec) -> None:
+        """Under their new names, which say what is alpha and what is depth."""
+        given = self.names.split(",")[: spec.nchannels]
+        names = [new or old for new, old in zip(given, spec.channelnames, strict=False)]
+        spec.channelnames = (*names, *spec.channelnames[len(names) :])
+        kinds = [name.lower().rpartition(".")[2] for name in spec.channelnames]
+        spec.alpha_channel = max((n for n, kind in enumerate(kinds) if kind in ("a", "alpha")), default=-1)
+        spec.z_channel = max((n for n, kind in enumerate(kinds) if kind in ("z", "depth")), default=-1)
+
+
+# --- new channels from all ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class FromChannels(OneImage):
+    """New channels made of all: of the image's metadata OpenImageIO keeps none, and the display window is lost."""
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed."""
+        made = super().result(parts, session)
+        spec = oiio.ImageSpec(made.spec)
+        spec.full_x, spec.full_y, spec.full_width, spec.full_height = spec.x, spec.y, spec.width, spec.height
+        return dataclasses.replace(made, spec=spec)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelSum(FromChannels):
+    """Sum the channels into one."""
+
+    name: ClassVar[str] = "chsum"
+
+    weight: Numbers = param(Numbers((1.0,)), help="a weight for all channels, or for each; 1 for further ones")
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The weighted sum."""
+        return ImageBufAlgo.channel_sum(*buffers, per_channel(self.weight, buffers[0].nchannels, 1.0))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelMaximum(FromChannels):
+    """Take the largest of the channels."""
+
+    name: ClassVar[str] = "maxchan"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The largest value of each pixel."""
+        return ImageBufAlgo.maxchan(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelMinimum(FromChannels):
+    """Take the smallest of the channels."""
+
+    name: ClassVar[str] = "minchan"
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The smallest value of each pixel."""
+        return ImageBufAlgo.minchan(*buffers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColorMap(FromChannels):
+    """Show values in colour: the luma of three channels or more, else the first channel."""
+
+    name: ClassVar[str] = "colormap"
+
+    map: str = argument(help=f"{', '.join(_MAPS)}, or colours at equal distances: R,G,B,R,G,B,...")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._knots()
+
+    def _knots(self) -> tuple[float, ...] | None:
+        """The colours given; None for a named map."""
+        if self.map in _MAPS:
+            return None
+        words = [word.strip() for word in self.map.split(",")]
+        if not all(map(_NUMBER.fullmatch, words)) or len(words) < 6 or len(words) % 3:
+            raise ParameterError(f"map={self.map}: allowed is {', '.join(_MAPS)}, or two colours R,G,B or more")
+        return tuple(map(float, words))
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The colours of the map."""
+        knots = self._knots()
+        if knots is None:
+            return ImageBufAlgo.color_map(*buffers, -1, self.map)
+        return ImageBufAlgo.color_map(*buffers, -1, len(knots) // 3, 3, knots)
+
+
+OPS: tuple[type[Op], ...] = (
+    Channels,
+    ChannelCount,
+    AppendChannels,
+    ChannelNames,
+    ChannelSum,
+    ChannelMaximum,
+    ChannelMinimum,
+    ColorMap,
+)

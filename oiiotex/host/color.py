@@ -1,0 +1,333 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colour management, by OpenColorIO inside OpenImageIO."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+from OpenImageIO import ImageBufAlgo
+
+from ..color import TAG
+from ..errors import ColorError, ImageError, ParameterError
+from ..images import Image, Part, channels_of
+from ..op import Op, Reach
+from ..params import Numbers, argument, image, param
+from ..session import Session
+from .kinds import HostOp, Respec, checked, pointwise, worked
+
+log = logging.getLogger("oiiotex")
+
+_UNPREMULT = "convert colours divided by alpha, and multiply them again"
+_KEY = "names of OCIO context variables, with commas"
+_VALUE = "their values, with commas"
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsColorSpace(Respec):
+    """Say in which colour space the pixels are; they stay as they are."""
+
+    name: ClassVar[str] = "iscolorspace"
+
+    space: str = argument(help="a colour space, role or alias of the config; '' to forget it")
+
+    def change(self, spec: oiio.ImageSpec) -> None:
+        """Set it, and forget what contradicts it."""
+        spec.set_colorspace(self.space)
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The part under its new spec."""
+        if self.space:
+            session.color.resolve(self.space)
+        return super().result(parts, session)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnColor(HostOp):
+    """Works on colour alone: on R, G, B (by name, else the first three) and alpha; further channels are copied."""
+
+    reach: ClassVar[Reach] = Reach.POINT
+
+    source: Image = image(help="the image")
+    unpremult: bool = param(False, help=_UNPREMULT)
+
+    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """The conversion of up to four channels; `config` is the path of the colour config."""
+        raise NotImplementedError
+
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """What the config has of the kind that is asked for, to be told where it cannot be converted."""
+        return ()
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed; that the conversion exists is found out now."""
+        path = session.color.path
+
+        def convert(colour: oiio.ImageBuf) -> oiio.ImageBuf:
+            try:
+                return checked(self.convert(colour, path))
+            except ImageError as error:
+                known = ", ".join(self.known(session.color.names))
+                raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
+
+        return pointwise(parts, parts[0].window, lambda source: converted(source, convert))
+
+
+def converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.ImageBuf]) -> oiio.ImageBuf:
+    """The image with its colour converted: OpenImageIO's functions spoil what comes behind the fourth channel."""
+    spec, channels = source.spec(), channels_of(source.spec())
+    used = [*channels.colour, *([] if channels.alpha is None else [channels.alpha])]
+    if used == list(range(spec.nchannels)) and (channels.alpha is None or len(channels.colour) == 3):
+        return convert(source)
+    count, gray = len(channels.colour), len(channels.colour) == 1
+    pixels = source.get_pixels(spec.format, source.roi)
+    colour = np.zeros((*pixels.shape[:-1], 3 if channels.alpha is None else 4), pixels.dtype)
+    colour[..., : 3 if gray else count] = pixels[..., list(channels.colour)]
+    if channels.alpha is not None:
+        colour[..., 3] = pixels[..., channels.alpha]
+    narrow = oiio.ImageSpec(spec)
+    narrow.nchannels = colour.shape[-1]
+    narrow.channelnames = ("R", "G", "B", "A")[: narrow.nchannels]
+    narrow.alpha_channel, narrow.z_channel = -1 if channels.alpha is None else 3, -1
+    buffer = oiio.ImageBuf(narrow)
+    buffer.set_pixels(buffer.roi, np.ascontiguousarray(colour))
+    done = convert(buffer)
+    colour = done.get_pixels(spec.format, done.roi)
+    pixels = pixels.copy()
+    pixels[..., list(channels.colour)] = colour[..., :count]
+    if channels.alpha is not None:
+        pixels[..., channels.alpha] = colour[..., 3]
+    wide = oiio.ImageSpec(done.spec())
+    wide.nchannels, wide.channelnames = spec.nchannels, spec.channelnames
+    wide.alpha_channel, wide.z_channel = spec.alpha_channel, spec.z_channel
+    result = oiio.ImageBuf(wide)
+    result.set_pixels(result.roi, pixels)
+    return result
+
+
+def _space(given: str, spec: oiio.ImageSpec) -> str:
+    """A colour space as the user names it; 'current' is what the image says, which is not guessed where it does not."""
+    if given not in ("", "current"):
+        return given
+    tag = spec.get_string_attribute(TAG)
+    if not tag:
+        raise ColorError("the image does not say its colour space: put --iscolorspace NAME before it")
+    return tag
+
+
+# --- between colour spaces ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converting(OnColor):
+    """What conversions between spaces share."""
+
+    key: str = param("", help=_KEY)
+    value: str = param("", help=_VALUE)
+    strict: bool = param(True, help="refuse what cannot be converted; else it stays as it is, with a warning")
+
+    def spaces(self) -> tuple[str, str]:
+        """From, to."""
+        raise NotImplementedError
+
+    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """In the other space."""
+        source, target = self.spaces()
+        source = _space(source, colour.spec())
+        return ImageBufAlgo.colorconvert(colour, source, target, self.unpremult, self.key, self.value, config)
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed."""
+        try:
+            return super().result(parts, session)
+        except ColorError as error:
+            if self.strict:
+                raise
+            log.warning("%s: %s; the image stays as it is", self.flag(), error)
+            return worked(parts[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColorConvert(Converting):
+    """Convert from a colour space to another."""
+
+    name: ClassVar[str] = "colorconvert"
+
+    from_space: str = argument(help="a colour space, role or alias of the config; current: the one that the image says")
+    to_space: str = argument(help="a colour space, role or alias")
+
+    def spaces(self) -> tuple[str, str]:
+        """As given."""
+        return self.from_space, self.to_space
+
+    def idle(self, parts: Sequence[Part]) -> bool:
+        """Whether both are the same."""
+        return self.from_space == self.to_space
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToColorSpace(Converting):
+    """Convert to a colour space from the one that the image says."""
+
+    name: ClassVar[str] = "tocolorspace"
+
+    to_space: str = argument(help="a colour space, role or alias of the config")
+
+    def spaces(self) -> tuple[str, str]:
+        """From the image's own."""
+        return "current", self.to_space
+
+
+# --- other transforms ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColorMatrix(OnColor):
+    """Multiply colours, as row vectors, by a matrix."""
+
+    name: ClassVar[str] = "ccmatrix"
+
+    matrix: Numbers = argument(help="9 or 16 numbers, row by row")
+    transpose: bool = param(False, help="transpose it first")
+    invert: bool = param(False, help="invert it then")
+    inverse: bool = param(False, help="the same")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._matrix()
+
+    def _matrix(self) -> np.ndarray:
+        """(4, 4) float64."""
+        size = {9: 3, 16: 4}.get(len(self.matrix))
+        if size is None:
+            raise ParameterError(f"matrix={self.matrix}: allowed are 9 or 16 numbers with commas between them")
+        matrix = np.eye(4)
+        matrix[:size, :size] = np.reshape(self.matrix, (size, size))
+        if self.transpose:
+            matrix = matrix.T
+        if self.invert or self.inverse:
+            try:
+                matrix = np.linalg.inv(matrix)
+            except np.linalg.LinAlgError:
+                raise ParameterError(f"matrix={self.matrix}: it has no inverse") from None
+        return matrix
+
+    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """Multiplied."""
+        return ImageBufAlgo.colormatrixtransform(colour, tuple(self._matrix().ravel()), self.unpremult)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look(OnColor):
+    """Apply looks of the config."""
+
+    name: ClassVar[str] = "ociolook"
+
+    look: str = argument(help="name of the look, or several with commas")
+    from_: str = param("current", help="the image's colour space")
+    to: str = param("current", help="that of the result")
+    inverse: bool = param(False, help="undo the look")
+    key: str = param("", help=_KEY)
+    value: str = param("", help=_VALUE)
+
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """Looks."""
+        return names.getLookNames()
+
+    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """With the look."""
+        source, target = _space(self.from_, colour.spec()), _space(self.to, colour.spec())
+        return ImageBufAlgo.ociolook(
+            colour, self.look, source, target, self.unpremult, self.inverse, self.key, self.value, config
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Display(OnColor):
+    """Convert for a display and view of the config."""
+
+    name: ClassVar[str] = "ociodisplay"
+
+    display: str = argument(help="name of the display, or default")
+    view: str = argument(help="name of the view, or default")
+    from_: str = param("current", help="the image's colour space; of the result, with inverse")
+    looks: str = param("", help="looks to apply instead of the view's")
+    inverse: bool = param(False, help="from the display back")
+    key: str = param("", help=_KEY)
+    value: str = param("", help=_VALUE)
+
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """Views of the display, or displays."""
+        displays = {name.lower(): name for name in names.getDisplayNames()}
+        if self.display == "default":
+            return names.getViewNames(names.getDefaultDisplayName())
+        own = displays.get(self.display.lower())
+        return names.getViewNames(own) if own else names.getDisplayNames()
+
+    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """As displayed."""
+        source = _space(self.from_, colour.spec())
+        return ImageBufAlgo.ociodisplay(
+            colour,
+            self.display,
+            self.view,
+            source,
+            self.looks,
+            self.unpremult,
+            self.inverse,
+            self.key,
+            self.value,
+            config,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileTransform(OnColor):
+    """Apply a transform that is a file: a LUT, CLF, CDL."""
+
+    name: ClassVar[str] = "ociofiletransform"
+
+    file: str = argument(help="the file, where it lies or in the config's search path")
+    inverse: bool = param(False, help="undo it")
+
+    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """Transformed."""
+        return ImageBufAlgo.ociofiletransform(colour, self.file, self.unpremult, self.inverse, config)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedTransform(OnColor):
+    """Apply a named transform of the config."""
+
+    name: ClassVar[str] = "ocionamedtransform"
+
+    transform: str = argument(help="its name")
+    inverse: bool = param(False, help="undo it")
+    key: str = param("", help=_KEY)
+    value: str = param("", help=_VALUE)
+
+    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
+        """Named transforms."""
+        return names.getNamedTransformNames()
+
+    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
+        """Transformed."""
+        return ImageBufAlgo.ocionamedtransform(
+            colour, self.transform, self.unpremult, self.inverse, self.key, self.value, config
+        )
+
+
+OPS: tuple[type[Op], ...] = (
+    IsColorSpace,
+    ToColorSpace,
+    ColorConvert,
+    ColorMatrix,
+    Look,
+    Display,
+    FileTransform,
+    NamedTransform,
+)

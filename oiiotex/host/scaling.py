@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ops that change the size."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+from OpenImageIO import ImageBufAlgo
+
+from ..errors import ParameterError
+from ..images import Image, Part, cropped, in_memory
+from ..op import Op, Reach
+from ..params import argument, image, param
+from ..session import Session
+from ..windows import Window
+from .geometry_text import Box, box_of, parse_box
+from .kinds import Hosted, HostOp, Remap, checked, remapped, worked
+from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter, warp_needs
+
+_F = np.float32  # in which oiiotool computes windows: a size on the verge of a pixel must fall on the same side
+_UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
+
+
+def scaled(op: Hosted, part: Part, target: oiio.ImageSpec, filter: str, highlights: bool, session: Session) -> Part:
+    """The part with its display window mapped onto that of `target`, over the data window of `target`."""
+    source, box = Window.display(part.spec), Window.display(target)
+    if box.empty:
+        raise ParameterError(f"the result would be {box.width}x{box.height} pixels: it needs one at least")
+    across, down = source.width / box.width, source.height / box.height
+    support = FILTERS.get(known_filter(filter), 6) / 2
+    reach = [support * max(1, across), support * max(1, down)]
+    if filter in _UNSEPARABLE:  # ImageBufAlgo::resize walks a square then, which either scale can make large
+        reach = [support * max(1, 1 / across) * max(across, down)] * 2
+    x, y = (math.ceil(r) + 3 for r in reach)
+
+    def needs(window: Window) -> Sequence[Window]:
+        return [_scaled_back(window, box, source).grown(x, y)]
+
+    def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+        def resize(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+            result = blank(spec, buffer)
+            ImageBufAlgo.resize(result, buffer, filter)
+            return result
+
+        return compressed(resize, buffer) if highlights else resize(buffer)
+
+    return remapped(op, [part], target, needs, apply, session)
+
+
+def _scaled_back(window: Window, box: Window, source: Window) -> Window:
+    """Where a window in `box` lies in `source`, rounded outwards."""
+    across, down = source.width / box.width, source.height / box.height
+    return Window(
+        math.floor((window.left - box.left) * across) + source.left,
+        math.floor((window.top - box.top) * down) + source.top,
+        math.ceil((window.right - box.left) * across) + source.left,
+        math.ceil((window.bottom - box.top) * down) + source.top,
+    )
+
+
+def _sized(spec: oiio.ImageSpec, size: str) -> oiio.ImageSpec:
+    """The display window that a text asks for, and the data window scaled with it where the size changes."""
+    box = parse_box(size, box_of(Window.display(spec)), scaling=True).window()
+    data = box
+    if (box.width, box.height) != (spec.full_width, spec.full_height):
+        across, down = _F(box.width) / _F(spec.full_width), _F(box.height) / _F(spec.full_height)
+        data = Window.sized(
+            box.left + math.floor(_F(spec.x - spec.full_x) * across),
+            box.top + math.floor(_F(spec.y - spec.full_y) * down),
+            math.ceil(_F(spec.width) * across),
+            math.ceil(_F(spec.height) * down),
+        )
+    new = data.apply_to(spec)
+    new.full_x, new.full_y, new.full_width, new.full_height = box.left, box.top, box.width, box.height
+    return new
+
+
+def _same_size(spec: oiio.ImageSpec, size: str) -> bool:
+    target = _sized(spec, size)
+    return (target.full_width, target.full_height) == (spec.full_width, spec.full_height)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resize(HostOp):
+    """Resize, with a filter as wide as the scale asks for."""
+
+    name: ClassVar[str] = "resize"
+    reach: ClassVar[Reach] = Reach.AREA
+
+    source: Image = image(help="the image")
+    size: str = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")
+    filter: str = param("", help="name of the filter; by the scale when left out")
+    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+    from_: str | None = param(None, help="WxH+X+Y, also broken pixels: what is mapped; the display window if left out")
+    to: str | None = param(None, help="WxH+X+Y, also broken pixels: where to; the new display window if left out")
+    edgeclamp: bool = param(False, help="with from and to: no black bleeds in at the edges")
+
+    def boxes(self, spec: oiio.ImageSpec) -> tuple[Box, Box] | None:
+        """What is mapped and where to, unless it is one display window on the other."""
+        shown, sized = Window.display(spec), Window.display(_sized(spec, self.size))
+        begin = parse_box(self.from_, box_of(shown), whole=False) if self.from_ else box_of(shown)
+        end = parse_box(self.to, box_of(sized), whole=False) if self.to else box_of(sized)
+        if min(*begin[2:], *end[2:]) <= 0:
+            raise ParameterError(f"from={self.from_}, to={self.to}: a width and height above 0 are wanted")
+        return None if begin == box_of(shown) and end == box_of(sized) else (begin, end)
+
+    def idle(self, parts: Sequence[Part]) -> bool:
+        """All sizes stay."""
+        return all(_same_size(part.spec, self.size) and self.boxes(part.spec) is None for part in parts)
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The resized part, not yet computed."""
+        spec = parts[0].spec
+        boxes = self.boxes(spec) if not Window.display(_sized(spec, self.size)).empty else None
+        target = _sized(spec, self.size)
+        if boxes is None:
+            if _same_size(spec, self.size):  # beside parts that change; oiiotool then fills the display window
+                target = Window.display(target).apply_to(target)
+            return scaled(self, parts[0], target, self.filter, self.highlightcomp, session)
+        return self._warped(parts[0], Window.display(target).apply_to(target), *boxes, session)
+
+    def _warped(self, part: Part, target: oiio.ImageSpec, begin: Box, end: Box, session: Session) -> Part:
+        matrix = _mapping(begin, end)
+        inverse = np.linalg.inv(matrix.astype(np.float64))
+        wide = FILTERS[known_filter(self.filter) or "lanczos3"]
+        values = tuple(float(v) for v in matrix.ravel())
+
+        def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+            def warp(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+                result = blank(spec, buffer)
+                ImageBufAlgo.warp(result, buffer, values, self.filter, 0.0, False, "default")
+                return clamped_at_edges(result, buffer, part.window, matrix, self.filter) if self.edgeclamp else result
+
+            return compressed(warp, buffer) if self.highlightcomp else warp(buffer)
+
+        return remapped(
+            self, [part], target, lambda window: [warp_needs(inverse, window, wide, part.window)], apply, session
+        )
+
+
+def _mapping(begin: Box, end: Box) -> np.ndarray:
+    """The matrix that maps one box on another, in float, as Imath's translate and scale build it."""
+    across, down = _F(end.width) / _F(begin.width), _F(end.height) / _F(begin.height)
+    x = -_F(begin.x) * across + _F(end.x)
+    y = -_F(begin.y) * down + _F(end.y)
+    return np.array([[across, 0, 0], [0, down, 0], [x, y, 1]], _F)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resample(Remap):
+    """Resize without a filter: between the four nearest pixels, or the nearest one."""
+
+    name: ClassVar[str] = "resample"
+
+    source: Image = image(help="the image")
+    size: str = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")
+    interp: bool = param(True, help="interpolate; else take the nearest pixel")
+
+    def idle(self, parts: Sequence[Part]) -> bool:
+        """All sizes stay."""
+        return all(_same_size(part.spec, self.size) for part in parts)
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """The display window asked for, and the data window scaled with it."""
+        spec = _sized(specs[0], self.size)
+        # beside parts that change, one that does not is left where it was
+        return Window.data(specs[0]).apply_to(spec) if _same_size(specs[0], self.size) else spec
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """The window scaled back, and a pixel around it."""
+        box = Window.display(self.target(specs))
+        return [_scaled_back(window, box, Window.display(specs[0])).grown(3)]
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """Resampled."""
+        result = blank(target, *buffers)
+        ImageBufAlgo.resample(result, *buffers, self.interp)
+        return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit(HostOp):
+    """Resize to fit in a size, in proportion."""
+
+    name: ClassVar[str] = "fit"
+    reach: ClassVar[Reach] = Reach.AREA
+
+    source: Image = image(help="the image")
+    size: str = argument(help="WxH or WxH+X+Y: the new display window")
+    filter: str = param("", help="name of the filter; by the scale when left out")
+    pad: bool = param(False, help="pad to the size with black")
+    fillmode: str = param("letterbox", choices=("letterbox", "width", "height"), help="what fills the size")
+    exact: bool = param(False, help="centre to a part of a pixel and keep the proportions exactly; not streamed")
+    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The fitted part."""
+        box = parse_box(self.size, box_of(Window.display(self.source.first.spec))).window()
+        if box.empty:
+            raise ParameterError(f"size={self.size}: a width and height above 0 are wanted")
+        known_filter(self.filter)
+        fitted = self._exactly(parts[0], box, session) if self.exact else self._fitted(parts[0], box, session)
+        if self.pad and fitted.window != box:
+            fitted = dataclasses.replace(cropped(fitted, box), stored=None)
+        return fitted
+
+    def _fitted(self, part: Part, box: Window, session: Session) -> Part:
+        spec, wide, high = part.spec, box.width, box.height
+        shape = _F(spec.full_width) / _F(spec.full_height)
+        if self._fills_height(spec, box):
+            wide = int(_F(high) * shape + _F(0.5))
+        else:
+            high = int(_F(wide) / shape + _F(0.5))
+        x, y = int((box.width - wide) / 2), int((box.height - high) / 2)  # towards zero, negative ones too
+
+        def place(new: oiio.ImageSpec) -> None:
+            new.full_x, new.full_y, new.full_width, new.full_height = box.left, box.top, box.width, box.height
+            new.x, new.y = new.x + x, new.y + y
+
+        if (wide, high) == (spec.full_width, spec.full_height) and (box.left, box.top) == (spec.full_x, spec.full_y):
+            return worked(part).respecced(place)
+        target = Window.sized(box.left, box.top, max(1, wide), max(1, high)).apply_to(spec)
+        target.full_x, target.full_y, target.full_width, target.full_height = box.left, box.top, wide, high
+        return scaled(self, part, target, self.filter, self.highlightcomp, session).respecced(place)
+
+    def _fills_height(self, spec: oiio.ImageSpec, box: Window) -> bool:
+        if self.fillmode != "letterbox":
+            return self.fillmode == "height"
+        return bool(_F(box.width) / _F(box.height) >= _F(spec.full_width) / _F(spec.full_height))
+
+    def _exactly(self, part: Part, box: Window, session: Session) -> Part:
+        """At once: ImageBufAlgo::fit gives its filter a width and a height that no other function takes."""
+        pixels = part.spec.width * part.spec.height + box.width * box.height
+        session.require(pixels * part.spec.nchannels * 4 * 2, self.flag())
+
+        def fit(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+            result = blank(box.apply_to(part.spec), buffer)
+            ImageBufAlgo.fit(result, buffer, self.filter, 0.0, self.fillmode, True)
+            return result
+
+        whole = part.buffer(part.window)
+        return in_memory(part.name, checked(compressed(fit, whole) if self.highlightcomp else fit(whole)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PixelAspect(Hosted):
+    """Scale width or height up to a pixel aspect ratio."""
+
+    name: ClassVar[str] = "pixelaspect"
+    reach: ClassVar[Reach] = Reach.AREA
+
+    source: Image = image(help="the image")
+    aspect: float = argument(help="width of a pixel, as a multiple of its height")
+    filter: str = param("", help="name of the filter; by the scale when left out")
+    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+
+    def compute(self, session: Session) -> Image:
+        """Resized, with the new ratio in the metadata; the image itself where no size changes."""
+        spec = self.source.first.spec
+        old = spec.get_float_attribute("PixelAspectRatio", 1.0)
+        for ratio, whose in ((self.aspect, "asked for"), (old, "of the image")):
+            if ratio <= 0:
+                raise ParameterError(f"{ratio:g}, the ratio {whose}, is not above 0")
+        factor = _F(old) / _F(self.aspect)
+        across = factor if factor > 1 else _F(1)
+        down = _F(1 / float(factor)) if factor < 1 else _F(1)
+        wide = int(_F(spec.full_width) * across + _F(0.5))
+        high = int(_F(spec.full_height) * down + _F(0.5))
+        if (wide, high) == (spec.full_width, spec.full_height):
+            return self.source
+        resize = Resize(source=self.source, size=f"{wide}x{high}", filter=self.filter, highlightcomp=self.highlightcomp)
+
+        def change(new: oiio.ImageSpec) -> None:
+            new.attribute("PixelAspectRatio", float(_F(self.aspect)))
+            for name, scale in (("XResolution", across), ("YResolution", down)):
+                density = new.get_float_attribute(name, 0.0)
+                if density:
+                    new.attribute(name, float(_F(density) * scale))
+
+        first, *others = resize.compute(session).parts
+        return Image((first.respecced(change), *others), self.source.source)
+
+
+OPS: tuple[type[Op], ...] = (Resize, Resample, Fit, PixelAspect)

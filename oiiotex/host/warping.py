@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Ops that resample at slanted or arbitrary places, and what they share with the scalings."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+from OpenImageIO import ImageBufAlgo
+
+from ..errors import ImageError, ParameterError
+from ..images import Image, Part, derived_spec
+from ..op import Op, Reach
+from ..params import Numbers, argument, image, nearest, param
+from ..session import Session
+from ..windows import Window
+from .kinds import HostOp, checked, remapped, worked
+
+# OpenImageIO's filters and their widths in pixels
+FILTERS = {
+    "box": 1, "triangle": 2, "gaussian": 3, "sharp-gaussian": 2, "catmull-rom": 4, "blackman-harris": 3, "sinc": 4,
+    "lanczos3": 6, "radial-lanczos3": 6, "nuke-lanczos6": 6, "mitchell": 4, "bspline": 4, "disk": 1, "cubic": 4,
+    "keys": 4, "simon": 4, "rifman": 4,
+}  # fmt: skip
+_WRAPS = ("default", "black", "clamp", "periodic", "mirror")
+_F = np.float32
+
+
+def known_filter(name: str) -> str:
+    """The name of a filter, or nothing for the op's own choice.
+
+    Raises
+    ------
+    ParameterError
+        There is none of that name.
+    """
+    if name and name not in FILTERS:
+        raise ParameterError(f"filter={name}: no such filter{nearest(name, FILTERS)}; there is {', '.join(FILTERS)}")
+    return name
+
+
+def blank(target: oiio.ImageSpec, like: oiio.ImageBuf) -> oiio.ImageBuf:
+    """Black pixels over the target's data window, of the type of another buffer."""
+    spec = oiio.ImageSpec(target)
+    spec.set_format(like.spec().format)
+    return oiio.ImageBuf(spec)
+
+
+def compressed(work: Callable[[oiio.ImageBuf], oiio.ImageBuf], buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+    """What `work` makes of the buffer, done on compressed values: bright spots do not ring."""
+    result = checked(work(checked(ImageBufAlgo.rangecompress(buffer))))
+    ImageBufAlgo.rangeexpand(result, result)
+    return result
+
+
+def warp_needs(matrix: np.ndarray, window: Window, width: float, data: Window) -> Window:
+    """What a warp looks at for a window.
+
+    Parameters
+    ----------
+    matrix : array of shape (3, 3)
+        From the result to the source, for row vectors (x, y, 1).
+    window : Window
+        Of the result.
+    width : float
+        Of the filter, in pixels.
+    data : Window
+        What there is of the source: all of it is needed where the window crosses the horizon.
+    """
+    xs, ys = (window.left + 0.5, window.right - 0.5), (window.top + 0.5, window.bottom - 0.5)
+    corners = np.array([(x, y, 1.0) for x in xs for y in ys]) @ matrix
+    w = corners[:, 2]
+    if not (np.all(w > 0) or np.all(w < 0)):
+        return data
+    # The derivative (a / w)' = (a' w - a w') / w^2: along x its numerator does not change with x, so that all
+    # extremes lie at corners.
+    at = corners[:, :2] / w[:, None]
+    least = np.min(np.abs(w)) ** 2
+    reach = [1.0, 1.0]
+    for axis in (0, 1):
+        for along in (0, 1):
+            slope = np.abs(matrix[along, axis] * w - corners[:, axis] * matrix[along, 2]).max() / least
+            reach[axis] = max(reach[axis], slope)
+    low, high = at.min(axis=0), at.max(axis=0)
+    edges = []
+    for axis, (begin, end) in enumerate(((data.left, data.right), (data.top, data.bottom))):
+        halo = 0.5 * width * reach[axis] * 1.001 + 3
+        # far outside it makes no difference how far; ints must not overflow
+        edges.append(math.floor(min(max(low[axis] - halo, begin - 8), end + 7)))
+        edges.append(math.ceil(max(min(high[axis] + halo, end + 8), begin - 7)))
+    return Window(edges[0], edges[2], edges[1], edges[3])
+
+
+def clamped_at_edges(
+    warped: oiio.ImageBuf, buffer: oiio.ImageBuf, data: Window, matrix: np.ndarray, filter: str
+) -> oiio.ImageBuf:
+    """What a warp would be if the filter's weights counted only where there are pixels: ImageBufAlgo's `edgeclamp`.
+
+    Its Python function does not take that option. A warped image of ones holds the share of the weights that counted;
+    what is divided by it has the value, to the last bit or two.
+
+    Parameters
+    ----------
+    warped : oiio.ImageBuf
+        What the warp made of `buffer`, with black outside.
+    buffer : oiio.ImageBuf
+    data : Window
+        The data window of the whole source.
+    matrix : array of shape (3, 3)
+        Scales and moves, nothing else.
+    filter : str
+    """
+    ones, share = (oiio.ImageBuf(_one_channel(given.spec())) for given in (buffer, warped))
+    ImageBufAlgo.fill(ones, (1.0,))
+    ImageBufAlgo.warp(share, ones, tuple(float(v) for v in matrix.ravel()), filter, 0.0, False, "default")
+    window = Window.data(warped.spec())
+    inverse = np.linalg.inv(matrix.astype(np.float64)).astype(_F)
+    s = (np.arange(window.left, window.right, dtype=_F) + _F(0.5)) * inverse[0, 0] + inverse[2, 0]
+    t = (np.arange(window.top, window.bottom, dtype=_F) + _F(0.5)) * inverse[1, 1] + inverse[2, 1]
+    inside = ((t >= data.top - 1) & (t < data.bottom))[:, None] & ((s >= data.left - 1) & (s < data.right))[None]
+    weight = share.get_pixels(oiio.FLOAT).reshape(window.height, window.width, 1)
+    values = warped.get_pixels(oiio.FLOAT).reshape(window.height, window.width, -1)
+    counts = (weight > 0) & inside[..., None]
+    warped.set_pixels(warped.roi, np.where(counts, values / np.where(counts, weight, _F(1)), _F(0)))
+    return warped
+
+
+def _one_channel(spec: oiio.ImageSpec) -> oiio.ImageSpec:
+    new = oiio.ImageSpec(spec)
+    new.nchannels, new.channelnames = 1, ("Y",)
+    new.alpha_channel = new.z_channel = -1
+    new.set_format(oiio.FLOAT)
+    return new
+
+
+def forward_window(matrix: np.ndarray, window: Window) -> Window:
+    """The smallest window around a warped one, computed in float as ImageBufAlgo::warp does."""
+    m = matrix.astype(_F)
+    found = []
+    for y in (_F(window.top) + _F(0.5), _F(window.bottom) - _F(0.5)):
+        for x in (_F(window.left) + _F(0.5), _F(window.right) - _F(0.5)):
+            a, b, w = (x * m[0, k] + y * m[1, k] + m[2, k] for k in range(3))
+            found.append((a / w, b / w))
+    (left, top), (right, bottom) = np.min(found, axis=0), np.max(found, axis=0)
+    if not np.all(np.isfinite((left, top, right, bottom))):
+        raise ImageError("the result would have no end")
+    return Window(math.floor(left), math.floor(top), math.floor(right) + 1, math.floor(bottom) + 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Warped(HostOp):
+    """Resampled through a matrix."""
+
+    reach: ClassVar[Reach] = Reach.AREA
+
+    source: Image = image(help="the image")
+    filter: str = param("", help="name of the filter; lanczos3 when left out")
+    recompute_roi: bool = param(False, help="the data window becomes what the warped one covers")
+    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+
+    def warped(self, part: Part, matrix: np.ndarray, wrap: str, session: Session) -> Part:
+        """The part through a matrix that maps row vectors (x, y, 1) of the source to the result."""
+        known_filter(self.filter)
+        wide = FILTERS[self.filter or "lanczos3"]
+        try:
+            inverse = np.linalg.inv(matrix.astype(_F).astype(np.float64))
+        except np.linalg.LinAlgError:
+            raise ParameterError("a matrix that has an inverse is wanted") from None
+        data = part.window
+        target = (forward_window(matrix, data) if self.recompute_roi else data).apply_to(part.spec)
+        values = tuple(float(v) for v in matrix.astype(_F).ravel())
+
+        def needs(window: Window) -> Sequence[Window]:
+            wanted = warp_needs(inverse, window, wide, data)
+            if wrap in ("periodic", "mirror") and wanted & data != wanted:
+                return [data]  # what comes in from the other side may be anywhere
+            return [wanted]
+
+        def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+            def warp(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+                roi = Window.data(spec).roi(spec.nchannels)
+                return ImageBufAlgo.warp(buffer, values, self.filter, 0.0, False, wrap, roi)
+
+            return compressed(warp, buffer) if self.highlightcomp else warp(buffer)
+
+        return remapped(self, [part], target, needs, apply, session, scattered=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Warp(Warped):
+    """Warp by a 3x3 matrix."""
+
+    name: ClassVar[str] = "warp"
+
+    matrix: Numbers = argument(help="9 values with commas between them; it maps row vectors (x, y, 1)")
+    wrap: str = param("default", choices=_WRAPS, help="what lies beyond the image; black by default")
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The warped part, not yet computed."""
+        if len(self.matrix) != 9:
+            raise ParameterError(f"matrix={self.matrix}: 9 values are wanted")
+        return self.warped(parts[0], np.array(self.matrix).reshape(3, 3), self.wrap, session)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rotate(Warped):
+    """Rotate clockwise by an angle, about the centre of the display window."""
+
+    name: ClassVar[str] = "rotate"
+
+    angle: float = argument(unit="degrees", help="clockwise")
+    center: Numbers | None = param(None, help="X,Y that stays; the centre of the display window when left out")
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The rotated part, not yet computed."""
+        display = Window.display(parts[0].spec)
+        x, y = 0.5 * (display.left + display.right), 0.5 * (display.top + display.bottom)
+        if self.center is not None:
+            if len(self.center) != 2:
+                raise ParameterError(f"center={self.center}: allowed is X,Y")
+            x, y = self.center
+        radians = float(_F(self.angle) * _F(math.pi / 180))
+        return self.warped(parts[0], _rotation(radians, x, y), "black", session)
+
+
+def _rotation(radians: float, x: float, y: float) -> np.ndarray:
+    """The matrix of ImageBufAlgo::rotate, rounded as it rounds: a pixel more or less would be another window."""
+    c, s = _F(math.cos(radians)), _F(math.sin(radians))
+    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], _F)
+    move = np.array([[1, 0, 0], [0, 1, 0], [-x, -y, 1]], _F)
+    back = np.array([[1, 0, 0], [0, 1, 0], [x, y, 1]], _F)
+    return _product(_product(move, turn), back)
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Matrix product in float, terms added from the left."""
+    return a[:, :1] * b[:1] + a[:, 1:2] * b[1:2] + a[:, 2:] * b[2:]
+
+
+@dataclass(frozen=True, kw_only=True)
+class STWarp(HostOp):
+    """Warp by an image whose channels say where each pixel comes from, as shares of width and height."""
+
+    name: ClassVar[str] = "st_warp"
+    reach: ClassVar[Reach] = Reach.GLOBAL
+
+    source: Image = image(help="the image")
+    st: Image = image(help="the coordinates")
+    filter: str = param("", help="name of the filter; lanczos3 when left out")
+    chan_s: int = param(0, ge=0, help="channel that holds s")
+    chan_t: int = param(1, ge=0, help="channel that holds t")
+    flip_s: bool = param(False, help="s counts from the right")
+    flip_t: bool = param(False, help="t counts from below")
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The warped part, not yet computed: any of its windows may look at any place of the source."""
+        source, st = worked(parts[0]), parts[1]
+        known_filter(self.filter)
+        for name, channel in (("chan_s", self.chan_s), ("chan_t", self.chan_t)):
+            if channel >= st.spec.nchannels:
+                raise ParameterError(f"{name}={channel}: the coordinates have {st.spec.nchannels} channel(s)")
+        if (source.window & st.window).empty:
+            raise ImageError("image and coordinates share no pixel")
+        session.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
+        lock = threading.Lock()
+        kept: list[oiio.ImageBuf] = []
+
+        def whole() -> oiio.ImageBuf:
+            with lock:
+                if not kept:
+                    kept.append(source.buffer(source.window))
+            return kept[0]
+
+        spec = derived_spec(source.spec)
+
+        def fetch(window: Window) -> oiio.ImageBuf:
+            result = blank(window.apply_to(spec), whole())
+            seen = window & st.window
+            if not seen.empty:
+                ImageBufAlgo.st_warp(
+                    result, whole(), st.buffer(seen), self.filter, 0.0, self.chan_s, self.chan_t, self.flip_s,
+                    self.flip_t, seen.roi(spec.nchannels),
+                )  # fmt: skip
+            return checked(result)
+
+        return Part(source.name, spec, fetch)
+
+
+OPS: tuple[type[Op], ...] = (Warp, Rotate, STWarp)

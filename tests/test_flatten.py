@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texflatten: against its oracle, against a dense version, and at its edges."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from oiiotex import errors, filters
+from oiiotex.color import ColorConfig
+from tests import pictures
+from tests.reference import drift as reference
+from tests.test_promises import buffer, pixels
+
+
+def lab_of(image: np.ndarray, space: str = "lin_rec709_scene") -> np.ndarray:
+    lab = np.ascontiguousarray(image[..., :3], np.float32)
+    ColorConfig().to_lab(space)(lab)
+    return lab
+
+
+def linear(picture: np.ndarray) -> oiio.ImageBuf:
+    return buffer(picture, space="lin_rec709_scene", names=("R", "G", "B", "A")[: picture.shape[2]])
+
+
+@pytest.mark.parametrize(("height", "width"), [(31, 47), (50, 23)])
+@pytest.mark.parametrize(("sigma", "side"), [(6.0, 2), (13.0, 3)])
+@pytest.mark.parametrize(("amount", "contrast", "keep"), [(1.0, 1.0, "mean"), (0.6, 0.5, "none")])
+def test_it_is_what_the_oracle_says(height, width, sigma, side, amount, contrast, keep):
+    picture = pictures.stained(pictures.bricks(height, width, 3)) ** 2.2
+    alpha = np.ones((height, width, 1))
+    alpha[4:17, 5:15] = 0
+    given = np.concatenate([picture, alpha], -1).astype(np.float32)
+    made = pixels(filters.flatten(linear(given), sigma=sigma, amount=amount, contrast=contrast, keep=keep))
+    target = None if keep == "mean" else np.array([50.0, 0, 0])
+    seen = alpha[..., 0] > 0
+    wanted = reference.flattened(lab_of(given), seen, sigma, side, amount, contrast, target)
+    np.testing.assert_allclose(lab_of(made)[seen], wanted[seen], atol=2e-3)
+    np.testing.assert_array_equal(made[~seen], given[~seen])
+
+
+def test_it_comes_close_to_a_dense_version():
+    """Per-pixel Gaussians, compared where no border is near."""
+    picture = pictures.stained(pictures.pebbles(192, 160, 1)) ** 2.2
+    sigma = 14.0
+    made = lab_of(pixels(filters.flatten(linear(picture), sigma=sigma)))
+    lab = lab_of(picture).astype(np.float64)
+    mean = np.stack([gaussian_filter(lab[..., c], sigma, mode="reflect") for c in range(3)], -1)
+    left = (lab - mean) ** 2
+    deviation = np.sqrt(np.stack([gaussian_filter(left[..., c], sigma, mode="reflect") for c in range(3)], -1))
+    gain = np.clip((np.sqrt(left.mean((0, 1))) + 1) / (deviation + 1), 0.5, 2)
+    dense = (lab - mean) * gain + lab.mean((0, 1))
+    inside = np.s_[42:-42, 42:-42]
+    assert np.sqrt(((made - dense)[inside] ** 2).mean()) < 0.3
+    assert np.abs((made - dense)[inside]).max() < 1.5
+
+
+def test_a_gradient_of_light_goes_up_to_the_border():
+    rng = np.random.default_rng(0)
+    lab_light = np.linspace(30, 70, 256)[None, :, None]
+    lab = np.concatenate([lab_light + 5 * rng.standard_normal((128, 256, 1)), np.zeros((128, 256, 2))], -1)
+    picture = np.ascontiguousarray(lab, np.float32)
+    ColorConfig().from_lab("lin_rec709_scene")(picture)
+    made = lab_of(pixels(filters.flatten(linear(picture), sigma=24)))[..., 0]
+    columns = made.mean(0).reshape(16, 16).mean(1)
+    assert np.ptp(columns) < 2.0  # of 40 before; the noise alone has 0.8
+    assert made.mean() == pytest.approx(lab[..., 0].mean(), abs=0.3)
+    assert made.std() == pytest.approx(5.0, abs=0.3)
+
+
+def test_contrast_is_evened_out_and_bounded():
+    rng = np.random.default_rng(0)
+    strength = np.where(np.arange(300) < 150, 2.0, 20.0)[None, :]
+    gray = 50 + strength * rng.uniform(-1, 1, (200, 300))
+    data = buffer(gray[..., None], space="", names=("Y",))
+    made = pixels(filters.flatten(data, sigma=20, data=True))
+    weak, strong = made[:, :90].std(), made[:, 210:].std()
+    assert gray[:, 210:].std() / gray[:, :90].std() > 9
+    assert strong / weak < 6
+    assert weak / gray[:, :90].std() == pytest.approx(2.0, abs=0.1)  # not beyond twice
+    kept = pixels(filters.flatten(data, sigma=20, data=True, contrast=0))
+    assert kept[:, :90].std() == pytest.approx(gray[:, :90].std(), rel=0.02)
+
+
+def test_keep_none_forgets_the_photos_own_colour():
+    a, b = (linear(pictures.stained(pictures.moss(96, 96, 1)) * tint) for tint in ([0.5, 1, 1], [1, 0.6, 0.3]))
+    means = [lab_of(pixels(filters.flatten(x, keep="none"))).mean((0, 1)) for x in (a, b)]
+    for mean in means:
+        np.testing.assert_allclose(mean, [50, 0, 0], atol=1.0)
+    kept = lab_of(pixels(filters.flatten(a))).mean((0, 1))
+    np.testing.assert_allclose(kept, lab_of(pixels(a)).mean((0, 1)), atol=0.5)
+
+
+def test_amount_0_changes_no_bit_and_endless_sigma_hardly_any():
+    photo = linear(pictures.stained(pictures.bricks(60, 80, 1)) * 8 - 0.1)
+    np.testing.assert_array_equal(pixels(filters.flatten(photo, amount=0)), pixels(photo))
+    np.testing.assert_allclose(pixels(filters.flatten(photo, sigma=1e6)), pixels(photo), atol=2e-3)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3)])
+@pytest.mark.parametrize("sigma", [None, 1, 1e6])
+def test_tiny_images(size, sigma):
+    picture = np.random.default_rng(0).random((*size, 3))
+    made = pixels(filters.flatten(linear(picture), sigma=sigma))
+    assert made.shape == picture.shape and np.isfinite(made).all()
+    if size == (1, 1):
+        np.testing.assert_allclose(made, picture, atol=1e-2)
+
+
+def test_an_image_without_alpha_anywhere_stays():
+    nothing = np.zeros((20, 30, 4))
+    nothing[..., :3] = 0.5
+    np.testing.assert_array_equal(pixels(filters.flatten(linear(nothing))), nothing.astype(np.float32))
+
+
+def test_data_are_flattened_on_their_own_scale():
+    field = pictures.stained(pictures.pebbles(70, 90, 2))
+    a = pixels(filters.flatten(buffer(field, space=""), data=True))
+    b = pixels(filters.flatten(buffer(field * 512 - 64, space=""), data=True))
+    np.testing.assert_allclose(b, a * 512 - 64, atol=0.05)
+    two = pixels(filters.flatten(buffer(field[..., :2], space="", names=("u", "v")), data=True))
+    assert two.shape == (70, 90, 2)
+
+
+def test_values_beyond_all_light_do_not_break_it():
+    """Colour over next to no alpha, in a space that takes powers of it; halves stay finite."""
+    many = np.concatenate([pictures.bricks(40, 40, 1), np.ones((40, 40, 1))], -1)
+    many[3, 4] = [0.9, 0.8, 0.7, 1e-4]
+    made = filters.flatten(buffer(many, oiio.HALF, "ACEScct", ("R", "G", "B", "A")))
+    assert np.isfinite(pixels(made)).all()
+
+
+def test_all_that_is_broken_is_counted_before_anything_is_written():
+    broken = pictures.bricks(300, 40, 1)
+    broken[[3, 150, 299], 5, 0], broken[200, 6, 1] = np.nan, np.inf
+    with pytest.raises(errors.ImageError, match="3 NaN and 1 Inf"):
+        filters.flatten(linear(broken), sigma=8)
+    with pytest.raises(errors.ImageError, match="3 NaN and 1 Inf"):
+        filters.flatten(linear(broken), sigma=8, data=True)
+
+
+def test_how_much_drift_there_was_is_logged(caplog):
+    with caplog.at_level(logging.INFO, "oiiotex"):
+        filters.flatten(linear(pictures.stained(pictures.bricks(64, 64, 1))))
+    assert "local means lay up to" in caplog.text

@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colour conversions: as oiiotool does them, and where it spoils channels or guesses, as they should be."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex.cli.running import run
+from oiiotex.color import DEFAULT_CONFIG
+from oiiotex.errors import Error
+from tests.conftest import load, save
+from tests.inputs import write_inputs
+from tests.peer import same
+
+CONFIG = """ocio_profile_version: 2
+search_path: .
+roles: {default: raw, scene_linear: lin, aces_interchange: lin}
+environment: {SHOT: normal}
+displays:
+  mon:
+    - !<View> {name: film, colorspace: srgb8}
+    - !<View> {name: shot, colorspace: srgb8, looks: warm}
+looks:
+  - !<Look> {name: warm, process_space: lin, transform: !<CDLTransform> {slope: [1.2, 1, 0.8]}}
+  - !<Look> {name: perShot, process_space: lin, transform: !<FileTransform> {src: $SHOT.cc}}
+colorspaces:
+  - !<ColorSpace> {name: lin, encoding: scene-linear}
+  - !<ColorSpace> {name: raw, isdata: true}
+  - !<ColorSpace>
+    name: srgb8
+    aliases: [gamma]
+    from_scene_reference: !<ExponentWithLinearTransform> {gamma: 2.4, offset: 0.055, direction: inverse}
+  - !<ColorSpace>
+    name: shotspace
+    from_scene_reference: !<FileTransform> {src: $SHOT.cc}
+named_transforms:
+  - !<NamedTransform> {name: double, transform: !<MatrixTransform> {offset: [0.1, 0.2, 0.3, 0]}}
+"""
+CC = """<ColorCorrection id="c"><SOPNode><Slope>{}</Slope><Offset>0.1 0 0</Offset><Power>1 1 1</Power></SOPNode>
+</ColorCorrection>"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = write_inputs(tmp_path_factory.mktemp("colour"))
+    (folder / "own.ocio").write_text(CONFIG)
+    (folder / "normal.cc").write_text(CC.format("1 1 1"))
+    (folder / "night.cc").write_text(CC.format("0.5 0.6 0.9"))
+    _write_cryptomatte(folder / "crypto.exr")
+    return folder
+
+
+def _write_cryptomatte(path: Path) -> None:
+    """Two ranks of ids with coverage, beside colour."""
+    random = np.random.default_rng(1)
+    codes = random.integers(1 << 24, 1 << 30, (2, 6), np.uint32).view(np.float32)
+    place = random.integers(0, 6, (16, 20))
+    share = random.random((16, 20)).astype(np.float32)
+    share[0] = 0
+    layers = [codes[0][place], share, codes[1][place[::-1]], 1 - share]
+    layers[2][3] = 0
+    spec = oiio.ImageSpec(20, 16, 7, oiio.FLOAT)
+    spec.channelnames = ("R", "G", "B", "id00.R", "id00.G", "id00.B", "id00.A")
+    spec.attribute("Artist", "who")
+    buffer = oiio.ImageBuf(spec)
+    pixels = np.dstack([random.random((16, 20, 3)).astype(np.float32), *layers])
+    buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
+    assert buffer.write(str(path))
+
+
+BUILT_IN = f"--colorconfig {DEFAULT_CONFIG} "
+OWN = "--colorconfig own.ocio "
+CHAINS = (
+    "rgb.exr --iscolorspace lin_rec709_scene -o OUT.exr",
+    "rgb8.png --iscolorspace ACEScg -o OUT.exr",
+    "rgb8.png --iscolorspace '' -o OUT.exr",
+    "parts.exr -a --iscolorspace scene_linear -o OUT.exr",
+    "rgb8.png --tocolorspace ACEScg -o OUT.exr",
+    "rgb8.png --tocolorspace lin_rec709_scene --tocolorspace srgb_rec709_scene -o OUT.png",
+    "rgb8.png --tocolorspace sRGB -o OUT.exr",
+    "rgb.exr --iscolorspace lin_rec709_scene --tocolorspace srgb_rec709_scene -o OUT.exr",
+    "rgb.exr --colorconvert scene_linear ACEScct -o OUT.exr",
+    "rgba.exr --colorconvert lin_rec709_scene ACEScg -o OUT.exr",
+    "rgba.exr --colorconvert:unpremult=1 lin_rec709_scene srgb_rec709_scene -o OUT.exr",
+    "rgba8.png --colorconvert:unpremult=1 srgb_rec709_scene ACEScg -o OUT.exr",
+    "rgba.exr --unpremult --colorconvert:unpremult=1 lin_rec709_scene ACEScct --premult -o OUT.exr",
+    "rgba.exr --colorconvert ACEScg ACEScg -o OUT.exr",
+    "parts.exr --colorconvert ACEScg ACEScg -o OUT.exr",
+    "parts.exr -a --colorconvert ACEScg ACES2065-1 -o OUT.exr",
+    "gray.exr --colorconvert lin_rec709_scene srgb_rec709_scene -o OUT.exr",
+    "two.exr --colorconvert lin_rec709_scene srgb_rec709_scene -o OUT.exr",
+    "rgb.exr --colorconvert Raw ACEScg -o OUT.exr",
+    "rgb.exr --colorconvert:strict=0 nonesuch ACEScg -o OUT.exr",
+    "--native rgb8.png --tocolorspace ACEScct -o OUT.png",
+    "rgb8.png --colorconvert current ACEScg -o OUT.exr",
+    "rgb.exr --ccmatrix 0.5,0.2,0,0,1,0,0.1,0,0.9 -o OUT.exr",
+    "rgba.exr --ccmatrix:unpremult=1 0.5,0.2,0,0,0,1,0,0,0.1,0,0.9,0,0.1,0.2,0.3,1 -o OUT.exr",
+    "rgba.exr --ccmatrix:transpose=1 0.5,0.2,0,0,0,1,0,0,0.1,0,0.9,0,0,0,0,1 -o OUT.exr",
+    "rgb.exr '--ociodisplay:from=lin_rec709_scene' 'sRGB - Display' 'ACES 2.0 - SDR 100 nits (Rec.709)' -o OUT.exr",
+    "rgba.exr --iscolorspace ACEScg --ociodisplay:unpremult=1 default default -o OUT.exr",
+    "rgb8.png '--ociodisplay:from=ACEScg:inverse=1' 'sRGB - Display' Un-tone-mapped -o OUT.exr",
+    "rgb.exr --iscolorspace ACEScg --ociolook 'ACES 1.3 Reference Gamut Compression' -o OUT.exr",
+    "rgb8.png --ocionamedtransform:inverse=1 'sRGB - Curve' -o OUT.exr",
+    "crypto.exr --cryptomatte-colors id -o OUT.exr",
+    "crypto.exr --cryptomatte-colors id -d half -o OUT.exr",
+)  # fmt: skip
+OWN_CHAINS = (
+    "rgb.exr --colorconvert lin gamma -o OUT.exr",
+    "rgb.exr --colorconvert:key=SHOT:value=night lin shotspace -o OUT.exr",
+    "rgb.exr --colorconvert lin shotspace -o OUT.exr",
+    "rgb.exr --ociolook:from=lin:to=srgb8 warm -o OUT.exr",
+    "rgba.exr --ociolook:from=lin:to=lin:inverse=1:unpremult=1 warm -o OUT.exr",
+    "rgb.exr --ociolook:from=lin:to=lin:key=SHOT:value=night perShot -o OUT.exr",
+    "rgb.exr --ociodisplay:from=lin mon shot -o OUT.exr",
+    "rgb.exr --ociodisplay:from=lin:looks=warm mon film -o OUT.exr",
+    "rgb.exr --ociofiletransform night.cc -o OUT.exr",
+    "rgba.exr --ociofiletransform:inverse=1:unpremult=1 night.cc -o OUT.exr",
+    "rgb.exr --ocionamedtransform double -o OUT.exr",
+)
+
+
+@pytest.mark.parametrize("chain", [*(BUILT_IN + chain for chain in CHAINS), *(OWN + chain for chain in OWN_CHAINS)])
+def test_as_oiiotool(folder, chain):
+    same(folder, *shlex.split(chain))
+
+
+@pytest.mark.parametrize("matrix", ["2,0.1,0,0,1,0.3,0,0,0.5", "2,0.1,0,0,0,1,0.3,0,0,0,0.5,0,0.1,0.2,0.3,1"])
+def test_inverse_matrix(folder, matrix):
+    """Not to the bit: oiiotool inverts in single precision."""
+    same(folder, *shlex.split(f"rgba.exr --ccmatrix:invert=1 {matrix} -o OUT.exr"), tolerance=2e-6)
+
+
+REFUSED = (
+    ("rgb.exr --iscolorspace nonesuch -o o.exr", "'nonesuch' is not in"),
+    ("rgb.exr --tocolorspace ACEScg -o o.exr", "does not say its colour space: put --iscolorspace"),
+    ("rgb.exr --colorconvert current ACEScg -o o.exr", "does not say its colour space"),
+    ("rgb.exr --colorconvert nonesuch ACEScg -o o.exr", "nonesuch"),
+    ("rgb8.png --tocolorspace nonesuch -o o.exr", "nonesuch"),
+    ("rgb.exr --ociodisplay default default -o o.exr", "does not say its colour space"),
+    ("rgb8.png --ociodisplay nonesuch default -o o.exr", "has sRGB - Display,"),
+    ("rgb8.png --ociodisplay default nonesuch -o o.exr", "Un-tone-mapped"),
+    ("rgb.exr --ociolook none -o o.exr", "does not say its colour space"),
+    ("rgb8.png --ociolook nonesuch -o o.exr", "nonesuch"),
+    ("rgb.exr --ociofiletransform none.cube -o o.exr", "none.cube"),
+    ("rgb.exr --ocionamedtransform nonesuch -o o.exr", "sRGB - Curve"),
+    ("rgb.exr --ccmatrix 1,2,3 -o o.exr", "9 or 16 numbers"),
+    ("rgb.exr --ccmatrix:invert=1 1,0,0,0,1,0,1,0,0 -o o.exr", "no inverse"),
+    ("crypto.exr --cryptomatte-colors none -o o.exr", "no channels none00"),
+)
+
+
+@pytest.mark.parametrize(("chain", "says"), REFUSED)
+def test_refused(folder, chain, says):
+    with pytest.raises(Error) as caught:
+        run(shlex.split(chain), folder)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (folder / "o.exr").exists()
+
+
+def test_further_channels_are_copied(folder):
+    """oiiotool makes 0.5 + 10 x of what comes behind the fourth channel."""
+    convert = "--colorconvert:unpremult=1 lin_rec709_scene ACEScct"
+    run(shlex.split(f"five.exr {convert} -o five-out.exr"), folder)
+    run(shlex.split(f"five.exr --ch R,G,B,A {convert} -o four-out.exr"), folder)
+    np.testing.assert_array_equal(load(folder / "five-out.exr")[..., :4], load(folder / "four-out.exr"))
+    np.testing.assert_array_equal(load(folder / "five-out.exr")[..., 4], load(folder / "five.exr")[..., 4])
+    spec = oiio.ImageBuf(str(folder / "five-out.exr")).spec()
+    assert "acescct" in spec["oiio:ColorSpace"] and spec["Artist"] == "who"
+
+
+def test_colour_is_found_by_name(folder):
+    """oiiotool takes the first three."""
+    convert = "--colorconvert lin_rec709_scene ACEScct"
+    run(shlex.split(f"five.exr --ch X=Z,B,A,G,R {convert} --ch R,G,B,A,X -o named.exr"), folder)
+    run(shlex.split(f"five.exr {convert} -o usual.exr"), folder)
+    np.testing.assert_array_equal(load(folder / "named.exr"), load(folder / "usual.exr"))
+
+
+def test_gray_with_alpha(tmp_path):
+    """oiiotool takes alpha for green."""
+    pixels = np.random.default_rng(1).random((5, 7, 2)).astype(np.float32)
+    save(pixels, tmp_path / "ya.exr", "float")
+    convert = "--colorconvert lin_rec709_scene srgb_rec709_scene"
+    run(shlex.split(f"ya.exr --chnames Y,A {convert} -o ya-out.exr"), tmp_path)
+    run(shlex.split(f"ya.exr --ch 0,0,0 {convert} --ch 0 -o y-out.exr"), tmp_path)
+    out = oiio.ImageBuf(str(tmp_path / "ya-out.exr"))
+    found = {name: out.get_pixels(oiio.FLOAT, out.roi)[..., n] for n, name in enumerate(out.spec().channelnames)}
+    np.testing.assert_array_equal(found["A"], pixels[..., 1])
+    np.testing.assert_array_equal(found["Y"], load(tmp_path / "y-out.exr")[..., 0])

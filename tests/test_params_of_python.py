@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a parameter takes from a Python caller, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from oiiotex.errors import ParameterError
+from oiiotex.params import Numbers, Size
+from tests.everything import KNOWN, is_allowed, refusal
+
+FUZZ = settings(max_examples=100, deadline=None, derandomize=True, database=None)
+
+
+@pytest.mark.parametrize(
+    ("name", "given_value", "value"),
+    [
+        ("count", 5, 5),
+        ("count", 5.0, 5),
+        ("count", np.int64(5), 5),
+        ("count", np.uint8(5), 5),
+        ("count", np.array(5), 5),
+        ("count", np.float32(5), 5),
+        ("strength", 2, 2.0),
+        ("strength", np.int16(-1), -1.0),
+        ("strength", np.float32(0.1), float(np.float32(0.1))),
+        ("strength", np.float64(0.1), 0.1),
+        ("sigma", None, None),
+        ("size", None, None),
+        ("size", (5, 6), Size(5, 6)),
+        ("size", [5, 6], Size(5, 6)),
+        ("size", Size(5, 6), Size(5, 6)),
+        ("size", np.array([5, 6]), Size(5, 6)),
+        ("size", (5.0, np.int32(6)), Size(5, 6)),
+        ("flag", True, True),
+        ("flag", False, False),
+        ("stmap", True, True),
+        ("stmap", "st.exr", Path("st.exr")),
+        ("stmap", Path("st.exr"), Path("st.exr")),
+        ("stmap", "1", Path("1")),  # no command line: a text is a name
+        ("mode", "x", "x"),
+        ("patch", 0, 0),
+        ("patch", 5, 5),
+        ("patch", np.int64(5), 5),
+        ("patch", 5.0, 5),
+        ("colour", None, None),
+        ("colour", (1, 0.5), Numbers((1.0, 0.5))),
+        ("colour", [np.float32(2), np.int8(-3)], Numbers((2.0, -3.0))),
+        ("colour", np.array([1, 2, 3]), Numbers((1.0, 2.0, 3.0))),
+        ("colour", 7, Numbers((7.0,))),
+    ],
+)
+def test_a_python_value_becomes_the_declared_type(name, given_value, value):
+    checked = KNOWN[name].check(given_value)
+    assert (checked, type(checked)) == (value, type(value))
+    if isinstance(value, Size):
+        assert [type(side) for side in checked] == [int, int]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("count", None),
+        ("count", -1),
+        ("count", 11),
+        ("count", 5.5),
+        ("count", "5"),
+        ("count", b"5"),
+        ("count", True),
+        ("count", np.True_),
+        ("count", math.nan),
+        ("count", math.inf),
+        ("count", 5 + 0j),
+        ("count", [5]),
+        ("count", np.array([5, 6])),
+        ("strength", None),
+        ("strength", "1"),
+        ("strength", True),
+        ("strength", np.True_),
+        ("strength", np.float32(2.6)),
+        ("anything", math.nan),
+        ("anything", -math.inf),
+        ("anything", np.float32("nan")),
+        ("anything", 10**400),
+        ("size", 64),
+        ("size", "64x64"),
+        ("size", "56"),
+        ("size", (64,)),
+        ("size", (64, 64, 64)),
+        ("size", (64.5, 64)),
+        ("size", (True, 64)),
+        ("size", (64, None)),
+        ("size", (4, 64)),
+        ("size", (64, 65537)),
+        ("size", (math.inf, 64)),
+        ("flag", 1),
+        ("flag", 0),
+        ("flag", "1"),
+        ("flag", None),
+        ("stmap", 1),
+        ("stmap", None),
+        ("stmap", b"st.exr"),
+        ("mode", None),
+        ("mode", 1),
+        ("mode", ["x"]),
+        ("mode", np.array(["x", "xy"])),
+        ("patch", 6),
+        ("patch", "5"),
+        ("patch", math.nan),
+        ("patch", True),
+        ("patch", np.array([5, 7])),
+        ("colour", "1,2"),
+        ("colour", ()),
+        ("colour", [1, "2"]),
+        ("colour", [1, math.nan]),
+        ("colour", [1, None]),
+        ("colour", [True]),
+        ("colour", [[1, 2], [3, 4]]),
+    ],
+)
+def test_a_python_value_out_of_type_or_range_is_refused_with_what_is_allowed(name, value):
+    assert refusal(KNOWN[name].check, value).endswith(f": allowed is {KNOWN[name].allowed()}")
+
+
+def test_a_refused_value_is_named():
+    assert refusal(KNOWN["count"].check, -7).startswith("count=-7: ")
+    assert refusal(KNOWN["size"].check, (4, 64)).startswith("size=(4, 64): ")
+
+
+scalars = (
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=6) | st.binary(max_size=3)
+    | st.complex_numbers() | st.fractions() | st.decimals() | st.just(np.True_) | st.just(10**400) | st.just(object())
+    | st.sampled_from([np.int8(5), np.float16(1.5), np.array(7), np.array([5, 6]), Fraction(1, 2), Decimal("sNaN")])
+)  # fmt: skip
+
+
+@FUZZ
+@given(name=st.sampled_from(list(KNOWN)), value=scalars | st.lists(scalars, max_size=3) | st.tuples(scalars, scalars))
+def test_any_python_value_becomes_an_allowed_one_or_is_refused(name, value):
+    try:
+        checked = KNOWN[name].check(value)
+    except ParameterError as error:
+        assert KNOWN[name].allowed() in str(error)
+    else:
+        assert is_allowed(KNOWN[name], checked)
