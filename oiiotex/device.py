@@ -146,9 +146,10 @@ class Device:
         array = np.ascontiguousarray(array)
         return self._cl.Buffer(self._context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
 
-    def write(self, buffer: cl.Buffer, array: np.ndarray) -> None:
-        """Copy `array` to the start of `buffer`."""
-        self._note("upload", self._cl.enqueue_copy(self._queue, buffer, np.ascontiguousarray(array)))
+    def write(self, buffer: cl.Buffer, array: np.ndarray, offset: int = 0) -> None:
+        """Copy `array` into `buffer`, `offset` bytes from its start."""
+        array = np.ascontiguousarray(array)
+        self._note("upload", self._cl.enqueue_copy(self._queue, buffer, array, dst_offset=offset))
 
     def read(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
         """The start of `buffer` as a new array."""

@@ -29,6 +29,11 @@ class Case:
         """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
         return self.words[0].startswith(("--texstationarize", "--texpatchmatch"))
 
+    @property
+    def labels(self) -> bool:
+        """Whether its result is ids, which are compared as they are or under other numbers, never by tolerance."""
+        return self.words[0].startswith(("--texsuperpixel", "--texlabel"))
+
 
 def _with_hole() -> np.ndarray:
     picture = pictures.moss(96, 96, 5)
@@ -58,6 +63,12 @@ CASES = {
     "flatten_alpha_hole": Case(_with_hole, ("--texflatten:sigma=9",)),
     "stationarity_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarity",)),
     "lab_moss_hdr": Case(lambda: 8 * pictures.moss(64, 80, 3) - 0.1, ("--texlab",), "lin_rec709_scene"),
+    "superpixel_bricks": Case(
+        lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:finest=6:sigma=12",)
+    ),
+    "label_two_textures": Case(
+        lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texlabel",)
+    ),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 

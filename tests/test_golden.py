@@ -12,7 +12,7 @@ from tests.conftest import load
 from tests.golden import CASES, FOLDER, make
 
 
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if not case.synthesis])
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if not (case.synthesis or case.labels)])
 def test_a_computed_result_is_the_golden_one(name, tmp_path):
     made, golden = load(make(name, tmp_path)).astype(np.float64), load(FOLDER / f"{name}.exr").astype(np.float64)
     assert made.shape == golden.shape
@@ -32,3 +32,12 @@ def test_the_result_is_the_golden_one(name, tmp_path):
     if device.choose().platform == "Portable Computing Language":
         # Lab is computed by OCIO in floats, whose last bit may move a rounding on another processor
         assert (load(made, 1) == load(golden, 1)).all(-1).mean() > 0.99
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.labels])
+def test_labels_are_the_golden_ones_maybe_under_other_numbers(name, tmp_path):
+    made, golden = load(make(name, tmp_path))[..., 0], load(FOLDER / f"{name}.exr")[..., 0]
+    assert made.shape == golden.shape
+    pairs, counts = np.unique(np.stack([golden.ravel(), made.ravel()]), axis=1, return_counts=True)
+    best = [counts[pairs[0] == label].max() for label in np.unique(golden)]
+    assert sum(best) > 0.99 * golden.size and abs(len(np.unique(made)) - len(np.unique(golden))) <= 1

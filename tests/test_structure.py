@@ -22,7 +22,7 @@ FLOORS = [
     {"opencl_runtime"},
     {"device", "images"},
     {"tiles"},
-    {"files", "color"},
+    {"files", "color", "cryptomatte"},
     {"formats"},
     {"writing"},
     {"session"},

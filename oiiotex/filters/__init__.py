@@ -12,18 +12,24 @@ from ..op import Op
 from .flatten import Flatten
 from .functions import function_of, result
 from .lab import Lab
+from .label import Label
+from .labelview import LabelView
 from .plugins import installed
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
+from .superpixel import Superpixel
 from .warp import Warp
 
-_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Lab, Warp)
+_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp)
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
+superpixel = function_of(Superpixel)
+label = function_of(Label)
+labelview = function_of(LabelView)
 lab = function_of(Lab)
 warp = function_of(Warp)
 

@@ -70,7 +70,10 @@ def _outputs(op: type[Op], image: Image, roi: oiio.ROI | None) -> Any:
     buffers = [to_buffer(part if roi is None else _within(part, roi, op)) for part in image.parts]
     if len(buffers) == 1:
         return buffers[0]
-    return {output.name: buffer for output, buffer in zip(op.outputs, buffers, strict=False)}
+    names = [part.name for part in image.parts]
+    if op.outputs[0].name not in names[1:]:  # else the first is what was kept
+        names[0] = op.outputs[0].name
+    return dict(zip(names, buffers, strict=True))
 
 
 def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:

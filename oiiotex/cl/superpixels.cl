@@ -1,0 +1,309 @@
+// SLIC and statistics of superpixels: LSA16 section 3.
+//
+// Pixels are four 16-bit numbers: L, a, b in steps, and 1 where the pixel is opaque. The image is cut into the cells of
+// the seed grid; a pixel belongs to one of the nine seeds of its own and the neighbouring cells. Its squared distance
+// (LSA16 eq. 1) to each of them, less a term that all nine share, is a linear function of (L, a, b, x, y) whose integer
+// coefficients the host makes: a candidate. x and y count from the cell's reference pixel, shifted left by `shift`.
+// All of it, sums included, is whole numbers: no order, width of registers, cut into bands or device changes a bit.
+#include "lanes.h"
+
+// Runtimes that do not know the CPU compile for less than it has, where wide registers would pass through memory.
+#if LANES > 16 && defined(__x86_64__)
+#define NATIVE __attribute__((target("arch=skylake-avx512")))
+#else
+#define NATIVE
+#endif
+
+#define NONE 255        // the slot of transparent pixels
+#define SUMS 6          // pixels, L, a, b, x, y
+#define FAR 2147483647
+
+// base, (L, a) as a pair of 16-bit numbers, (b, x) likewise, y
+typedef int4 candidate;
+// first row, row after the last, row of cells, reference row
+typedef int4 strip;
+
+NATIVE inline int low16(int v) { return v << 16 >> 16; }
+NATIVE inline int high16(int v) { return v >> 16; }
+
+// The slot (0 to 8, row by row) of every pixel, and sums over the pixels of each slot, for every cell of a strip of
+// rows, relative to the cell's reference pixel. Cells that are not active keep their sums. With `keep` the slots are
+// stored, else the sums. `row0` is the image row in which `lab` begins; `first` is the first strip.
+#if LANES == 1
+NATIVE __kernel void superpixels_clear(const __global strip *restrict strips, const __global uchar *restrict active,
+                                __global int *restrict sums, int across, int count) {
+  int gx = get_global_id(0), n = get_global_id(1);
+  if (gx >= across || n >= count || !active[strips[n].z * across + gx]) return;
+  for (int k = 0; k < 9 * SUMS; k++) sums[(long)9 * SUMS * (n * across + gx) + k] = 0;
+}
+// One item looks down one column of the strip and adds once per run of equal slots. Sums must be 0 before.
+NATIVE __kernel void superpixels_assign(const __global short4 *restrict lab, const __global candidate *restrict candidates,
+                                 const __global strip *restrict strips, const __global int *restrict edges,
+                                 const __global int *restrict cells, const __global uchar *restrict active,
+                                 volatile __global int *restrict sums, __global uchar *restrict slots, int width,
+                                 int across, int count, int shift, int row0, int first, int keep) {
+  int x = get_global_id(0), n = get_global_id(1);
+  if (x >= width || n >= count) return;
+  strip s = strips[first + n];
+  int gx = cells[x], cell = s.z * across + gx;
+  if (!active[cell] && !keep) return;
+  const __global candidate *near = candidates + 9 * cell;
+  volatile __global int *into = sums + (long)9 * SUMS * ((first + n) * across + gx);
+  int rx = x - (edges[gx] + edges[gx + 1]) / 2, present = NONE;
+  int total[SUMS] = {0, 0, 0, 0, 0, 0};
+  for (int y = s.x; y <= s.y; y++) {
+    short4 v = 0;
+    int slot = NONE, ry = y - s.w;
+    if (y < s.y) {
+      int at = (y - row0) * width + x, best = FAR;
+      v = lab[at];
+      for (int t = 0; t < 9; t++) {
+        candidate c = near[t];
+        int d = c.x + c.w * (ry << shift) + v.x * low16(c.y) + v.y * high16(c.y) + v.z * low16(c.z) +
+                (rx << shift) * high16(c.z);
+        slot = d < best ? t : slot;
+        best = d < best ? d : best;
+      }
+      if (!v.w) slot = NONE;
+      if (keep) slots[at] = (uchar)slot;
+    }
+    if (slot != present) {
+      if (present != NONE && !keep)
+        for (int k = 0; k < SUMS; k++) {
+          atomic_add(into + SUMS * present + k, total[k]);
+          total[k] = 0;
+        }
+      for (int k = 0; k < SUMS; k++) total[k] = 0;
+      present = slot;
+    }
+    total[0]++; total[1] += v.x; total[2] += v.y; total[3] += v.z; total[4] += rx; total[5] += ry;
+  }
+}
+#else
+#define VW (LANES / 2)
+#if VW == 16
+typedef int iv __attribute__((ext_vector_type(16)));
+typedef int iv2 __attribute__((ext_vector_type(32), aligned(4)));
+typedef short sv2 __attribute__((ext_vector_type(32)));
+typedef uchar ucv __attribute__((ext_vector_type(16), aligned(1)));
+#define COUNT_UP (iv)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
+NATIVE inline int any_of(iv v) { int8 h = v.lo | v.hi; int4 q = h.lo | h.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
+#else
+typedef int iv __attribute__((ext_vector_type(8)));
+typedef int iv2 __attribute__((ext_vector_type(16), aligned(4)));
+typedef short sv2 __attribute__((ext_vector_type(16)));
+typedef uchar ucv __attribute__((ext_vector_type(8), aligned(1)));
+#define COUNT_UP (iv)(0, 1, 2, 3, 4, 5, 6, 7)
+NATIVE inline int any_of(iv v) { int4 q = v.lo | v.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
+#endif
+NATIVE inline int total_of(iv v) {
+  int sum = 0;
+  for (int k = 0; k < VW; k++) sum += v[k];
+  return sum;
+}
+// Products of adjacent 16-bit pairs added into 32 bits: this shape compiles to one multiply-add.
+NATIVE inline iv dot2(iv a, iv b) {
+  sv2 p = __builtin_astype(a, sv2), q = __builtin_astype(b, sv2);
+  return __builtin_convertvector(p.even, iv) * __builtin_convertvector(q.even, iv) +
+         __builtin_convertvector(p.odd, iv) * __builtin_convertvector(q.odd, iv);
+}
+// One item looks at one cell of the strip. `lab` must be readable for VW pixels after its end.
+NATIVE __kernel void superpixels_assign(const __global int *restrict lab, const __global candidate *restrict candidates,
+                                 const __global strip *restrict strips, const __global int *restrict edges,
+                                 const __global int *restrict cells, const __global uchar *restrict active,
+                                 __global int *restrict sums, __global uchar *restrict slots, int width,
+                                 int across, int count, int shift, int row0, int first, int keep) {
+  int gx = get_global_id(0), n = get_global_id(1);
+  if (gx >= across || n >= count) return;
+  strip s = strips[first + n];
+  int cell = s.z * across + gx, x0 = edges[gx], x1 = edges[gx + 1], middle = (x0 + x1) / 2;
+  if (!active[cell] && !keep) return;
+  const __global candidate *near = candidates + 9 * cell;
+  iv total[9 * SUMS];
+  if (!keep)
+    for (int k = 0; k < 9 * SUMS; k++) total[k] = 0;
+  for (int y = s.x; y < s.y; y++) {
+    int base[9], ry = y - s.w;
+    for (int t = 0; t < 9; t++) base[t] = near[t].x + near[t].w * (ry << shift);
+    for (int x = x0; x < x1; x += VW) {
+      int at = (y - row0) * width + x;
+      iv2 pixels = *(const __global iv2 *)(lab + 2 * at);
+      iv la = pixels.even, bo = pixels.odd, rx = x - middle + COUNT_UP;
+      iv bx = (bo & 0xffff) | (rx << shift << 16), best = FAR, slot = NONE;
+      for (int t = 0; t < 9; t++) {
+        iv d = base[t] + dot2(la, (iv)near[t].y) + dot2(bx, (iv)near[t].z);
+        iv closer = d < best;
+        slot = closer ? (iv)t : slot;
+        best = closer ? d : best;
+      }
+      slot = (bo >> 16) == 0 ? (iv)NONE : slot;
+      if (keep) {
+        if (x + VW <= x1)
+          *(__global ucv *)(slots + at) = __builtin_convertvector(slot, ucv);
+        else
+          for (int k = 0; k < x1 - x; k++) slots[at + k] = (uchar)slot[k];
+        continue;
+      }
+      slot = x + COUNT_UP < x1 ? slot : (iv)NONE;
+      iv L = la << 16 >> 16, a = la >> 16, b = bo << 16 >> 16;
+      for (uint present = any_of(slot < 9 ? (iv)1 << slot : (iv)0); present; present &= present - 1) {
+        int t = 31 - clz(present & -present);
+        iv here = slot == t;
+        iv *into = total + SUMS * t;
+        into[0] -= here;
+        into[1] += L & here;
+        into[2] += a & here;
+        into[3] += b & here;
+        into[4] += rx & here;
+        into[5] += (iv)ry & here;
+      }
+    }
+  }
+  if (keep) return;
+  __global int *into = sums + (long)9 * SUMS * ((first + n) * across + gx);
+  for (int k = 0; k < 9 * SUMS; k++) into[k] = total_of(total[k]);
+}
+#endif
+
+// Sums over the strips of each active cell, one item for each of a cell's sums.
+__kernel void superpixels_total(const __global int *restrict sums, const __global int *restrict first,
+                                const __global uchar *restrict active, __global long *restrict totals, int across,
+                                int down) {
+  int k = get_global_id(0), gy = get_global_id(1), columns = 9 * SUMS * across;
+  if (k >= columns || gy >= down || !active[gy * across + k / (9 * SUMS)]) return;
+  long total = 0;
+  for (int n = first[gy]; n < first[gy + 1]; n++) total += sums[(long)n * columns + k];
+  totals[(long)gy * columns + k] = total;
+}
+
+// Sums of L, a, b over the opaque pixels of squares of `side`, and their number: the image that the Gaussian stack
+// begins with.
+NATIVE __kernel void superpixels_reduce(const __global short4 *restrict lab, __global int4 *restrict reduced, int width,
+                                 int row0, int rows, int side, int across, int first, int down) {
+  int i = get_global_id(0), n = get_global_id(1);
+  if (i >= across || n >= down) return;
+  int4 sum = 0;
+  for (int y = (first + n) * side - row0; y < (first + n + 1) * side - row0 && y < rows; y++)
+    for (int x = i * side; x < (i + 1) * side && x < width; x++) {
+      int4 v = convert_int4(lab[y * width + x]);
+      if (v.w) sum += v;
+    }
+  reduced[(first + n) * across + i] = sum;
+}
+
+// Sums of the first five powers of L, a, b over each superpixel, one item each, added to what there is. Fourth and
+// fifth powers are summed in two halves, the lower 32 bits apart, because together they would pass 64 bits.
+// A superpixel's runs are (row, first column, column after the last) and lie from starts[i] on.
+#define POWERS 21
+NATIVE __kernel void superpixels_powers(const __global short4 *restrict lab, const __global int *restrict starts,
+                                 const __global int *restrict runs, __global long *restrict powers, int superpixels,
+                                 int width, int row0) {
+  int i = get_global_id(0);
+  if (i >= superpixels) return;
+  long sum[POWERS];
+  for (int k = 0; k < POWERS; k++) sum[k] = 0;
+  for (int r = starts[i]; r < starts[i + 1]; r++) {
+    const __global short *p = (const __global short *)(lab + (runs[3 * r] - row0) * width);
+    for (int x = runs[3 * r + 1]; x < runs[3 * r + 2]; x++)
+      for (int c = 0; c < 3; c++) {
+        long v = p[4 * x + c], v2 = v * v, v4 = v2 * v2, v5 = v4 * v;
+        long *into = sum + 7 * c;
+        into[0] += v;
+        into[1] += v2;
+        into[2] += v2 * v;
+        into[3] += v4 & 0xffffffff;
+        into[4] += v4 >> 32;
+        into[5] += v5 & 0xffffffff;
+        into[6] += v5 >> 32;
+      }
+  }
+  for (int k = 0; k < POWERS; k++) powers[POWERS * i + k] += sum[k];
+}
+
+// --- the Gaussian stack (LSA16 section 3.3) over squares of `side` pixels ---
+//
+// Four planes of sums, L, a, b and the number of pixels, `margin` zeros around each: what lies beyond the border or is
+// transparent is missing and not black. Only + - * / in a fixed order: the same bits everywhere.
+
+#pragma OPENCL FP_CONTRACT OFF
+
+#if LANES == 1
+#define FW 1
+typedef float fv;
+#else
+#define FW 8
+typedef float fv __attribute__((ext_vector_type(8), aligned(4)));
+#endif
+
+// Correlation with 2 radius + 1 taps along one axis (`step` is 1 along x, `stride` along y). One item makes FW squares;
+// planes end with room for what wide registers write too much, which the columns of zeros beyond must not keep:
+// whatever lies right of `width` is written as 0.
+NATIVE __kernel void superpixels_blur(const __global float *restrict from, __global float *restrict to,
+                                      __constant float *restrict taps, int radius, int width, int height, int stride,
+                                      int plane, int margin, int step) {
+  int x = get_global_id(0) * FW, y = get_global_id(1) % height, c = get_global_id(1) / height;
+  if (x >= width || c >= 4) return;
+  int at = c * plane + (y + margin) * stride + x + margin;
+  fv sum = 0.0f;
+  for (int k = -radius; k <= radius; k++) sum += taps[k + radius] * *(const __global fv *)(from + at + k * step);
+  if (x + FW <= width)
+    *(__global fv *)(to + at) = sum;
+#if FW > 1
+  else
+    for (int k = 0; k < width - x; k++) to[at + k] = sum[k];
+#endif
+}
+
+// Sums of four squares become one.
+__kernel void superpixels_halve(const __global float *restrict from, __global float *restrict to, int from_stride,
+                                int from_plane, int width, int height, int stride, int plane, int margin) {
+  int x = get_global_id(0), y = get_global_id(1) % height, c = get_global_id(1) / height;
+  if (x >= width || c >= 4) return;
+  const __global float *p = from + c * from_plane + (2 * y + margin) * from_stride + 2 * x + margin;
+  to[c * plane + (y + margin) * stride + x + margin] = (p[0] + p[1]) + (p[from_stride] + p[from_stride + 1]);
+}
+
+// How many pixels of each superpixel lie in each square of the box around it, one item per superpixel.
+// A box is (first square column, first square row, columns, where its table begins).
+__kernel void superpixels_shares(const __global int4 *restrict boxes, const __global int *restrict starts,
+                                 const __global int *restrict runs, __global ushort *restrict shares, int superpixels,
+                                 int side) {
+  int i = get_global_id(0);
+  if (i >= superpixels) return;
+  int4 box = boxes[i];
+  for (int k = box.w; k < boxes[i + 1].w; k++) shares[k] = 0;
+  for (int r = starts[i]; r < starts[i + 1]; r++) {
+    __global ushort *row = shares + box.w + (runs[3 * r] / side - box.y) * box.z - box.x;
+    int x = runs[3 * r + 1], end = runs[3 * r + 2];
+    while (x < end) {
+      int square = x / side, next = (square + 1) * side < end ? (square + 1) * side : end;
+      row[square] += next - x;
+      x = next;
+    }
+  }
+}
+
+// Sums over each superpixel's pixels of the blurred image, one item per superpixel.
+__kernel void superpixels_gather(const __global int4 *restrict boxes, const __global ushort *restrict shares,
+                                 const __global float *restrict image, __global float4 *restrict sums, int superpixels,
+                                 int stride, int plane, int margin) {
+  int i = get_global_id(0);
+  if (i >= superpixels) return;
+  int4 box = boxes[i];
+  int rows = (boxes[i + 1].w - box.w) / box.z;
+  float4 sum = 0.0f;
+  for (int y = 0; y < rows; y++) {
+    float4 line = 0.0f;
+    for (int x = 0; x < box.z; x++) {
+      float share = (float)shares[box.w + y * box.z + x];
+      if (share == 0.0f) continue;
+      const __global float *p = image + (box.y + y + margin) * stride + box.x + x + margin;
+      float weight = share / p[3 * plane];
+      line.x += weight * p[0];
+      line.y += weight * p[plane];
+      line.z += weight * p[2 * plane];
+    }
+    sum += line;
+  }
+  sums[i] = sum;
+}

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texsuperpixel: an image of any size as superpixels, at any scale."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+
+from ..analysis.hierarchy import Hierarchy, hierarchy
+from ..analysis.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Superpixels, label_part, superpixels
+from ..errors import ParameterError
+from ..images import Image
+from ..op import Op, Output, Reach, Space
+from ..params import image, param
+from ..session import Session
+from ..working import lens_of
+
+log = logging.getLogger("oiiotex")
+
+SCALE, COUNT = "oiiotex:sigma", "oiiotex:superpixels"  # attributes of the result
+
+
+@dataclass(frozen=True, kw_only=True)
+class Superpixel(Op):
+    """Cut an image into superpixels: small connected regions of one look.
+
+    Fine superpixels are found by SLIC in Lab and merged into coarser ones, guided by a Gaussian stack, so that coarse
+    borders are a choice of fine ones (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
+    Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3). The result is a label map: ids from 1 on,
+    numbered by their first pixel in reading order, 0 where alpha is 0. It streams, and is the same for any tile size
+    or memory budget.
+    """
+
+    name: ClassVar[str] = "superpixel"
+    reach: ClassVar[Reach] = Reach.GLOBAL
+    space: ClassVar[Space] = Space.LAB
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("superpixels", "one channel of 32-bit ids, of the image's windows: write it to EXR or TIFF"),
+    )
+
+    source: Image = image(help="the image")
+    sigma: float | None = param(
+        None, ge=1, le=1e6, unit="px", help="scale of the superpixels: the nearest level; the finest when left out"
+    )
+    count: int | None = param(None, ge=1, help="how many superpixels, instead of a scale")
+    finest: float | None = param(
+        None,
+        ge=2,
+        le=1e5,
+        unit="px",
+        help=f"scale of the finest level; shorter side / 50, at least {LEAST_SIGMA:g}, when left out",
+    )
+    compactness: float = param(
+        COMPACTNESS, ge=0.1, le=100, help="m of SLIC: how many Lab units count as much as one sigma of distance"
+    )
+    iterations: int = param(ITERATIONS, ge=1, le=100000, help="of SLIC, at most: it stops when no seed moves")
+    runs: int = param(1, ge=1, le=1000, help="of SLIC: the best of so many by eq. 3 is taken; the paper takes 10")
+    minsize: int | None = param(
+        None,
+        ge=1,
+        unit="px",
+        help="smaller pieces join a neighbour; a quarter of finest^2 when left out, 25 in the paper",
+    )
+    seed: int = param(0, ge=0, le=2**32 - 1, help="of the runs after the first, whose seeds start elsewhere")
+    keep: bool = param(False, help="the image stays as first part, the label map follows it")
+    data: bool = param(False, help="the channels are no colours: compare them as they are")
+
+    def compute(self, session: Session) -> Image:
+        """The label map, behind the photo where that is kept; the other parts as they are."""
+        if self.sigma is not None and self.count is not None:
+            raise ParameterError("sigma and count both choose a level: give one of them")
+        lens = lens_of(self.source, None if self.data else session.color, session.autocc)
+        found = superpixels(
+            self.source,
+            lens,
+            session,
+            sigma=self.finest,
+            compactness=self.compactness,
+            iterations=self.iterations,
+            runs=self.runs,
+            minsize=self.minsize,
+            seed=self.seed,
+            advance=session.advance,
+        )
+        sigma, partition = found.sigma, np.arange(found.count)
+        if self.sigma is not None or self.count is not None:
+            sigma, partition = self._level(found, hierarchy(found, session))
+        count = int(partition.max(initial=-1)) + 1
+        log.info("%s: %d superpixels of scale %.1f px", self.flag(), count, sigma)
+        runs = found.runs.relabelled(partition)
+
+        def mark(spec: oiio.ImageSpec) -> None:
+            spec.attribute(SCALE, float(sigma))
+            spec.attribute(COUNT, count)
+
+        part = label_part(self.source.first, runs).respecced(mark)
+        first, *others = self.source.parts
+        parts = (first, part) if self.keep else (replace(part, name=first.name),)
+        return Image((*parts, *others), self.source.source)
+
+    def _level(self, found: Superpixels, levels: Hierarchy) -> tuple[float, np.ndarray]:
+        """Scale and partition that were asked for, or the nearest there are."""
+        if self.count is None:
+            level = levels.level_of(self.sigma)
+            return float(levels.sigmas[level]), levels.partition(level)
+        count = min(max(self.count, int(levels.counts[-1])), found.count)
+        if count != self.count:
+            log.warning(
+                "%s: count=%d is not to be had: levels go from %d down to %d",
+                self.flag(),
+                self.count,
+                found.count,
+                levels.counts[-1],
+            )
+        return float(np.sqrt(found.sizes.sum() / count)), levels.partition_of(count)

@@ -1,0 +1,434 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Label maps: each stage against its equation, the whole on pictures whose labels are known, and on bad input."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.analysis import factorization, labelmaps, similarity
+from oiiotex.analysis.features import KINDS, gabor_responses, moments
+from oiiotex.analysis.labelmaps import LabelMaps, Settings, label_maps
+from oiiotex.cryptomatte import Layer, cryptomatte_part, hashed
+from oiiotex.images import Image, from_buffer, from_pixels
+from oiiotex.session import Session
+from oiiotex.working import lens_of
+from tests import pictures
+from tests.conftest import oiiotex, save
+
+OIIOTOOL = str(Path(sys.executable).with_name("oiiotool"))
+
+
+def buffer(pixels: np.ndarray, names: tuple[str, ...] = ()) -> oiio.ImageBuf:
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT)
+    if names:
+        spec.channelnames = names
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    made = oiio.ImageBuf(spec)
+    made.set_pixels(made.roi, np.ascontiguousarray(pixels, np.float32))
+    return made
+
+
+def maps_of(
+    pixels: np.ndarray, features: str = "textons", names: tuple[str, ...] = (), **settings: object
+) -> LabelMaps:
+    image, session = from_buffer(buffer(pixels, names)), Session()
+    return label_maps(image, lens_of(image, session.color), session, features, Settings(**settings))
+
+
+def pixel_labels(maps: LabelMaps, level: int) -> np.ndarray:
+    ids = maps.superpixels.labels.read(maps.superpixels.window)[..., 0]
+    return np.concatenate([[0], maps.levels[level].labels])[ids]
+
+
+def require_a_tree(maps: LabelMaps) -> None:
+    """What holds of every result: no label is empty, every label lies in its parent, factors are stochastic."""
+    for n, level in enumerate(maps.levels):
+        np.testing.assert_array_equal(np.unique(level.labels), np.arange(1, level.count + 1))
+        np.testing.assert_allclose(level.F.sum(0), 1, atol=1e-6)
+        np.testing.assert_allclose(level.G.sum(0), 1, atol=1e-6)
+        assert level.F.min() >= 0 and level.G.min() >= 0
+        assert level.F.shape == level.G.shape[::-1] == (len(level.features), level.alone.max() + 1)
+        if n + 1 < len(maps.levels):
+            np.testing.assert_array_equal(level.parents[level.labels - 1], maps.levels[n + 1].labels)
+            assert level.scale < maps.levels[n + 1].scale
+        else:
+            assert not level.parents.any()
+
+
+def quarters(side: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A picture of four textures, and which is where."""
+    y, x = np.mgrid[0:side, 0:side] // (side // 2)
+    looks = [pictures.bricks, pictures.pebbles, pictures.moss, lambda h, w, s: pictures.bricks(h, w, s)[..., ::-1] ** 2]
+    return np.stack([look(side, side, seed) for look in looks])[2 * y + x, *np.mgrid[0:side, 0:side]], 2 * y + x
+
+
+# --- stages ---
+
+
+def test_moments_are_those_of_the_pixels():
+    random = np.random.default_rng(0)
+    pixels, groups = random.normal(30, 20, (60, 3)) ** 2 / 40, random.integers(0, 4, 60)
+    power_sums = np.stack([pixels**k for k in range(1, 6)], axis=-1)
+    found = moments(power_sums, np.ones(60, np.int64), groups)
+    for group in range(4):
+        here = pixels[groups == group]
+        away = here - here.mean(0)
+        np.testing.assert_allclose(found[group, :3], here.mean(0))
+        np.testing.assert_allclose(found[group, 3:6], here.std(0) / 2)
+        third = (away**3).mean(0)
+        np.testing.assert_allclose(found[group, 6:9], np.sign(third) * np.abs(third) ** (1 / 3) / 6, rtol=1e-5)
+
+
+@pytest.mark.parametrize("angle", [0, 1, 2, 3])
+def test_gabor_responses_answer_to_their_own_wave_and_direction(angle):
+    y, x = np.mgrid[0:80, 0:90]
+    turn = np.pi * angle / 4
+    plane = np.cos(2 * np.pi * (x * np.cos(turn) + y * np.sin(turn)) / 8).astype(np.float32)
+    found = np.array([r[20:60, 20:60].mean() for r in gabor_responses(plane, (4.0, 8.0, 16.0), 4)])
+    assert found.argmax() == 4 + angle
+    assert np.sort(found)[-2] < 0.5 * found.max()
+
+
+def test_nearest_are_exact_and_ties_go_to_the_lower_index():
+    points = np.random.default_rng(0).integers(0, 6, (200, 3)).astype(np.float64)
+    index, squared = similarity.nearest(points, 20)
+    apart = ((points[:, None] - points) ** 2).sum(-1)
+    np.fill_diagonal(apart, np.inf)
+    np.testing.assert_array_equal(squared, np.sort(apart, axis=1)[:, :20])
+    np.testing.assert_array_equal(np.take_along_axis(apart, index.astype(np.int64), 1), squared)
+    assert all((np.diff(i)[np.diff(s) == 0] > 0).all() for i, s in zip(index, squared, strict=True))
+
+
+def blobs(counts: tuple[int, ...], seed: int = 0, apart: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(seed)
+    truth = np.repeat(np.arange(len(counts)), counts)
+    return apart * np.eye(len(counts), 6)[truth] + random.normal(0, 1, (len(truth), 6)), truth
+
+
+def test_the_graph_is_eq_4_made_symmetric():
+    points, _ = blobs((40, 50))
+    graph = similarity.similarity_graph(points, 89)
+    order = np.argsort(graph.node)
+    p = points[order]
+    apart = np.sqrt(((p[:, None] - p) ** 2).sum(-1))
+    scale = np.sort(apart, axis=1)[:, similarity.LOCAL]
+    expected = np.exp(-(apart**2) / (scale[:, None] * scale) * np.exp(-graph.r))
+    np.testing.assert_allclose(graph.weights.toarray(), expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("counts", [(60, 80, 70), (300, 250)], ids=["dense", "partial"])
+def test_a_walk_is_the_power_of_its_matrix(counts):
+    points, _ = blobs(counts, apart=6.0)
+    graph = similarity.similarity_graph(points, 64)
+    walk = similarity.Walk(graph.weights, persistence=0.3)
+    weights = graph.weights.toarray()
+    power = np.linalg.matrix_power(weights / weights.sum(0), walk.steps)
+    np.testing.assert_allclose(walk.walk(np.eye(walk.n)), power, atol=5e-3 * power.max())
+    np.testing.assert_allclose(walk.back(np.eye(walk.n)), power.T, atol=5e-3 * power.max())
+    assert walk.norm == pytest.approx((power**2).sum(), rel=0.02)
+    below = walk.eigenvalues[walk.eigenvalues < 0.9999].max()
+    below = max(below, 0.98)
+    assert walk.steps == min(2000, np.floor(np.log(0.3 * below) / np.log(below)))
+
+
+def test_projection_onto_the_simplex_is_the_nearest_point():
+    random = np.random.default_rng(0)
+    for width in (5, 200):  # sorted, and by Newton
+        rows = random.normal(0, 1, (50, width))
+        found = factorization.on_simplex(rows)
+        np.testing.assert_allclose(found.sum(1), 1)
+        threshold = np.array([(r - f)[f > 0].mean() for r, f in zip(rows, found, strict=True)])
+        np.testing.assert_allclose(found, np.maximum(rows - threshold[:, None], 0), atol=1e-12)
+
+
+@pytest.mark.parametrize("tries", [0, 3])
+@pytest.mark.parametrize("counts", [(300, 200), (300, 200, 150, 100)])
+def test_the_number_of_labels_is_found(counts, tries):
+    points, truth = blobs(counts, apart=5.0)
+    found = labelmaps.labelled(points, Settings(tries=tries), 0)
+    pairs = np.unique(np.stack([truth, found.G.argmax(0)]), axis=1)
+    assert pairs.shape[1] == len(counts)
+    assert found.error < 0.05
+
+
+@pytest.mark.parametrize("cluster", ["kmeans", "spectral"])
+def test_scikit_learn_clusters_as_many(cluster):
+    pytest.importorskip("sklearn")
+    points, truth = blobs((300, 200, 150), apart=5.0)
+    found = labelmaps.labelled(points, Settings(cluster=cluster), 0)
+    assert np.unique(np.stack([truth, found.G.argmax(0)]), axis=1).shape[1] <= 6
+
+
+def test_without_scikit_learn_there_is_a_clear_error(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
+    with pytest.raises(errors.ImageError, match=r"oiiotex\[cluster\]"):
+        labelmaps.labelled(blobs((50, 60))[0], Settings(cluster="kmeans"), 0)
+
+
+def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):
+    points, truth = blobs((300, 200, 100), apart=5.0)
+    monkeypatch.setattr(labelmaps, "MOST", 400)
+    found = labelmaps.labelled(points, Settings(), 0)
+    assert found.G.shape[1] == found.F.shape[0] == 600
+    joint = np.histogram2d(truth, found.G.argmax(0), [3, found.G.shape[0]])[0]
+    assert joint.max(0).sum() > 0.98 * 600
+
+
+def test_equal_points_are_one_node_and_share_what_it_has():
+    points = np.repeat([[0.0, 0], [50, 0], [50, 50]], [400, 300, 2], axis=0)
+    found = labelmaps.labelled(points, Settings(), 0)
+    labels = found.G.argmax(0)
+    assert labels[0] != labels[500]
+    assert len(set(labels[:400])) == len(set(labels[400:700])) == 1
+    np.testing.assert_allclose(found.F.sum(0), 1)
+
+
+def test_the_way_down_is_algorithm_2():
+    random = np.random.default_rng(0)
+    independent = [random.integers(1, 4, 60) for _ in range(3)]
+    blank = np.zeros(1)
+    levels = [
+        labelmaps.LabelLevel(n, blank, ids, 3, blank, blank, blank, blank, blank) for n, ids in enumerate(independent)
+    ]
+    made = labelmaps.top_down(levels)
+    for n in range(3):
+        expected = len(np.unique(np.stack(independent[n:]), axis=1).T)
+        assert made[n].count == expected == len(np.unique(made[n].labels))
+
+
+# --- whole pictures ---
+
+
+@pytest.mark.parametrize("features", KINDS)
+def test_four_textures_are_told_apart(features):
+    picture, truth = quarters(256)
+    maps = maps_of(picture, features)
+    require_a_tree(maps)
+    agreed = []
+    for n, level in enumerate(maps.levels):
+        labels = pixel_labels(maps, n)
+        table = np.histogram2d(truth.ravel(), labels.ravel(), [np.arange(5) - 0.5, np.arange(level.count + 2) - 0.5])[0]
+        overlap = table / (table.sum(1)[:, None] + table.sum(0) - table + 1e-9)
+        agreed.append(overlap.max(1).mean())
+    assert max(agreed) > (0.85 if features == "textons" else 0.5)
+
+
+def test_the_same_picture_has_the_same_labels():
+    picture, _ = quarters(128)
+    once, again = maps_of(picture), maps_of(picture)
+    for a, b in zip(once.levels, again.levels, strict=True):
+        np.testing.assert_array_equal(a.labels, b.labels)
+
+
+FLAT = np.full((64, 64, 3), 0.4)
+TWO = np.where(np.arange(96)[:, None, None] < 48, [0.1, 0.2, 0.6], [0.8, 0.7, 0.1]) * np.ones((96, 96, 1))
+NOISE = np.random.default_rng(0).random((80, 80, 3))
+BAD = {
+    "constant": FLAT,
+    "black": FLAT * 0,
+    "two colours": TWO,
+    "noise": NOISE,
+    "16x16": NOISE[:16, :16],
+    "1xN": NOISE[:1],
+    "Nx1": NOISE[:, :1],
+    "one pixel": NOISE[:1, :1],
+    "HDR": NOISE * 1e4 - 5,
+}
+
+
+@pytest.mark.parametrize("features", KINDS)
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_input_has_defined_results(kind, features):
+    maps = maps_of(BAD[kind], features)
+    require_a_tree(maps)
+    assert (pixel_labels(maps, 0) > 0).all()
+    if kind in ("constant", "black", "one pixel"):
+        assert [level.count for level in maps.levels] == [1] * len(maps.levels)
+    if kind == "two colours" and features != "gabor":  # it sees no colours, only waves
+        labels = pixel_labels(maps, len(maps.levels) - 1)
+        assert labels[0, 0] != labels[-1, -1]
+    if kind == "two colours" and features == "moments":
+        assert not set(labels[:40].ravel()) & set(labels[56:].ravel())
+
+
+def test_transparent_pixels_belong_to_no_label():
+    alpha = np.ones((96, 96, 1))
+    alpha[20:60, 30:70] = 0
+    maps = maps_of(np.concatenate([pictures.bricks(96, 96, 0) * alpha, alpha], -1), names=tuple("RGBA"))
+    require_a_tree(maps)
+    for n in range(len(maps.levels)):
+        np.testing.assert_array_equal(pixel_labels(maps, n) == 0, alpha[..., 0] == 0)
+
+
+def test_nothing_but_alpha_0_and_nan_are_clear_errors():
+    with pytest.raises(errors.ImageError, match="alpha is 0 everywhere"):
+        maps_of(np.zeros((32, 32, 4)), names=tuple("RGBA"))
+    broken = NOISE.copy()
+    broken[3, 4] = np.nan
+    with pytest.raises(errors.ImageError, match="NaN"):
+        maps_of(broken)
+
+
+# --- what comes out ---
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("labels")
+    save(quarters(128)[0], folder / "photo.png")
+    words = "--texlabel:keep=1:soft=1:cryptomatte=manifest.json:json=tree.json"
+    done = oiiotex("photo.png", words, "-o", "a.exr", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def parts_of(path: Path) -> dict[str, oiio.ImageBuf]:
+    found = {}
+    for n in range(oiio.ImageBuf(str(path)).nsubimages):
+        part = oiio.ImageBuf(str(path), n, 0)
+        found[part.spec().get_string_attribute("oiio:subimagename") or str(n)] = part
+    return found
+
+
+def ids_of(part: oiio.ImageBuf) -> np.ndarray:
+    return part.get_pixels(oiio.UINT32)[..., 0]
+
+
+def test_every_level_is_a_part_of_ids_that_says_what_it_is(written):
+    parts = parts_of(written / "a.exr")
+    tree = json.loads((written / "tree.json").read_text())["levels"]
+    labels = [p for name, p in parts.items() if name.startswith("label.")]
+    assert len(labels) == len(tree) > 1
+    for part, facts in zip(labels, tree, strict=True):
+        ids = ids_of(part)
+        assert part.spec().format == oiio.UINT32
+        assert part.spec().get_int_attribute("oiiotex:labels") == len(facts["labels"]) == ids.max()
+        assert part.spec().get_float_attribute("oiiotex:rho") == pytest.approx(facts["rho"])
+        assert [int(w) for w in part.spec()["oiiotex:parents"].split(",")] == [f["parent"] for f in facts["labels"]]
+        np.testing.assert_array_equal(np.bincount(ids.ravel())[1:], [f["pixels"] for f in facts["labels"]])
+    for fine, coarse in itertools.pairwise(labels):
+        parents = np.array([int(w) for w in fine.spec()["oiiotex:parents"].split(",")])
+        np.testing.assert_array_equal(parents[ids_of(fine) - 1], ids_of(coarse))
+
+
+def test_soft_parts_are_memberships_and_fits(written):
+    parts = parts_of(written / "a.exr")
+    membership, fit = (parts[f"{name}.1"].get_pixels(oiio.FLOAT) for name in ("membership", "fit"))
+    np.testing.assert_allclose(membership.sum(-1), 1, atol=1e-5)
+    assert membership.shape == fit.shape and fit.min() >= 0
+    np.testing.assert_allclose(fit.max((0, 1)), 1, atol=1e-5)
+
+
+def test_tiff_holds_the_labels_and_png_is_refused_as_a_further_part(written):
+    done = oiiotex("photo.png", "--texlabel", "-o", "a.tif", cwd=written)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(
+        ids_of(oiio.ImageBuf(str(written / "a.tif"))), ids_of(parts_of(written / "a.exr")["label.1"])
+    )
+    done = oiiotex("photo.png", "--texlabel:keep=1", "-o", "a.png", cwd=written)
+    assert done.returncode == 1 and "label.1" in done.stderr
+
+
+def test_hashes_are_those_of_the_specification():
+    assert hashed("hello") == 0x248BFA47
+    for n in range(3000):
+        assert (hashed(f"label.1/{n}") >> 23) & 255 not in (0, 255)
+
+
+def test_names_of_equal_hash_are_told_apart(monkeypatch):
+    monkeypatch.setattr("oiiotex.cryptomatte.hashed", lambda name: 0x40000000 + len(name) % 3)
+    layer = Layer("a_", None, ["x", "y"])
+    names, bits = layer.bits()
+    assert len(set(names)) == len(set(bits.tolist())) == 2
+
+
+def test_oiiotool_reads_the_cryptomatte(written):
+    part = parts_of(written / "a.exr")["cryptomatte"]
+    ids = ids_of(parts_of(written / "a.exr")["label.1"])
+    count = int(ids.max())
+    manifest = json.loads((written / "manifest.json").read_text())
+    assert len([n for n in manifest if n.startswith("label.1/")]) == count
+    pixels = part.get_pixels(oiio.FLOAT)
+    expected = np.array([0] + [int(manifest[f"label.1/{n}"], 16) for n in range(1, count + 1)], np.uint32)
+    np.testing.assert_array_equal(np.ascontiguousarray(pixels[..., 0]).view(np.uint32), expected[ids])
+    np.testing.assert_array_equal(pixels[..., 1], 1)
+    number = list(parts_of(written / "a.exr")).index("cryptomatte")
+    words = ["a.exr", "--subimage", str(number), "--cryptomatte-colors", "label1_", "-o", "colours.exr"]
+    done = subprocess.run([OIIOTOOL, *words], cwd=written, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    colours = oiio.ImageBuf(str(written / "colours.exr")).get_pixels(oiio.FLOAT)[..., :3].reshape(-1, 3)
+    pairs = np.unique(np.concatenate([colours, ids.reshape(-1, 1)], 1), axis=0)
+    assert len(pairs) == count == len(np.unique(colours, axis=0))
+
+
+def test_a_cryptomatte_says_its_manifest():
+    spec = oiio.ImageSpec(2, 1, 1, oiio.UINT32)
+    part = from_pixels("label.1", np.array([[[0], [1]]], np.uint32), spec)
+    made, manifests = cryptomatte_part([Layer("a_", part, ["x"])])
+    texts = {a.name.rpartition("/")[2]: a.value for a in made.spec.extra_attribs if a.name.startswith("cryptomatte/")}
+    assert texts["hash"] == "MurmurHash3_32" and texts["conversion"] == "uint32_to_float32"
+    assert json.loads(texts["manifest"]) == manifests["a_"] == {"x": f"{hashed('x'):08x}"}
+    assert (made.read(made.window)[0, 0] == 0).all()
+
+
+def test_in_python_parts_go_by_their_names():
+    photo = buffer(quarters(96)[0])
+    found = filters.label(photo, keep=True)
+    assert next(iter(found)) != "label.1" and "label.1" in found
+    assert found["label.1"].spec().format == oiio.UINT32
+    assert next(iter(filters.label(photo))) == "label.1"
+
+
+def test_memory_that_is_not_there_is_named():
+    with pytest.raises(errors.ImageError, match=r"labelling needs \d+ MB"):
+        image, session = from_buffer(buffer(quarters(256)[0])), Session()
+        lens = lens_of(image, session.color)
+        label_maps(image, lens, session, settings=Settings(neighbours=10**9))
+
+
+def test_a_run_can_be_stopped_and_says_how_far_it_is():
+    image, steps = from_buffer(buffer(quarters(96)[0])), []
+    session = Session(progress=lambda done, total: steps.append((done, total)))
+    label_maps(image, lens_of(image, session.color), session)
+    assert steps == sorted(steps) and steps[-1][0] == steps[-1][1]
+    with pytest.raises(errors.Interrupted):
+        label_maps(image, lens_of(image, session.color), Session(progress=lambda done, total: False))
+
+
+# --- the view ---
+
+
+def test_the_view_shows_photo_levels_and_tree(written):
+    done = oiiotex("a.exr", "--texlabelview:side=128", "-o", "view.png", cwd=written)
+    assert done.returncode == 0, done.stderr
+    view = oiio.ImageBuf(str(written / "view.png"))
+    assert view.spec().nchannels == 3 and view.spec().width > 3 * 128
+    assert len(np.unique(view.get_pixels(oiio.UINT8).reshape(-1, 3), axis=0)) > 100
+
+
+def test_colours_stay_apart_for_every_eye():
+    from oiiotex.filters.labelview import _BLIND, _oklab, distinct_colours
+
+    srgb = distinct_colours()[:12]
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    for eye in (np.eye(3), *_BLIND):
+        seen = _oklab(np.clip(linear @ eye.T, 0, 1))
+        apart = np.sqrt(((seen[:, None] - seen) ** 2).sum(-1)) + np.eye(12)
+        assert apart.min() > 0.06  # 0.02 is just noticeable
+
+
+def test_the_view_wants_labels():
+    with pytest.raises(errors.ImageError, match="texlabel"):
+        filters.labelview(buffer(NOISE))
+    spec = oiio.ImageSpec(3, 2, 1, oiio.UINT32)
+    part = from_pixels("label.1", np.arange(6, dtype=np.uint32).reshape(2, 3, 1), spec)
+    assert filters.LabelView(source=Image((part,))).compute(Session()).first.read(part.window).any()

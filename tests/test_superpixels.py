@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Superpixels against plain numpy and scipy; the same to the bit for any band, budget and register width."""
+
+from __future__ import annotations
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from scipy import ndimage
+
+from oiiotex.analysis import labgrid
+from oiiotex.analysis.labgrid import LabGrid
+from oiiotex.analysis.slic import SeedGrid, Slic, candidates, centres_of
+from oiiotex.analysis.superpixels import Superpixels, superpixels
+from oiiotex.color import BrokenValues
+from oiiotex.device import Device
+from oiiotex.errors import ImageError
+from oiiotex.images import Image, from_pixels
+from oiiotex.session import Session
+from oiiotex.windows import Window
+from oiiotex.working import lens_of
+from tests import pictures
+from tests.reference import superpixels as reference
+
+PHOTO = pictures.stained(pictures.pebbles(83, 117, seed=3))
+
+
+def image_of(pixels: np.ndarray, x: int = 0, y: int = 0) -> Image:
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT)
+    spec.x, spec.y, spec.full_x, spec.full_y = x, y, x, y
+    if pixels.shape[2] == 4:
+        spec.channelnames = ("R", "G", "B", "A")
+        spec.alpha_channel = 3
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    return Image((from_pixels("part0", pixels.astype(np.float32), spec),))
+
+
+def session_of(device: Device, **settings: object) -> Session:
+    session = Session(**settings)
+    session.__dict__["device"] = device  # what the cached property would hold
+    return session
+
+
+def found(device: Device, pixels: np.ndarray, x: int = 0, y: int = 0, **settings: object) -> Superpixels:
+    session = session_of(device)
+    image = image_of(pixels, x, y)
+    return superpixels(image, lens_of(image, session.color), session, **settings)
+
+
+def grid_values(device: Device, pixels: np.ndarray) -> np.ndarray:
+    """The pixels as kernels see them, by another way."""
+    session = session_of(device)
+    image = image_of(pixels)
+    values, opaque = lens_of(image, session.color).values(image.first.pixels())
+    steps = np.rint(np.clip(values[..., :3], [-16, -150, -150], [284, 150, 150]) * np.float32(8)).astype(np.int16)
+    seen = np.ones(steps.shape[:2], bool) if opaque is None else opaque
+    return np.concatenate([steps * seen[..., None], seen[..., None]], -1).astype(np.int16)
+
+
+def same(a: Superpixels, b: Superpixels) -> None:
+    np.testing.assert_array_equal(a.labels.pixels(), b.labels.pixels())
+    for name in ("sizes", "positions", "power_sums", "edges"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    np.testing.assert_array_equal(a.reduced.sums, b.reduced.sums)
+
+
+@pytest.mark.parametrize(("sigma", "compactness"), [(4.0, 20.0), (7.3, 20.0), (19.0, 3.0), (40.0, 100.0)])
+def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactness):
+    image, session = image_of(PHOTO), session_of(any_lanes)
+    lab = grid_values(any_lanes, PHOTO)
+    grid = SeedGrid.of(117, 83, sigma, compactness)
+    random = np.random.default_rng(1)
+    rows, columns = grid.references()
+    centres = np.empty((grid.down, grid.across, 5))
+    centres[..., :3] = lab[np.ix_(rows, columns)][..., :3]
+    centres[..., 3] = columns + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
+    centres[..., 4] = rows[:, None] + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
+    table = candidates(grid, centres, np.arange(grid.count))
+    with LabGrid(image, lens_of(image, session.color), session) as held, Slic(held, grid, session) as slic:
+        slots = np.concatenate([s for _, s in slic.slots(table)])
+        sums = slic._sums(table, np.ones(grid.count, bool))
+    np.testing.assert_array_equal(slots, reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift))
+
+    cell_y = np.repeat(np.arange(grid.down), np.diff(grid.edges(0)))[:, None]
+    cell_x = np.repeat(np.arange(grid.across), np.diff(grid.edges(1)))[None]
+    seed_y, seed_x = cell_y + slots // 3 - 1, cell_x + slots % 3 - 1
+    chosen = (seed_y * grid.across + seed_x).ravel()
+    y, x = np.mgrid[0:83, 0:117]
+    for k, column in enumerate((np.ones_like(x), *np.moveaxis(lab[..., :3], 2, 0), x, y)):
+        plain = np.bincount(chosen, column.ravel().astype(float), grid.count)
+        np.testing.assert_array_equal(sums[..., k].ravel(), plain)
+
+    # by eq. 1 itself the seed is as near as the rounding of coefficients allows: half a unit for each of five
+    squared = reference.distances(lab, centres.reshape(-1, 5), grid.weight)
+    mine = np.take_along_axis(squared.reshape(grid.count, -1), chosen[None], 0)[0]
+    allowed = (np.abs(seed_y - cell_y) <= 1) & (np.abs(seed_x - cell_x) <= 1)
+    assert allowed.all()
+    seed_rows, seed_columns = np.divmod(np.arange(grid.count), grid.across)
+    near = (np.abs(seed_rows[:, None, None] - cell_y) <= 1) & (np.abs(seed_columns[:, None, None] - cell_x) <= 1)
+    best = np.where(near, squared, np.inf).min(0).ravel()
+    places = (np.abs(y - rows[cell_y]) + np.abs(x - columns[cell_x])) << grid.shift
+    rounding = (np.abs(lab[..., :3].astype(int)).sum(-1) + places + 4) / 4
+    assert (mine <= best + rounding.ravel() + 1e-3 * best + 1).all()
+
+
+def test_iterations_are_those_of_plain_numpy(any_lanes):
+    image, session = image_of(PHOTO), session_of(any_lanes)
+    lab = grid_values(any_lanes, PHOTO)
+    grid = SeedGrid.of(117, 83, 9.0, 20.0)
+    with LabGrid(image, lens_of(image, session.color), session) as held, Slic(held, grid, session) as slic:
+        last = slic.iterate(12)
+    y, x = np.mgrid[0:83, 0:117]
+    columns = (np.ones_like(x), *np.moveaxis(lab[..., :3], 2, 0), x, y)
+    cell_y = np.repeat(np.arange(grid.down), np.diff(grid.edges(0)))[:, None]
+    cell_x = np.repeat(np.arange(grid.across), np.diff(grid.edges(1)))[None]
+    slots = np.full((83, 117), 4)
+    centres = np.full((grid.down, grid.across, 5), np.nan)
+    for _ in range(12):
+        seeds = ((cell_y + slots // 3 - 1) * grid.across + cell_x + slots % 3 - 1).ravel()
+        sums = np.stack([np.bincount(seeds, c.ravel().astype(float), grid.count) for c in columns], -1)
+        means = centres_of(sums.reshape(grid.down, grid.across, 6), centres)
+        away = ((means - centres) ** 2 * [1, 1, 1, grid.weight, grid.weight]).sum(-1)
+        moves = ~(away <= (0.2 * 8) ** 2)
+        centres = np.where(moves[..., None], means, centres)
+        table = candidates(grid, centres, np.arange(grid.count))
+        slots = reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift)
+    np.testing.assert_array_equal(last, table)
+
+
+def test_superpixels_are_connected_and_their_statistics_are_those_of_their_pixels(any_lanes):
+    made = found(any_lanes, PHOTO, 5, -7, sigma=8.0)
+    assert made.window == Window(5, -7, 122, 76)
+    labels = made.labels.pixels()[..., 0].astype(int)
+    assert (made.labels.spec.format, made.labels.window) == (oiio.UINT32, made.window)
+    ids, first = np.unique(labels, return_index=True)
+    np.testing.assert_array_equal(ids, np.arange(1, made.count + 1))
+    assert (np.diff(first) > 0).all()  # numbered by their first pixel
+    assert all(ndimage.label(labels == i)[1] == 1 for i in ids)
+    assert made.sizes.min() >= 0.25 * made.sigma**2
+
+    lab = grid_values(any_lanes, PHOTO)[..., :3].reshape(-1, 3) / 8.0
+    y, x = np.mgrid[0:83, 0:117]
+    flat = labels.ravel() - 1
+    np.testing.assert_array_equal(made.sizes, np.bincount(flat))
+    np.testing.assert_allclose(made.positions[:, 0], np.bincount(flat, x.ravel()) / made.sizes, rtol=1e-12)
+    np.testing.assert_allclose(made.positions[:, 1], np.bincount(flat, y.ravel()) / made.sizes, rtol=1e-12)
+    for c in range(3):
+        for k in range(5):
+            plain = np.bincount(flat, lab[:, c] ** (k + 1))
+            np.testing.assert_allclose(made.power_sums[:, c, k], plain, rtol=1e-12, atol=1e-6)
+    pairs = {
+        (min(p, q) - 1, max(p, q) - 1)
+        for one, other in ((labels[:, 1:], labels[:, :-1]), (labels[1:], labels[:-1]))
+        for p, q in zip(one.ravel().tolist(), other.ravel().tolist(), strict=True)
+        if p != q
+    }
+    assert sorted(pairs) == [tuple(e) for e in made.edges.tolist()]
+    means = made.power_sums[..., 0] / made.sizes[:, None]
+    place = (x.ravel() - made.positions[flat, 0]) ** 2 + (y.ravel() - made.positions[flat, 1]) ** 2
+    eq3 = ((lab - means[flat]) ** 2).sum() + (20 / made.sigma) ** 2 * place.sum()
+    assert made.error() == pytest.approx(eq3, rel=1e-9)
+
+
+def test_powers_of_hdr_are_exact(any_lanes):
+    made = found(any_lanes, np.full((200, 150, 3), 1e4), sigma=300.0)  # L is cut to 284
+    assert made.sizes.tolist() == [30000]
+    np.testing.assert_array_equal(made.power_sums[0, 0], 30000.0 * 284.0 ** np.arange(1, 6))
+
+
+def test_any_window_of_the_labels_is_the_whole_cropped(device):
+    made = found(device, PHOTO, -3, 4, sigma=8.0)
+    whole = made.labels.pixels()
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        x, y = np.sort(random.integers(0, (117, 83), (2, 2)), 0).T
+        window = Window(int(x[0]) - 3, int(y[0]) + 4, int(x[1]) - 2, int(y[1]) + 5)
+        np.testing.assert_array_equal(made.labels.read(window), whole[window.inside(made.window)])
+
+
+@pytest.mark.parametrize("rows", [5, 16, 40])
+def test_bands_do_not_show(device, monkeypatch, rows):
+    settings = {"sigma": 8.0, "runs": 2}
+    whole = found(device, PHOTO, **settings)
+    monkeypatch.setattr(labgrid, "_HOST_BYTES", 0)
+    monkeypatch.setattr(labgrid, "BAND_BYTES", rows * 117 * labgrid.PIXEL_BYTES // 2)
+    session, image = session_of(device), image_of(PHOTO)
+    lens = lens_of(image, session.color)
+    with LabGrid(image, lens, session) as lab:
+        assert (lab.resident, lab.band_rows) == (False, rows)
+    same(superpixels(image, lens, session, **settings), whole)
+
+
+def test_lanes_do_not_show(device, narrow_device):
+    same(found(device, PHOTO, sigma=8.0), found(narrow_device, PHOTO, sigma=8.0))
+
+
+def test_windows_off_the_origin_give_the_same_superpixels(device):
+    same(found(device, PHOTO, sigma=8.0), found(device, PHOTO, -100, 31, sigma=8.0))
+
+
+def test_the_best_of_several_runs_is_the_one_of_least_error(device):
+    one, ten = found(device, PHOTO, sigma=8.0), found(device, PHOTO, sigma=8.0, runs=10)
+    assert ten.error() <= one.error()
+    same(ten, found(device, PHOTO, sigma=8.0, runs=10))
+    assert len({found(device, PHOTO, sigma=8.0, runs=5, seed=s).error() for s in range(4)}) > 1
+
+
+def test_transparent_pixels_belong_to_none(any_lanes):
+    alpha = np.ones((83, 117, 1))
+    alpha[20:50, 30:70] = 0
+    alpha[:, 90] = 0
+    holed = np.concatenate([PHOTO * alpha, alpha], -1)
+    made = found(any_lanes, holed, sigma=8.0)
+    labels = made.labels.pixels()[..., 0]
+    np.testing.assert_array_equal(labels == 0, alpha[..., 0] == 0)
+    assert made.sizes.sum() == alpha.sum()
+    sides = np.sign(made.positions[:, 0] - 90)
+    assert (sides[made.edges[:, 0]] == sides[made.edges[:, 1]]).all()  # nothing reaches across the gap
+    other = np.where(alpha > 0, holed, [9.0, -3.0, 0.5, 0.0])  # what lies under alpha 0 does not matter
+    same(made, found(any_lanes, other, sigma=8.0))
+
+
+def checks(made: Superpixels, pixels: int) -> None:
+    assert made.sizes.sum() == pixels
+    assert (made.sizes > 0).all()
+    assert np.isfinite(made.power_sums).all() and np.isfinite(made.positions).all()
+    np.testing.assert_array_equal(np.unique(made.labels.pixels()), np.arange(1, made.count + 1))
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (1, 1), (1, 300), (257, 1), (5, 3), (64, 65)])
+@pytest.mark.parametrize("kind", ["constant", "two colours", "noise", "black"])
+def test_odd_pictures_give_defined_results(device, shape, kind):
+    random = np.random.default_rng(0)
+    pixels = {
+        "constant": np.full((*shape, 3), 0.3),
+        "two colours": np.where(np.arange(shape[1])[None, :, None] % 7 < 3, 0.1, 0.9) * np.ones((*shape, 3)),
+        "noise": random.random((*shape, 3)),
+        "black": np.zeros((*shape, 3)),
+    }[kind]
+    checks(found(device, pixels), shape[0] * shape[1])
+    checks(found(device, pixels, sigma=1000.0), shape[0] * shape[1])
+    checks(found(device, pixels, sigma=2.0, minsize=25), shape[0] * shape[1])
+
+
+def test_a_constant_picture_is_a_grid(device):
+    made = found(device, np.full((60, 80, 3), 0.5), sigma=10.0)
+    assert made.count == 48
+    assert (made.sizes == 100).all()
+
+
+def test_a_picture_of_nothing_has_no_superpixels(device):
+    made = found(device, np.zeros((20, 30, 4)))
+    assert (made.count, made.edges.shape, made.power_sums.shape) == (0, (0, 2), (0, 3, 5))
+    assert not made.labels.pixels().any()
+
+
+def test_noise_that_does_not_fit_is_refused_with_a_figure(device):
+    session, image = session_of(device, budget=4 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
+    with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB of memory; the budget is 4 MB"):
+        superpixels(image, lens_of(image, session.color), session)
+
+
+@pytest.mark.parametrize(("value", "counts"), [(np.nan, [2, 0]), (np.inf, [0, 2])])
+def test_broken_values_are_counted(device, value, counts):
+    broken = PHOTO.copy()
+    broken[3, 4, 0] = broken[80, 6, 2] = value
+    with pytest.raises(BrokenValues) as caught:
+        found(device, broken)
+    assert caught.value.counts.tolist() == counts
