@@ -31,6 +31,7 @@ benchmark: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[benchmark]"
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.gravel
+	$(BIN)/python -m benchmarks.chains
 	$(BIN)/python -m pytest benchmarks/test_kernels.py
 
 clean:
