@@ -176,6 +176,10 @@ def _require_types(
     """Refuse a type that the format would silently exchange, before the work begins: asked of one-pixel images."""
     for part, levels in zip(image.parts, specs, strict=True):
         wanted = wanted_type(part, how)
+        if part is image.first and how.pixel_type not in (None, wanted):
+            raise ImageError(
+                f"{path}: as {how.pixel_type}, part '{part.name}' would not keep its values: it is {wanted}"
+            )
         if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
             raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see files.read
         if wanted is None:

@@ -271,7 +271,7 @@ def label_part(part: Part, runs: Runs, name: str = "superpixels") -> Part:
         ids = runs.pixels(rows.start, rows.stop, columns.start, columns.stop) + 1
         return ids.astype(np.uint32)[..., None]
 
-    return Part(name, spec, fetch, spec.format, ready=True)
+    return Part(name, spec, fetch, spec.format, ready=True, exact=True)
 
 
 def label_spec(spec: oiio.ImageSpec) -> oiio.ImageSpec:

@@ -318,7 +318,6 @@ OPTIONS = (
         "write the top image; a run that fails leaves the old file as it was",
         write_output,
         WriteModifiers,
-        needs=1,
     ),
     Option(
         "-d",
@@ -343,5 +342,5 @@ OPTIONS = (
     _state("-u", "do not write files that are newer than what they are made of"),
     _state("--no-clobber", "do not write over files", "--noclobber"),
     _state("--create-dir", "make the folders of files to be written"),
-    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile, needs=1),
+    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile),
 )

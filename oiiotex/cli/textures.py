@@ -125,7 +125,7 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
 
 
 OPTIONS = tuple(
-    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers, needs=1)
+    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers)
     for name, help, mode in (
         ("-otex", "write the top image as a MIP-mapped texture", oiio.MakeTxTexture),
         ("-oenv", "write the top image as a latitude-longitude environment map", oiio.MakeTxEnvLatl),

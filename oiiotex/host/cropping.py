@@ -26,6 +26,8 @@ from .scaling import Fit
 class Cropped(Remap):
     """Another data window, black where there was nothing."""
 
+    mixes: ClassVar[bool] = False
+
     source: Image = image(help="the image")
 
     def window(self, spec: oiio.ImageSpec) -> Window:

@@ -25,6 +25,7 @@ from ..op import Op, Output, Reach, Space
 from ..params import Parameter, declared, image, param
 from ..tiles import remembered, settled
 from ..windows import Window
+from .subimages import chosen
 
 if TYPE_CHECKING:
     from ..session import Session
@@ -35,6 +36,7 @@ class HostOp(Op):
     """Works part by part: on the first, on all, or on some."""
 
     prefix: ClassVar[str] = "--"
+    mixes: ClassVar[bool] = True  # its pixels are other values than those of its source, not the same elsewhere
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("image", "the result"),)
 
@@ -59,7 +61,7 @@ class HostOp(Op):
         """The result for each part worked on; without `allsubimages` the others are dropped, as oiiotool does."""
         inputs = self.inputs()
         first = inputs[0]
-        wanted = _chosen(self.subimages, first)
+        wanted = chosen(self.subimages, first)
         everything = self.allsubimages if self.allsubimages is not None else session.all_parts
         count = len(first.parts) if everything or self.subimages else 1
         if self.idle([part for n, part in enumerate(first.parts[:count]) if wanted is None or n in wanted]):
@@ -67,8 +69,20 @@ class HostOp(Op):
         parts = []
         for n, part in enumerate(first.parts[:count]):
             operands = [given.parts[min(n, len(given.parts) - 1)] for given in inputs]
-            parts.append(self.result(operands, session) if wanted is None or n in wanted else part)
+            parts.append(self._worked(operands, session) if wanted is None or n in wanted else part)
         return Image(tuple(parts), first.source)
+
+    def _worked(self, parts: Sequence[Part], session: Session) -> Part:
+        """The op's result; ids and coordinates stay what they are, and are refused where they would be mixed."""
+        part = parts[0]
+        if not part.exact:
+            return self.result(parts, session)
+        if self.mixes:
+            raise ImageError(
+                f"part '{part.name}' holds {_held(part)}, which the op would change: leave it out, with"
+                f" :subimages=-{part.name} or without -a"
+            )
+        return dataclasses.replace(self.result(parts, session), stored=part.stored, exact=True)
 
     def inputs(self) -> list[Image]:
         """The images that it was given, in the order of declaration."""
@@ -97,24 +111,9 @@ class Hosted(HostOp):
         return tuple(p for p in declared(cls)[1] if p.name not in cls._OF_PARTS)
 
 
-def _chosen(subimages: str | None, first: Image) -> set[int] | None:
-    """The numbers of the parts meant by a `subimages` modifier; None for all."""
-    if subimages is None:
-        return None
-    included: set[int] = set()
-    excluded: set[int] = set()
-    names = [part.name for part in first.parts]
-    for word in filter(None, (w.strip() for w in subimages.split(","))):
-        bare = word.removeprefix("-")
-        if bare == "all":
-            included |= set(range(len(names)))
-        elif bare.isdigit() or bare in names:
-            (excluded if word != bare else included).add(int(bare) if bare.isdigit() else names.index(bare))
-        else:
-            raise ParameterError(
-                f"subimages={subimages}: {first.source} has no part '{bare}'; it has {', '.join(names)}"
-            )
-    return (included or set(range(len(names)))) - excluded
+def _held(part: Part) -> str:
+    """What a part holds that must stay as it is."""
+    return "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
 
 
 def checked(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
@@ -363,6 +362,7 @@ def _bytes(part: Part) -> int:
 class Respec(HostOp):
     """Pixels stay; windows, channel names or metadata change."""
 
+    mixes: ClassVar[bool] = False
     reach: ClassVar[Reach] = Reach.POINT
 
     source: Image = image(help="the image")

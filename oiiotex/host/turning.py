@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -25,6 +26,7 @@ class Flip(Remap):
     """Turn the image upside down."""
 
     name: ClassVar[str] = "flip"
+    mixes: ClassVar[bool] = False
 
     source: Image = image(help="the image")
 
@@ -84,6 +86,7 @@ class Transpose(Remap):
     """Swap rows and columns."""
 
     name: ClassVar[str] = "transpose"
+    mixes: ClassVar[bool] = False
     scattered: ClassVar[bool] = True
 
     source: Image = image(help="the image")
@@ -109,6 +112,7 @@ class Rotate90(Remap):
     """Rotate by 90 degrees clockwise."""
 
     name: ClassVar[str] = "rotate90"
+    mixes: ClassVar[bool] = False
     scattered: ClassVar[bool] = True
 
     source: Image = image(help="the image")
@@ -202,7 +206,8 @@ class Reorient(Hosted):
         turned = worked(part)
         for step in self.steps.get(_orientation(part), ()):
             turned = step(source=self.source).result([turned], session)
-        return turned.respecced(lambda spec: spec.attribute("Orientation", 1))
+        upright = turned.respecced(lambda spec: spec.attribute("Orientation", 1))
+        return dataclasses.replace(upright, stored=part.stored, exact=True) if part.exact else upright
 
 
 def _orientation(part: Part) -> int:
@@ -214,6 +219,7 @@ class CircularShift(HostOp):
     """Shift the image; what leaves at one side of the data window comes in at the other."""
 
     name: ClassVar[str] = "cshift"
+    mixes: ClassVar[bool] = False
     reach: ClassVar[Reach] = Reach.AREA
 
     source: Image = image(help="the image")
