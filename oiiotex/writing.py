@@ -177,9 +177,8 @@ def _require_types(
     for part, levels in zip(image.parts, specs, strict=True):
         wanted = wanted_type(part, how)
         if part is image.first and how.pixel_type not in (None, wanted):
-            raise ImageError(
-                f"{path}: as {how.pixel_type}, part '{part.name}' would not keep its values: it is {wanted}"
-            )
+            change = f"as {how.pixel_type}, part '{part.name}' of {wanted} would lose its values"
+            raise ImageError(f"{path}: {change}")
         if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
             raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see files.read
         if wanted is None:

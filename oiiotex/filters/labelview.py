@@ -57,7 +57,8 @@ class LabelView(Op):
             labels = [self.source.first]  # one level, which a format without part names has carried
         if not labels:
             raise ImageError(
-                f"{self.source.source} has no parts label.N: it takes what --texlabel makes (ops drop further parts, but with -a)"
+                f"{self.source.source} has no label parts: it takes what --texlabel makes"
+                " (ops drop further parts, but with -a)"
             )
         photo = self.source.first if self.source.first not in labels else None
         step = max(1, -(-max(labels[0].spec.width, labels[0].spec.height) // self.side))
