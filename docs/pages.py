@@ -26,9 +26,9 @@ def page_text(op: type[Op], path: Path) -> str:
     images = " ".join(f"{i.name.upper()}" for i in op.images())
     lines += ["```", f"oiiotex {images} {op.flag()}[:MODIFIER=VALUE...] -o OUT", "```", ""]
     lines += ["| input | |", "|---|---|", *(f"| {i.name} | {i.help} |" for i in op.images()), ""]
-    if op.parameters():
+    if op.modifiers():
         lines += ["| modifier | default | allowed | |", "|---|---|---|---|"]
-        for p in op.parameters():
+        for p in op.modifiers():
             default = "" if p.default is None else int(p.default) if isinstance(p.default, bool) else p.default
             allowed = p.allowed().replace("|", "\\|")
             lines.append(f"| `{p.name}` | {default} | {allowed} | {p.help} |")

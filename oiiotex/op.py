@@ -72,8 +72,13 @@ class Op:
 
     @classmethod
     def images(cls) -> tuple[Parameter, ...]:
-        """The declared input images."""
-        return declared(cls)[0]
+        """The declared input images that it always takes."""
+        return tuple(i for i in declared(cls)[0] if i.required)
+
+    @classmethod
+    def optional_images(cls) -> tuple[Parameter, ...]:
+        """The declared input images that it takes where they are asked for."""
+        return tuple(i for i in declared(cls)[0] if not i.required)
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -92,13 +97,13 @@ class Op:
 
     @classmethod
     def modifiers(cls) -> tuple[Parameter, ...]:
-        """The parameters that are modifiers: `--op:name=value`."""
-        return tuple(p for p in cls.parameters() if not p.positional)
+        """What may be said as a modifier: `--op:name=value`."""
+        return (*cls.optional_images(), *(p for p in cls.parameters() if not p.positional))
 
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
         """How many images it takes from a stack of that depth; more than the depth: it waits for them."""
-        return len(cls.images())
+        return len(cls.images()) + sum(values.get(i.attribute) is True for i in cls.optional_images())
 
     def values(self) -> dict[str, Any]:
         """This use's parameter values by name."""
@@ -107,6 +112,8 @@ class Op:
     def provenance(self) -> dict[str, Any]:
         """What a file should say of how it was made, as metadata."""
         given = {name: value for name, value in self.values().items() if value is not None}
+        images = {i.name: getattr(self, i.attribute) for i in self.optional_images()}
+        given |= {name: found.source for name, found in images.items() if found is not None}
         words = ":".join(f"{name}={int(v) if isinstance(v, bool) else v}" for name, v in given.items())
         found = {"oiiotex:filter": self.name, "oiiotex:parameters": words}
         return found | ({"oiiotex:seed": given["seed"]} if "seed" in given else {})

@@ -71,6 +71,8 @@ class Parameter:
 
     def allowed(self) -> str:
         """What a value may be, for help and errors: 'a number >= 1 px'."""
+        if self.kind is None:
+            return "1 (the next image of the stack), the name of a part of the first image, or a file name"
         if self.choices:
             return " | ".join(str(choice) for choice in self.choices if choice not in ("", None))
         words = {int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name"}
@@ -113,7 +115,12 @@ class Parameter:
         return self._refuse(value)
 
     def parse(self, text: str) -> Any:
-        """The value that a modifier's text means; raises as `check` does."""
+        """The value that a modifier's text means; raises as `check` does.
+
+        For an input image: True for one of the stack, None for none, else the name of a part or a file.
+        """
+        if self.kind is None:
+            return True if text in _TRUE else None if text in _FALSE else text or self._refuse(text)
         if self.choices:
             found = [c for c in self.choices if str(c) == text]
             return found[0] if found else self._refuse(text)
@@ -182,12 +189,15 @@ def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
 def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
     """An op's values by field, from modifier texts; a text of None is passed over, but its name must be right.
 
+    Input images that may be left out are asked for by a modifier of their name.
+
     Raises
     ------
     ParameterError
         An unknown modifier (the text names the nearest one), or a value that is not allowed.
     """
-    known = {p.name: p for p in declared(op)[1] if not p.positional}
+    images, parameters = declared(op)
+    known = {p.name: p for p in (*images, *parameters) if not p.positional and not (p.kind is None and p.required)}
     values = {}
     for name, text in modifiers.items():
         if name not in known:

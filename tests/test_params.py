@@ -45,7 +45,7 @@ class Merge(Op):
 
 
 def test_a_declaration_gives_images_and_parameters_in_their_order():
-    images, parameters = Everything.images(), Everything.parameters()
+    images, parameters = (*Everything.images(), *Everything.optional_images()), Everything.parameters()
     assert [(i.name, i.kind, i.required, i.help) for i in images] == [
         ("source", None, True, "what to look at"),
         ("mask", None, False, "where to look"),
@@ -254,7 +254,7 @@ def test_an_unknown_modifier_names_the_nearest_and_all_there_are():
 def test_an_unknown_modifier_without_a_near_one_names_none():
     text = refusal(parse_modifiers, Everything, {"qqqq": "3"})
     assert "did you mean" not in text
-    assert "unknown modifier 'qqqq'; there is count, strength" in text
+    assert "unknown modifier 'qqqq'; there is mask, count, strength" in text
 
 
 def test_an_image_is_no_modifier():
@@ -282,11 +282,11 @@ def test_an_op_holds_checked_values_and_its_refusals_bear_its_name():
 
 def test_an_argument_is_a_word_of_its_own_and_no_modifier():
     assert [p.name for p in Merge.arguments()] == ["mode", "weights", "shift"]
-    assert [p.name for p in Merge.modifiers()] == ["gamma", "from"]
+    assert [p.name for p in Merge.modifiers()] == ["mask", "gamma", "from"]
     assert all(p.required for p in Merge.arguments())
     assert Everything.arguments() == ()
     text = refusal(parse_modifiers, Merge, {"mode": "max"})
-    assert text == "unknown modifier 'mode'; there is gamma, from"
+    assert text == "unknown modifier 'mode'; there is mask, gamma, from"
 
 
 def test_an_argument_is_checked_as_a_modifier_is():
@@ -306,7 +306,7 @@ def test_a_word_that_python_keeps_for_itself_is_a_name_for_users():
 
 
 def test_a_declaration_says_where_many_images_go():
-    assert [(given.name, given.many, given.required) for given in Merge.images()] == [
+    assert [(given.name, given.many, given.required) for given in (*Merge.images(), *Merge.optional_images())] == [
         ("sources", True, True),
         ("mask", False, False),
     ]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +13,7 @@ import OpenImageIO as oiio
 
 from .. import filters
 from ..errors import Error, ParameterError
+from ..files import read
 from ..host.kinds import HostOp
 from ..images import Image, type_named
 from ..op import Op
@@ -227,7 +229,7 @@ class Chain:
         operands = self.stack[len(self.stack) - count :]
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
         with self.session.stats.time(op.flag()):
-            bound = op(**_bound(op.images(), operands), **values)
+            bound = op(**_bound(op, operands, values, self.session))
             result = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
         del self.stack[len(self.stack) - count :]
         self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
@@ -263,8 +265,38 @@ def _with_metadata_of(operands: list[Image], result: Image) -> Image:
     return Image(tuple(part.respecced(merge) for part in result.parts), result.source)
 
 
-def _bound(declared: tuple[Parameter, ...], operands: list[Image]) -> dict[str, Any]:
-    """The operands by the names under which an op declares them."""
+def _bound(op: type[Op], operands: list[Image], values: dict[str, Any], session: Session) -> dict[str, Any]:
+    """The values, with the operands by the names under which the op declares them.
+
+    From the bottom up: what it always takes, then each image that a modifier asks for.
+    """
+    declared = op.images()
     if len(declared) == 1 and declared[0].many:
-        return {declared[0].name: tuple(operands)}
-    return {parameter.name: image for parameter, image in zip(declared, operands, strict=True)}
+        return {declared[0].name: tuple(operands), **values}
+    waiting = iter(operands)
+    bound = values | {parameter.name: next(waiting) for parameter in declared}
+    for parameter in op.optional_images():
+        asked = values.get(parameter.attribute)
+        if asked is not None:
+            bound[parameter.attribute] = next(waiting) if asked is True else _named(parameter, asked, operands, session)
+    return bound
+
+
+def _named(parameter: Parameter, name: str, operands: list[Image], session: Session) -> Image:
+    """The part of the first operand of that name, else the file.
+
+    Raises
+    ------
+    ParameterError
+        There is neither.
+    """
+    part = operands[0].part(name) if operands else None
+    if part is not None:
+        return Image((part,), name)
+    if os.path.exists(name):
+        return read(name, session.cache)
+    parts = ", ".join(part.name for part in operands[0].parts) if operands else ""
+    has = f"the image has {parts}" if parts else "there is no image"
+    raise ParameterError(
+        f"{parameter.name}={name}: neither a part ({has}) nor a file; allowed is {parameter.allowed()}"
+    )

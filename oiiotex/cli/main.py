@@ -8,7 +8,7 @@ import traceback
 from typing import NoReturn
 
 from ..errors import Error
-from .stopping import Stopped, stop_on_signals
+from .stopping import Stopped, raise_if_stopped, stop_on_signals
 from .streams import drop, open_standard_streams, quiet_libraries
 
 
@@ -40,6 +40,7 @@ def _run(words: list[str]) -> int:
         drop(1)
         return 141  # as a shell says it of a program that SIGPIPE ends
     except Exception as error:  # a fault of ours or of the machine: still one line, the rest on demand
+        raise_if_stopped()
         kind = "" if isinstance(error, OSError) else f"internal, {type(error).__name__}: "
         return _failed(words, f"{kind}{error} (--debug shows where)")
     try:

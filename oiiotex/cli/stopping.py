@@ -9,7 +9,7 @@ from types import FrameType
 
 from ..temporary import discard_all
 
-_stopping = False
+_requested = 0  # the signal that asked the run to end
 
 
 class Stopped(BaseException):
@@ -26,6 +26,12 @@ def stop_on_signals() -> None:
             signal.signal(number, _stop)
 
 
+def raise_if_stopped() -> None:
+    """Raise `Stopped` again, where C code (a module while it is imported) has turned it into an error of its own."""
+    if _requested:
+        raise Stopped(_requested)
+
+
 def end_at_once(number: int, _: FrameType | None = None) -> None:
     """A signal's handler: what is half written goes, and the process with it."""
     discard_all()
@@ -33,8 +39,8 @@ def end_at_once(number: int, _: FrameType | None = None) -> None:
 
 
 def _stop(number: int, _: FrameType | None) -> None:
-    global _stopping
-    if _stopping:
+    global _requested
+    if _requested:
         end_at_once(number)
-    _stopping = True
+    _requested = number
     raise Stopped(number)

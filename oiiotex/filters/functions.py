@@ -4,28 +4,33 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import OpenImageIO as oiio
 
 from .. import __version__
-from ..errors import ParameterError
+from ..errors import ImageError, ParameterError
 from ..images import Image, Part, cropped, from_buffer, to_buffer
 from ..op import Op
 from ..params import nearest
 from ..session import Session
 from ..windows import Window
 
+Images = oiio.ImageBuf | Mapping[str, oiio.ImageBuf]
+"""An image of one part, or of several by their names, as the functions return them."""
+
 
 def function_of(op: type[Op]) -> Callable[..., Any]:
-    """A function of the op's images (positional ImageBufs) and parameters (keywords), with `session=` for the rest.
+    """A function of the op's images (positional) and parameters (keywords), with `session=` for the rest.
 
-    It returns an ImageBuf, or a dict of them by name where the op was asked for more than one.
+    Images that may be left out are keywords, too; one may be the name of a part of the first image. It returns an
+    ImageBuf, or a dict of them by name where the op was asked for more than one.
     """
 
     def function(
-        *images: oiio.ImageBuf,
+        *images: Images,
         roi: oiio.ROI | None = None,
         nthreads: int = 0,
         session: Session | None = None,
@@ -52,18 +57,41 @@ def result(op: Op, session: Session) -> Image:
     return Image(tuple(part.respecced(mark) for part in image.parts), image.source)
 
 
-def _bound(op: type[Op], images: tuple[oiio.ImageBuf, ...], values: dict[str, Any]) -> Op:
+def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> Op:
     declared = op.images()
     if len(images) != len(declared):
         raise ParameterError(
             f"{op.name} takes {len(declared)} images ({', '.join(i.name for i in declared)}), not {len(images)}"
         )
-    known = [p.name for p in op.parameters()]
+    optional = [i.name for i in op.optional_images()]
+    known = [p.name for p in op.parameters()] + optional
     for name in values:
         if name not in known:
             raise ParameterError(f"{op.name}: unknown parameter '{name}'{nearest(name, known)}")
-    given: dict[str, Image] = {i.name: from_buffer(buffer) for i, buffer in zip(declared, images, strict=True)}
-    return op(**given, **values)
+    given: dict[str, Image] = {i.name: _image(buffers) for i, buffers in zip(declared, images, strict=True)}
+    for name in optional:
+        if values.get(name) is not None:
+            given[name] = _keyword(op, name, values[name], next(iter(given.values()), None))
+    return op(**{**values, **given})
+
+
+def _image(buffers: Images) -> Image:
+    if not isinstance(buffers, Mapping):
+        return from_buffer(buffers)
+    if not buffers:
+        raise ImageError("an image has at least one part")
+    parts = [replace(from_buffer(buffer).first, name=name) for name, buffer in buffers.items()]
+    return Image(tuple(parts), parts[0].name)
+
+
+def _keyword(op: type[Op], name: str, value: Images | str, first: Image | None) -> Image:
+    if not isinstance(value, str):
+        return _image(value)
+    part = first.part(value) if first is not None else None
+    if part is None:
+        has = ", ".join(p.name for p in first.parts) if first is not None else "none"
+        raise ParameterError(f"{op.name}: {name}={value}: the image has no such part; it has {has}")
+    return Image((part,), value)
 
 
 def _outputs(op: type[Op], image: Image, roi: oiio.ROI | None) -> Any:
@@ -86,8 +114,8 @@ def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
 
 def _signature(op: type[Op]) -> inspect.Signature:
     kinds = inspect.Parameter
-    positional = [kinds(i.name, kinds.POSITIONAL_ONLY, annotation=oiio.ImageBuf) for i in op.images()]
-    keywords = [kinds(p.name, kinds.KEYWORD_ONLY, default=p.default) for p in op.parameters()]
+    positional = [kinds(i.name, kinds.POSITIONAL_ONLY, annotation=Images) for i in op.images()]
+    keywords = [kinds(p.name, kinds.KEYWORD_ONLY, default=p.default) for p in (*op.optional_images(), *op.parameters())]
     roi = kinds("roi", kinds.KEYWORD_ONLY, default=None, annotation=oiio.ROI | None)
     nthreads = kinds("nthreads", kinds.KEYWORD_ONLY, default=0, annotation=int)
     session = kinds("session", kinds.KEYWORD_ONLY, default=None, annotation=Session | None)
@@ -97,7 +125,10 @@ def _signature(op: type[Op]) -> inspect.Signature:
 def _docstring(op: type[Op]) -> str:
     lines = [inspect.getdoc(op) or "", "", "Parameters", "----------"]
     for i in op.images():
-        lines += [f"{i.name} : ImageBuf", f"    {i.help}"]
+        lines += [f"{i.name} : ImageBuf, or a dict of them by part", f"    {i.help}"]
+    for i in op.optional_images():
+        lines += [f"{i.name} : ImageBuf, dict of them, or the name of a part of the first image; default None"]
+        lines += [f"    {i.help}"]
     for p in op.parameters():
         lines += [f"{p.name} : {p.allowed()}, default {p.default}", f"    {p.help}"]
     lines += ["roi : OpenImageIO.ROI, optional", "    compute only this region of the result"]

@@ -23,6 +23,7 @@ from ..synthesis.patchmatch import match_patches, unpack
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
 from ..windows import Window
 from ..writing import write
+from .sources import LABEL, LABELS, LEVEL, MASK, source_pixels
 
 log = logging.getLogger("oiiotex")
 
@@ -45,6 +46,10 @@ class _PatchSynthesis(Op):
     )
 
     exemplar: Image = image(help="the photo")
+    mask: Image | None = image(None, help=MASK)
+    labels: Image | None = image(None, help=LABELS)
+    label: int | None = param(None, ge=1, help=LABEL)
+    level: int | None = param(None, ge=1, help=LEVEL)
     size: Size | None = param(None, ge=5, le=65536, unit="px", help="of the result; the exemplar's own when left out")
     tile: str = param("xy", choices=("xy", "x", "y", "none"), help="along which axes the result tiles")
     patch: int = param(
@@ -90,10 +95,16 @@ class _PatchSynthesis(Op):
         with session.stats.time("read and colour"):
             working = working_values(self.exemplar, None if self.data else session.color, session.autocc)
             pixels = source.pixels()
+            allowed = source_pixels(self.exemplar, self.mask, self.labels, self.level, self.label)
         device = session.device
         recipe = self.recipe(width, height)
         made = synthesize(
-            device, working.values, working.opaque, recipe, session.budget - pixels.nbytes, session.advance
+            device,
+            working.values,
+            _both(working.opaque, allowed),
+            recipe,
+            session.budget - pixels.nbytes,
+            session.advance,
         )
         device.collect(session.stats)
         if session.measure:
@@ -184,6 +195,11 @@ class PatchMatch(_PatchSynthesis):
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 without stationarity."""
         return self._recipe(width, height, None, self.contrast, False)
+
+
+def _both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
+    """Where both say yes; None: everywhere."""
+    return opaque if allowed is None else allowed if opaque is None else opaque & allowed
 
 
 def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
