@@ -63,10 +63,10 @@ class Label(Op):
         help="how alike ones are gathered; the last two need scikit-learn, and get the count from the first",
     )
     persistence: float = param(
-        0.9,
+        0.95,
         ge=0.01,
         le=0.999,
-        help="how short the random walk is: less gives fewer labels; level n takes its nth power. The paper: 0.95",
+        help="how short the random walk is: less gives fewer labels; level n takes its nth power",
     )
     share: float = param(
         0.5, ge=0.01, le=1, help="of the superpixels of the next scale that must hold two labels; the paper: 1"
