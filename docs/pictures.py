@@ -14,7 +14,7 @@ from scipy.cluster.vq import kmeans2
 
 from docs.demo import gravel, save, stained
 from oiiotex import filters
-from oiiotex.filters.labelview import coloured
+from oiiotex.filters.labelview import distinct_colours
 
 FOLDER = Path(__file__).parent / "pictures"
 SIDE = 192  # px, longer side of a photo on a contact sheet
@@ -124,31 +124,40 @@ def layered_textures() -> None:
         maps = [clusters.reshape(lab.shape[:2]) + 1]
         found = filters.label(photo)
         levels = list(found.values()) if isinstance(found, dict) else [found]
-        maps += [level.get_pixels(oiio.UINT32)[..., 0].astype(int) for level in levels[::-1]]
+        maps += [level.get_pixels(oiio.UINT32)[..., 0].astype(int) for level in levels[:-4:-1]]
         panes = [small(pixels(photo), SIDE)]
         for ids in maps:
             pieces = sum(ndimage.label(ids == label)[1] for label in np.unique(ids))
             print(f"{name}: {len(np.unique(ids))} labels in {pieces} pieces")
-            panes.append(np.rint(255 * coloured(small(ids, SIDE), None, 1.0)).astype(np.uint8))
+            colours = distinct_colours()
+            panes.append(np.rint(255 * colours[(small(ids, SIDE) - 1) % len(colours)]).astype(np.uint8))
         rows.append(np.pad(beside(*panes), ((0, 10), (0, 0), (0, 0)), constant_values=255))
     width = max(row.shape[1] for row in rows)
     rows = [np.pad(r, ((0, 0), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
     write_jpeg(np.concatenate(rows), "label_layers.jpg")
 
 
-def moved_borders(sigma: int = 100, side: int = 500) -> None:
-    """LSA16 section 3.2: borders of superpixels at two scales 3 px apart, from the hierarchy and by SLIC alone."""
+def moved_borders(sigma: float = 94.0, side: int = 340) -> None:
+    """LSA16 section 3.2: borders of superpixels at two scales 3 px apart, and of two hierarchies of one scale.
+
+    From the hierarchy; by SLIC alone, where its grid of seeds loses a column; from hierarchies whose seeds differ.
+    """
     photo = test_photo("stone_breccia.jpg")
     if photo is None:
         return
+    pairs = (
+        ({"sigma": sigma}, {"sigma": sigma + 3}),
+        ({"finest": sigma}, {"finest": sigma + 3}),
+        ({"sigma": sigma}, {"sigma": sigma, "finest": 15.0}),
+    )
     panes = []
-    for choice in ("sigma", "finest"):
-        cuts = [
-            filters.superpixel(photo, **{choice: float(s)}).get_pixels(oiio.UINT32)[..., 0] for s in (sigma, sigma + 3)
-        ]
-        edges = [ndimage.binary_dilation(borders(small(cut, side))) for cut in cuts]
+    for pair in pairs:
+        cuts = [filters.superpixel(photo, **choice).get_pixels(oiio.UINT32)[..., 0] for choice in pair]
+        edges = [borders(small(cut, side)) for cut in cuts]
+        near = [ndimage.binary_dilation(edge, iterations=2) for edge in edges]  # what moved by a pixel has not moved
         shown = small(pixels(photo), side) // 2 + 110
-        for edge, colour in ((edges[0], (230, 120, 0)), (edges[1], (0, 90, 200)), (edges[0] & edges[1], (0, 0, 0))):
+        both = (edges[0] & near[1]) | (edges[1] & near[0])
+        for edge, colour in ((edges[0], (220, 90, 0)), (edges[1], (0, 70, 220)), (both, (0, 0, 0))):
             shown[edge] = colour
         panes.append(shown)
     write_jpeg(beside(*panes), "superpixel_moves.jpg")
