@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hierarchical segmenters that install, in place of Arbelaez's (LSA16 figure 3b), whose code does not.
+"""Peers of our superpixels: scikit-image's SLIC, and hierarchical segmenters that install.
 
-Both begin with all basins of the gradient's watershed and merge neighbours with scikit-image's `merge_hierarchical`
-until one region is left, so partitions of all counts fit into each other. `by_boundary` merges where the mean gradient
-along the common border is least, which is Arbelaez's construction (an ultrametric contour map) without his learned
-boundaries. `by_colour` merges where the sum of squared distances to mean colours grows least (Ward), which knows sizes:
-far the stronger of the two at counts like ours. Felzenszwalb's segments at several scales are left out, as they are
-no hierarchy: a coarse segment may cut a fine one.
+The latter stand in for Arbelaez's (LSA16 figure 3b), whose code does not install. Both begin with all basins of the
+gradient's watershed and merge neighbours with scikit-image's `merge_hierarchical` until one is left, so that partitions
+of all counts fit into each other. `by_boundary` merges where the mean gradient along the common border is least, which
+is Arbelaez's construction (an ultrametric contour map) without his learned boundaries. `by_colour` merges where the sum
+of squared distances to mean colours grows least (Ward), which knows sizes: far the stronger of the two at counts like
+ours. Felzenszwalb's segments at several scales are left out, as they are no hierarchy: a coarse one may cut a fine one.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_gradient_magnitude
 
+COMPACTNESS = 20.0  # Lab units per sigma, as ours
 _BLUR = 2.0  # px, of the gradient: what is finer is noise
 
 
@@ -94,3 +95,14 @@ def by_colour(lab: np.ndarray) -> Dendrogram:
     for a, b, edge in rag.edges(data=True):
         edge["weight"] = cost(rag, a, b)
     return _merged(basins, rag, join, lambda graph, source, target, other: {"weight": cost(graph, target, other)})
+
+
+def scikit_slic(lab: np.ndarray, count: int, iterations: int = 10, connected: bool = True) -> np.ndarray:
+    """scikit-image's SLIC of Lab (h, w, 3) with our compactness.
+
+    It stretches its input to 0 .. 1 before it compares anything: a compactness in Lab units would make a bare grid.
+    """
+    from skimage.segmentation import slic
+
+    stretched = COMPACTNESS / max(float(lab.max() - lab.min()), 1e-9)
+    return slic(lab, count, stretched, iterations, convert2lab=False, enforce_connectivity=connected, channel_axis=-1)

@@ -19,9 +19,9 @@ from unittest import mock
 
 import numpy as np
 from skimage.metrics import variation_of_information
-from skimage.segmentation import slic
 
 from benchmarks.measures import data_folder
+from benchmarks.segmenters import scikit_slic
 from benchmarks.superpixels import load, under_segmentation
 from oiiotex.analysis import superpixels as module
 from oiiotex.analysis.hierarchy import hierarchy
@@ -84,7 +84,7 @@ class Photo:
 
     def scikit(self, count: int, seed: int = 0) -> np.ndarray:
         """scikit-image's."""
-        return slic(self.lab, count, 20.0, convert2lab=False, channel_axis=-1)
+        return scikit_slic(self.lab, count)
 
 
 def moves(photo: Photo, method: str, count: int, seeds: int) -> dict[str, tuple[float, float]]:

@@ -19,7 +19,7 @@ import OpenImageIO as oiio
 from scipy import ndimage
 
 from benchmarks.measures import data_folder
-from benchmarks.segmenters import by_boundary, by_colour
+from benchmarks.segmenters import by_boundary, by_colour, scikit_slic
 from oiiotex.analysis.hierarchy import hierarchy
 from oiiotex.analysis.labgrid import LabGrid
 from oiiotex.analysis.slic import SeedGrid, Slic
@@ -68,7 +68,6 @@ def speed() -> None:
     """Ten iterations at 2560 x 1920 with about 2500 seeds, beside OpenCV and scikit-image; then the whole way."""
     import cv2
     from skimage.color import rgb2lab
-    from skimage.segmentation import slic
 
     image = load(data_folder() / "large" / "large_drone_scrub_road_12mp.jpg", 2560, 1920)
     session = Session()
@@ -91,7 +90,7 @@ def speed() -> None:
         peer.iterate(10)
 
     def scikit() -> None:
-        slic(lab, grid.count, 20.0, 10, convert2lab=False, enforce_connectivity=False)
+        scikit_slic(lab, grid.count, connected=False)
 
     ten()
     rows = {
@@ -194,7 +193,6 @@ def quality(names: str = "") -> None:
     Columns: ours, our SLIC, our SLIC of a blurred image, scikit-image's SLIC, and the two hierarchical segmenters that
     stand in for Arbelaez's (benchmarks.segmenters): by colour, by boundary.
     """
-    from skimage.segmentation import slic
 
     session, totals = Session(), []
     print(f"{'':28s}" + "".join(f"{c:>38d}" for c in COUNTS))
@@ -217,7 +215,7 @@ def quality(names: str = "") -> None:
             row = [labels]
             for one in (image, smooth):
                 row.append(superpixels(one, lens_of(one, session.color), session, sigma=sigma).labels.pixels()[..., 0])
-            row.append(slic(values, count, 20.0, convert2lab=False, channel_axis=-1))
+            row.append(scikit_slic(values, count))
             row += [peer.partition_of(count) for peer in segmenters]
             cells.append([100 * under_segmentation(r, regions) for r in row])
         totals.append(cells)
