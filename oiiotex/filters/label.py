@@ -127,7 +127,12 @@ class Label(Op):
             _write(beside, {name: bits for found in manifests.values() for name, bits in found.items()}, session)
         elif sum(len(n) + 14 for found in manifests.values() for n in found) > LARGE:
             log.warning("%s: the manifest is large: cryptomatte=FILE.json puts it beside the image", self.flag())
-        return part
+
+        def of_no_level(spec: oiio.ImageSpec) -> None:
+            for name in (RHO, COUNT, PARENTS):
+                spec.erase_attribute(name)
+
+        return part.respecced(of_no_level)
 
 
 def label_part(like: Part, maps: LabelMaps, n: int) -> Part:
