@@ -237,30 +237,37 @@ def _texton_map(small: _Small, session: Session) -> np.ndarray:
 
     layers = [layer for found in session.spread(energies, _WAVES) for layer in found]
     layers += session.spread(spots, (1.4, 2.8, 5.6))
-    colour = [gaussian_filter(small.lab[..., c], 1.0) for c in range(3)]
-    values = np.stack([*layers, *colour], axis=-1).reshape(light.size, -1)
-    seen = small.ids.ravel() > 0
-    # a deviation of less than half a Lab unit is noise: it is not blown up
-    values = (values - values[seen].mean(0)) / np.maximum(values[seen].std(0), 0.5)
-    values[:, -3:] *= np.float32(math.sqrt(3.0))  # colour against 21 responses
-    centres = _centres(values[seen])
+    layers += [gaussian_filter(small.lab[..., c], 1.0) for c in range(3)]
+    seen = np.flatnonzero(small.ids.ravel())
+    weights = [1.0] * (len(layers) - 3) + [math.sqrt(3.0)] * 3  # colour against 21 responses
+    planes = [_standard(layer.ravel(), seen, weight) for layer, weight in zip(layers, weights, strict=True)]
+    if len(seen) > _SAMPLES:
+        seen = seen[np.random.default_rng(0).choice(len(seen), _SAMPLES, replace=False)]
+    centres = _centres(np.stack([plane[seen] for plane in planes], axis=1))
     squares = (centres**2).sum(1) / 2.0
 
     def nearest(first: int) -> np.ndarray:
-        return (values[first : first + _BLOCK] @ centres.T - squares).argmax(1)
+        block = np.stack([plane[first : first + _BLOCK] for plane in planes], axis=1)
+        return (block @ centres.T - squares).argmax(1)
 
     found = np.concatenate(list(session.spread(nearest, range(0, light.size, _BLOCK))))
     return found.reshape(light.shape)
 
 
-def _centres(values: np.ndarray) -> np.ndarray:
-    """k-means over a fixed sample, at most (TEXTONS, d) float32."""
-    random = np.random.default_rng(0)
-    sample = values if len(values) <= _SAMPLES else values[random.choice(len(values), _SAMPLES, replace=False)]
+def _standard(plane: np.ndarray, seen: np.ndarray, weight: float) -> np.ndarray:
+    """The values in units of their deviation, in place; less than half a Lab unit is noise and not blown up."""
+    mean, deviation = plane[seen].mean(dtype=np.float64), plane[seen].std(dtype=np.float64)
+    plane -= np.float32(mean)
+    plane *= np.float32(weight / max(deviation, 0.5))
+    return plane
+
+
+def _centres(sample: np.ndarray) -> np.ndarray:
+    """k-means over a sample (n, d), at most (TEXTONS, d) float32."""
     distinct = np.unique(np.rint(sample * 64.0) / 64.0, axis=0)
     if len(distinct) <= TEXTONS:
         return distinct.astype(np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a centre that nobody is near stays where it was: no harm
-        centres, _ = kmeans2(sample.astype(np.float64), TEXTONS, 20, minit="++", rng=random)
+        centres, _ = kmeans2(sample.astype(np.float64), TEXTONS, 20, minit="++", rng=np.random.default_rng(0))
     return centres[np.isfinite(centres).all(1)].astype(np.float32)
