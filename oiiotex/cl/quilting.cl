@@ -13,6 +13,8 @@
 #define NONE 0xffffffffu
 #define NO_COST LONG_MAX
 #define FULL_TRIES 4    // fresh draws for a candidate whose region is used up
+#define COARSE 4        // the first look at all candidates takes images reduced by this
+#define SHORTLIST 16    // candidates that are looked at in full
 #define BINS 256        // labels of finer levels are counted modulo this
 #define SAMPLE 4        // every 4th pixel in both directions is counted
 #define GUIDE 4         // samples of the guide along a side
@@ -87,8 +89,7 @@ __kernel void quilting_render(__constant facts *f, __global const int *xs, __glo
   plan p = {f, xs, ys, offset, vertical, horizontal};
   int j = column[x], i = row[y];
   int lx = left + x - xs[j], ly = top + y - ys[i], cell = i * f->columns + j;
-  lx += lx < 0 ? f->width : 0;
-  ly += ly < 0 ? f->height : 0;
+  ly -= ly >= f->patch ? f->height : 0;   // where the torus closes, the first row begins above the last rows' end
   uint at;
   if ((lx >= f->overlap || lx >= vertical[cell * f->patch + ly]) &&
       (ly >= f->overlap || ly >= horizontal[cell * f->patch + lx]))
@@ -147,6 +148,22 @@ __kernel void quilting_target(__constant facts *f, __global const int *xs, __glo
     const __global short *from = exemplar + 3 * (corner_y(at) * f->e_width + corner_x(at));
     for (int c = 0; c < 3; c++) to[c] = from[c];
   }
+}
+
+// The overlaps reduced by COARSE; halves go up, as in quilting.py, reduced.
+__kernel void quilting_reduce(__constant facts *f, __global const short *restrict target,
+                              __global short *restrict coarse, int cells) {
+  int v = get_global_id(0), n = get_global_id(1), side = f->patch / COARSE;
+  if (v >= side || n >= cells) return;
+  const __global short *from = target + 3 * (n * f->patch + COARSE * v) * f->patch;
+  __global short *to = coarse + 3 * (n * side + v) * side;
+  for (int u = 0; u < side; u++)
+    for (int c = 0; c < 3; c++) {
+      int sum = 0;
+      for (int y = 0; y < COARSE; y++)
+        for (int x = 0; x < COARSE; x++) sum += from[3 * (y * f->patch + COARSE * u + x) + c];
+      to[3 * u + c] = (short)((sum + 8) >> 4);
+    }
 }
 
 // Histograms of the finer levels' labels over the overlaps (LSA16 eq. 9), from every SAMPLEth pixel.
@@ -212,10 +229,34 @@ inline long strip_distance(const __global short *t, const __global short *e, int
   return total;
 }
 
+// Sum of squared differences over the overlaps; `bottom` and `right`: where the lower and right ones begin.
+inline long overlap_distance(int sides, const __global short *t, const __global short *e, int patch, int overlap,
+                             int e_width, int bottom, int right, int flush) {
+  int t_row = 3 * patch, e_row = 3 * e_width, from = 0, to = patch;   // rows that no strip has yet
+  long sum = 0;
+  if (sides & TOP) {
+    sum += strip_distance(t, e, t_row, e_row, 3 * patch, overlap, flush);
+    from = overlap;
+  }
+  if (sides & BOTTOM) {
+    int rows = patch - bottom < overlap ? patch - bottom : overlap, x = sides & LEFT ? overlap : 0;
+    to = bottom;
+    sum += strip_distance(t + to * t_row + 3 * x, e + to * e_row + 3 * x, t_row, e_row, 3 * (patch - x), rows, flush);
+  }
+  if (sides & LEFT)
+    sum += strip_distance(t + from * t_row, e + from * e_row, t_row, e_row, 3 * overlap, patch - from, flush);
+  if (sides & RIGHT) {
+    int n = patch - right < overlap ? patch - right : overlap;
+    sum += strip_distance(t + from * t_row + 3 * right, e + from * e_row + 3 * right, t_row, e_row, 3 * n, to - from,
+                          flush);
+  }
+  return sum;
+}
+
 // All that is needed to say what a candidate costs in a cell.
 typedef struct {
   const plan *p;
-  const __global short *target, *exemplar;
+  const __global short *target, *exemplar, *coarse_target, *coarse;
   const __global uchar *finer;
   const __global short *histogram;
   const __global ushort *guide, *labels;
@@ -223,62 +264,63 @@ typedef struct {
   long finer_unit, guide_unit;
 } place;
 
+// What speaks against a candidate beside its colours: labels of finer levels that its overlaps have too many of
+// (those it has too many are as many as it lacks), and samples whose label is not the guide's.
+inline long label_cost(const place *at, int ey, int ex, int bottom, int right) {
+  __constant facts *f = at->p->f;
+  int patch = f->patch, overlap = f->overlap, apart = 0, wrong = 0;
+  for (int level = 0; at->sides && level < f->levels; level++) {
+    short bins[BINS];
+    const __global short *old = at->histogram + level * BINS;
+    const __global uchar *ids = at->finer + level * at->plane + ey * f->e_width + ex;
+    for (int b = 0; b < BINS; b++) bins[b] = old[b];
+    for (int ly = SAMPLE / 2; ly < patch; ly += SAMPLE) {
+      int whole = ((at->sides & TOP) && ly < overlap) || (ly >= bottom && ly < bottom + overlap);
+      for (int lx = SAMPLE / 2; lx < patch; lx += SAMPLE) {
+        if (!whole && !((at->sides & LEFT) && lx < overlap) && !(lx >= right && lx < right + overlap)) {
+          if (right == patch) break;   // there is nothing more in this row
+          continue;
+        }
+        apart += bins[ids[ly * f->e_width + lx]]-- > 0 ? 0 : 1;
+      }
+    }
+  }
+  for (int v = 0; f->guided && v < GUIDE; v++)
+    for (int u = 0; u < GUIDE; u++) {
+      int y = (2 * v + 1) * patch / (2 * GUIDE), x = (2 * u + 1) * patch / (2 * GUIDE);
+      ushort wanted = at->guide[v * GUIDE + u];
+      wrong += wanted != 0 && wanted != at->labels[(ey + y) * f->e_width + ex + x];
+    }
+  return at->finer_unit * apart + at->guide_unit * wrong;
+}
+
 inline long cost_at(const place *at, uint candidate) {
   __constant facts *f = at->p->f;
-  int patch = f->patch, overlap = f->overlap, t_row = 3 * patch, e_row = 3 * f->e_width;
   int ey = corner_y(candidate), ex = corner_x(candidate);
-  const __global short *t = at->target, *e = at->exemplar + ey * e_row + 3 * ex;
-  long cost = 0;
-  int from = 0, to = patch, left = 0, right = patch;   // rows and columns that no strip has yet
-  if (at->sides & TOP) {
-    cost += strip_distance(t, e, t_row, e_row, 3 * patch, overlap, f->flush);
-    from = overlap;
-  }
-  if (at->sides & BOTTOM) {
-    to = bottom_at(at->p, at->i);
-    int rows = patch - to < overlap ? patch - to : overlap;
-    left = at->sides & LEFT ? overlap : 0;
-    cost += strip_distance(t + to * t_row + 3 * left, e + to * e_row + 3 * left, t_row, e_row, 3 * (patch - left), rows,
-                           f->flush);
-    left = 0;
-  }
-  if (at->sides & LEFT)
-    cost += strip_distance(t + from * t_row, e + from * e_row, t_row, e_row, 3 * overlap, patch - from, f->flush);
-  if (at->sides & RIGHT) {
-    right = right_at(at->p, at->j);
-    int n = patch - right < overlap ? patch - right : overlap;
-    cost += strip_distance(t + from * t_row + 3 * right, e + from * e_row + 3 * right, t_row, e_row, 3 * n, to - from,
-                           f->flush);
-  }
-  if (f->levels && at->sides) {
-    int apart = 0;   // the sum of absolute differences of two histograms
-    for (int level = 0; level < f->levels; level++) {
-      short bins[BINS];
-      const __global short *old = at->histogram + level * BINS;
-      const __global uchar *ids = at->finer + level * at->plane + ey * f->e_width + ex;
-      for (int b = 0; b < BINS; b++) bins[b] = old[b];
-      for (int ly = SAMPLE / 2; ly < patch; ly += SAMPLE)
-        for (int lx = SAMPLE / 2; lx < patch; lx += SAMPLE) {
-          int inside = ((at->sides & LEFT) && lx < overlap) || ((at->sides & TOP) && ly < overlap);
-          if ((at->sides & RIGHT) && lx >= right && lx < right + overlap) inside = 1;
-          if ((at->sides & BOTTOM) && ly >= to && ly < to + overlap) inside = 1;
-          if (!inside) continue;
-          apart += bins[ids[ly * f->e_width + lx]]-- > 0 ? 0 : 1;   // those it has too many are as many as it lacks
-        }
-    }
-    cost += at->finer_unit * apart;
-  }
-  if (f->guided) {
-    int wrong = 0;
-    for (int v = 0; v < GUIDE; v++)
-      for (int u = 0; u < GUIDE; u++) {
-        int y = (2 * v + 1) * patch / (2 * GUIDE), x = (2 * u + 1) * patch / (2 * GUIDE);
-        ushort wanted = at->guide[v * GUIDE + u];
-        wrong += wanted != 0 && wanted != at->labels[(ey + y) * f->e_width + ex + x];
-      }
-    cost += at->guide_unit * wrong;
-  }
-  return cost;
+  int bottom = at->sides & BOTTOM ? bottom_at(at->p, at->i) : f->patch;
+  int right = at->sides & RIGHT ? right_at(at->p, at->j) : f->patch;
+  return label_cost(at, ey, ex, bottom, right) +
+         overlap_distance(at->sides, at->target, at->exemplar + 3 * (ey * f->e_width + ex), f->patch, f->overlap,
+                          f->e_width, bottom, right, f->flush);
+}
+
+// The same from images reduced by COARSE: most candidates are out of the question, and a first look at all of these
+// stays within a cache.
+inline long first_cost(const place *at, uint candidate) {
+  __constant facts *f = at->p->f;
+  int ey = corner_y(candidate), ex = corner_x(candidate);
+  int bottom = at->sides & BOTTOM ? bottom_at(at->p, at->i) : f->patch;
+  int right = at->sides & RIGHT ? right_at(at->p, at->j) : f->patch;
+  int patch = f->patch / COARSE, width = f->e_width / COARSE;
+  int y = (ey + COARSE / 2) / COARSE, x = (ex + COARSE / 2) / COARSE;
+  int most_y = (f->e_rows + f->patch - 1) / COARSE - patch, most_x = width - patch;
+  y = y < most_y ? y : most_y;
+  x = x < most_x ? x : most_x;
+  int low = (bottom + COARSE - 1) / COARSE, far = (right + COARSE - 1) / COARSE;
+  return label_cost(at, ey, ex, bottom, right) +
+         COARSE * COARSE * overlap_distance(at->sides, at->coarse_target, at->coarse + 3 * (y * width + x), patch,
+                                            f->overlap / COARSE, width, low < patch ? low : patch,
+                                            far < patch ? far : patch, f->flush);
 }
 
 // --- the content table ---
@@ -323,7 +365,8 @@ inline uint candidate_of(const content *c, int key, int i, int j, int k, const _
 #define PLAN_ARGS __constant facts *f, __global const int *xs, __global const int *ys, __global const uint *offset, \
                   __global const uchar *vertical, __global const uchar *horizontal
 #define PLACE_ARGS __global const uint *order, int first, int cells, __global const int *keys,                        \
-                   __global const short *target, __global const short *exemplar, __global const uchar *finer,        \
+                   __global const short *target, __global const short *exemplar,                                     \
+                   __global const short *coarse_target, __global const short *coarse, __global const uchar *finer,   \
                    __global const short *histogram, __global const ushort *guide, __global const ushort *labels,     \
                    int plane, long finer_unit, long guide_unit
 #define CONTENT_ARGS __global const uint *offsets, __global const int *starts, __global const int *ranges,            \
@@ -333,7 +376,9 @@ inline uint candidate_of(const content *c, int key, int i, int j, int k, const _
   plan p = {f, xs, ys, offset, vertical, horizontal};                                                                \
   uint cell = order[first + n];                                                                                      \
   int i = cell / f->columns, j = cell % f->columns, key = keys[cell];                                                \
-  place here = {&p, target + 3 * n * f->patch * f->patch, exemplar, finer, histogram + n * f->levels * BINS,         \
+  int coarse_side = f->patch / COARSE;                                                                               \
+  place here = {&p, target + 3 * n * f->patch * f->patch, exemplar,                                                  \
+                coarse_target + 3 * n * coarse_side * coarse_side, coarse, finer, histogram + n * f->levels * BINS,  \
                 guide + (f->guided ? cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j, plane,             \
                 finer_unit, guide_unit};                                                                             \
   content c = {f, offsets, starts, ranges, range_blocks, range_starts, key_map};
@@ -345,7 +390,7 @@ __kernel void quilting_score(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global uint 
   BEGIN_PLACE
   uint at = candidate_of(&c, key, i, j, k, uses, cap);
   candidate[n * f->candidates + k] = at;
-  cost[n * f->candidates + k] = at == NONE ? NO_COST : cost_at(&here, at);
+  cost[n * f->candidates + k] = at == NONE ? NO_COST : first_cost(&here, at);
 }
 
 // The best candidate, ties to the earlier one in the hash's order, moved to where it fits best nearby.
@@ -354,13 +399,26 @@ __kernel void quilting_best(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global const 
   int n = get_global_id(0);
   if (n >= cells) return;
   BEGIN_PLACE
+  const __global long *costs = cost + n * f->candidates;
   uint found = NONE;
-  long least = NO_COST;
-  for (int k = 0; k < f->candidates; k++)
-    if (cost[n * f->candidates + k] < least) {
-      least = cost[n * f->candidates + k];
-      found = candidate[n * f->candidates + k];
+  long least = NO_COST, last = -1;
+  int last_k = -1;
+  for (int rank = 0; rank < SHORTLIST; rank++) {
+    int next = -1;   // the best that comes after the one before, by (cost, k)
+    for (int k = 0; k < f->candidates; k++)
+      if (costs[k] != NO_COST && (costs[k] > last || (costs[k] == last && k > last_k)) &&
+          (next < 0 || costs[k] < costs[next]))
+        next = k;
+    if (next < 0) break;
+    last = costs[next];
+    last_k = next;
+    uint at = candidate[n * f->candidates + next];
+    long there = cost_at(&here, at);
+    if (there < least) {
+      least = there;
+      found = at;
     }
+  }
   for (int step = reach; step > 0 && found != NONE && least > 0 && here.sides; step /= 2) {
     int cy = corner_y(found), cx = corner_x(found);
     for (int k = 0; k < 9; k++) {

@@ -15,16 +15,20 @@ from .lab import Lab
 from .label import Label
 from .labelview import LabelView
 from .plugins import installed
+from .quilt import Quilting
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
 from .warp import Warp
 
-_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp)
+_OURS: tuple[type[Op], ...] = (
+    Stationarize, PatchMatch, Quilting, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
+)  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
+quilt = function_of(Quilting)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)

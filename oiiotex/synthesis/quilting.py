@@ -13,122 +13,21 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..analysis.regions import ContentTable
 from ..device import Buffers, Device
-from ..errors import ImageError
 from ..windows import Window
+from .plans import NONE, Grid, Plan, Renderer, plan_bytes
 
 GRID = 21  # `patchmatch.to_grid`'s patch for the exemplar: four steps per Lab unit
-MOST_PATCH = 256
 GUIDE = 4  # samples of the guide along a side of a cell, cl/quilting.cl
-NONE = np.uint32(0xFFFFFFFF)  # the offset of a cell that has no patch yet
-_BINS, _SAMPLE = 256, 4  # cl/quilting.cl
+_BINS, _SAMPLE, _COARSE = 256, 4, 4  # cl/quilting.cl
 _WORST = 3 * (300 * 4) ** 2  # largest squared difference of two pixels in grid steps
 _FLUSH = 64  # waves between two looks at the queue
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Where patches lie in the output.
-
-    Attributes
-    ----------
-    width, height : int
-        Of the output.
-    patch, overlap : int
-        Side of a patch, and how far it overlaps its neighbours; at most a third of it.
-    wrap_x, wrap_y : bool
-        The output is a torus along that axis. Patches then lie a little closer where the size asks for it.
-    """
-
-    width: int
-    height: int
-    patch: int
-    overlap: int
-    wrap_x: bool = False
-    wrap_y: bool = False
-
-    def __post_init__(self) -> None:
-        for size, wraps, axis in ((self.width, self.wrap_x, "wide"), (self.height, self.wrap_y, "high")):
-            if wraps and size < self.patch:
-                raise ImageError(f"a tile must be at least as {axis} as a patch, {self.patch} px; it is {size}")
-
-    @property
-    def step(self) -> int:
-        """From one patch to the next, at most."""
-        return self.patch - self.overlap
-
-    @property
-    def xs(self) -> np.ndarray:
-        """Where columns begin."""
-        return _places(self.width, self.step, self.overlap, self.wrap_x)
-
-    @property
-    def ys(self) -> np.ndarray:
-        """Where rows begin.
-
-        A torus begins `overlap` above the output: then its closing seam lies in the last rows, and the first ones are
-        known before the last.
-        """
-        places = _places(self.height, self.step, self.overlap, self.wrap_y)
-        return places - self.overlap if self.wrap_y else places
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of cells."""
-        return len(self.ys), len(self.xs)
-
-    def waves(self) -> tuple[np.ndarray, np.ndarray]:
-        """Cells in the order in which they are decided, and where in it each wave begins."""
-        rows, columns = self.shape
-        i, j = np.divmod(np.arange(rows * columns, dtype=np.uint32), np.uint32(columns))
-        wave = j + np.uint32(2) * i
-        order = np.argsort(wave, kind="stable").astype(np.uint32)
-        return order, np.append(0, np.bincount(wave).cumsum())
-
-    def wave_of(self, window: Window) -> int:
-        """How many waves must be done before a window of the output can be made."""
-        rows, columns = self.shape
-        last = int(np.searchsorted(self.ys, window.bottom - 1, "right")) - 1
-        if self.wrap_y and window.bottom > self.height - self.overlap:  # where the torus closes
-            last = rows - 1
-        return 2 * last + columns
-
-
-def _places(size: int, step: int, overlap: int, wraps: bool) -> np.ndarray:
-    if not wraps:
-        return np.arange(max(1, -(-(size - overlap) // step)), dtype=np.int32) * np.int32(step)
-    count = max(2, -(-size // step))
-    return (np.arange(count, dtype=np.int64) * size // count).astype(np.int32)
-
-
-@dataclass
-class Plan:
-    """What the output is made of: it and the exemplar give every pixel.
-
-    Attributes
-    ----------
-    grid : Grid
-    offsets : (rows, columns) uint32
-        Top-left pixel of a cell's patch in the exemplar, y << 16 | x; NONE where there is none yet.
-    vertical, horizontal : (rows, columns, patch) uint8
-        Pixel (x, y) of a patch shows where x >= vertical[y] and y >= horizontal[x].
-    """
-
-    grid: Grid
-    offsets: np.ndarray
-    vertical: np.ndarray
-    horizontal: np.ndarray
-
-    @classmethod
-    def empty(cls, grid: Grid) -> Plan:
-        """No cell has a patch."""
-        cuts = (np.zeros((*grid.shape, grid.patch), np.uint8) for _ in range(2))
-        return cls(grid, np.full(grid.shape, NONE), *cuts)
 
 
 @dataclass(frozen=True)
@@ -168,8 +67,8 @@ class Exemplar:
         On the grid of `patchmatch.to_grid(lab, GRID)`.
     table : ContentTable
         Of windows of the patch's size.
-    finer : tuple of (h, w)
-        Label maps of finer levels, which tell candidates apart (LSA16 section 6.1).
+    finer : tuple of (h, w) uint8
+        Label maps of finer levels, `folded`, which tell candidates apart (LSA16 section 6.1).
     labels : (h, w) or None
         The label map that a guide speaks of.
     """
@@ -206,6 +105,18 @@ def caps(table: ContentTable, keys: np.ndarray, reuse: float) -> np.ndarray:
     return np.minimum(np.ceil(np.maximum(share * reuse, share)), 2**31 - 1).astype(np.int32)
 
 
+def folded(ids: np.ndarray) -> np.ndarray:
+    """Labels as the bins in which they are counted, uint8: of more than 255 some share one; 0 stays apart."""
+    return np.where(ids > 0, (ids - 1) % (_BINS - 1) + 1, 0).astype(np.uint8)
+
+
+def reduced(lab: np.ndarray) -> np.ndarray:
+    """(h, w, 3) int16 -> means of its whole squares of _COARSE pixels, halves up."""
+    h, w = (n // _COARSE for n in lab.shape[:2])
+    squares = lab[: h * _COARSE, : w * _COARSE].reshape(h, _COARSE, w, _COARSE, 3)
+    return ((squares.sum((1, 3), np.int32) + _COARSE**2 // 2) >> 4).astype(np.int16)
+
+
 def layout(exemplar: Exemplar, grid: Grid, rules: Rules, guided: bool, pixels: int) -> dict[str, int]:
     """Device memory of a `Quilt`, in bytes by name; `pixels`: of the largest window that is made at once."""
     cells, wave = math.prod(grid.shape), min(grid.shape[0], (grid.shape[1] + 1) // 2)
@@ -226,16 +137,15 @@ def layout(exemplar: Exemplar, grid: Grid, rules: Rules, guided: bool, pixels: i
         "guide": 2 * GUIDE**2 * (cells if guided else 1),
         "order": 4 * cells,
         "keys": 4 * cells,
-        "offset": 4 * cells,
-        "vertical": patch * cells,
-        "horizontal": patch * cells,
+        **plan_bytes(grid, pixels),
         "target": 6 * wave * patch**2,
+        "coarse": 6 * max(1, area // _COARSE**2),
+        "coarse_target": 6 * wave * (patch // _COARSE) ** 2,
         "histogram": 2 * _BINS * wave * max(1, len(exemplar.finer)),
         "candidate": 4 * wave * rules.candidates,
         "cost": 8 * wave * rules.candidates,
         "best": 4 * wave,
         "table": 8 * wave * patch * grid.overlap,
-        "source": 4 * pixels,
     }
 
 
@@ -257,6 +167,8 @@ class Quilt:
         Of the largest window that is rendered at once.
     plan : Plan, optional
         Where to begin: cells that have a patch keep it.
+    report : callable, optional
+        Called with (waves done, waves in all).
 
     Raises
     ------
@@ -273,6 +185,7 @@ class Quilt:
     held: int = 0
     pixels: int = 1 << 20
     plan: Plan | None = None
+    report: Callable[[int, int], None] | None = None
     done: int = field(default=0, init=False)  # waves
 
     def __post_init__(self) -> None:
@@ -290,16 +203,15 @@ class Quilt:
             self._waves = np.append(0, keep.cumsum())[self._waves]
             order = order[keep]
         cap = caps(t, self.demand.keys, self.rules.reuse)
-        finer = [np.where(f > 0, f % (_BINS - 1) + 1, 0).astype(np.uint8) for f in e.finer]
         held = {
-            "exemplar": e.lab, "offsets": t.offsets, "key_map": t.key_map, "starts": t.starts.astype(np.int32),
+            "exemplar": e.lab, "coarse": reduced(e.lab), "offsets": t.offsets, "key_map": t.key_map, "starts": t.starts.astype(np.int32),
             "ranges": t.ranges.astype(np.int32), "range_blocks": t.range_blocks,
             "range_starts": t.range_starts.astype(np.int32), "uses": self._uses(start), "cap": cap, "order": order,
             "keys": self.demand.keys.astype(np.int32), "offset": start.offsets, "vertical": start.vertical,
             "horizontal": start.horizontal,
         }  # fmt: skip
-        if finer:
-            held["finer"] = np.stack(finer)
+        if e.finer:
+            held["finer"] = np.stack(e.finer)
         if guided:
             held["labels"], held["guide"] = e.labels.astype(np.uint16), self.demand.guide.astype(np.uint16)
         for name, array in held.items():
@@ -307,14 +219,12 @@ class Quilt:
                 self.device.write(self._buffers[name], array)
         self.plan = None  # it lives on the device now
         rows, columns = e.lab.shape[0] - g.patch + 1, e.lab.shape[1] - g.patch + 1
-        facts = [
-            g.patch, g.overlap, g.width, g.height, g.shape[1], g.shape[0], g.wrap_x, g.wrap_y, e.lab.shape[1], columns,
-            rows, t.block, -(-columns // t.block), self.rules.candidates, len(finer),
+        facts = (
+            e.lab.shape[1], columns, rows, t.block, -(-columns // t.block), self.rules.candidates, len(e.finer),
             max(1, (2**31 - 1) // (_WORST * g.patch)), self.rules.seed & 0xFFFFFFFF, guided,
-        ]  # fmt: skip
-        self._facts = self.device.upload(np.array(facts, np.int64).astype(np.uint32))
-        self._xs, self._ys = self.device.upload(g.xs), self.device.upload(g.ys)
-        self._units = self._weights(len(finer))
+        )  # fmt: skip
+        self._renderer = Renderer(self.device, self._buffers, g, facts, self.pixels, self._lock)
+        self._units = self._weights(len(e.finer))
 
     def _uses(self, plan: Plan) -> np.ndarray:
         """How often each range is used by the cells that are decided."""
@@ -352,26 +262,29 @@ class Quilt:
                 self.done += 1
                 if self.done % _FLUSH == 0:
                     self.device.finish()
+                if self.report is not None:
+                    self.report(self.done, self.waves)
 
     def _wave(self, first: int, last: int) -> None:
         cells = last - first
         if not cells:
             return
         b, g, levels = self._buffers, self.grid, len(self.exemplar.finer)
-        plan = (self._facts, self._xs, self._ys, b["offset"], b["vertical"], b["horizontal"])
+        plan = self._renderer.plan
         plane = self.exemplar.lab.shape[0] * self.exemplar.lab.shape[1]
         self._run("target", (g.patch, cells), *plan, b["order"], first, b["exemplar"], b["target"], cells, group=8)
+        self._run("reduce", (g.patch // _COARSE, cells), plan[0], b["target"], b["coarse_target"], cells, group=16)
         if levels:
             self._run("histogram", (levels, cells), *plan, b["order"], first, b["finer"], b["histogram"], plane, cells,
                       group=1)  # fmt: skip
-        place = (b["order"], first, cells, b["keys"], b["target"], b["exemplar"], b["finer"], b["histogram"],
-                 b["guide"], b["labels"], plane, *self._units)  # fmt: skip
+        place = (b["order"], first, cells, b["keys"], b["target"], b["exemplar"], b["coarse_target"], b["coarse"],
+                 b["finer"], b["histogram"], b["guide"], b["labels"], plane, *self._units)  # fmt: skip
         table = (b["offsets"], b["starts"], b["ranges"], b["range_blocks"], b["range_starts"], b["key_map"], b["uses"],
                  b["cap"])  # fmt: skip
         self._run("score", (self.rules.candidates, cells), *plan, *place, *table, b["candidate"], b["cost"])
         self._run("best", (cells,), *plan, *place, *table, b["candidate"], b["cost"], b["best"], self.rules.reach,
                   group=1)  # fmt: skip
-        self._run("assign", (1,), self._facts, b["order"], first, cells, b["keys"], *table, b["candidate"], b["cost"],
+        self._run("assign", (1,), plan[0], b["order"], first, cells, b["keys"], *table, b["candidate"], b["cost"],
                   b["best"], b["offset"])  # fmt: skip
         for number in range(3):  # the last two only where there may be something to the right or below
             if number == 0 or self._closes:
@@ -387,29 +300,12 @@ class Quilt:
     def sources(self, window: Window) -> np.ndarray:
         """Which exemplar pixel lies where: (height, width) uint32 of y * exemplar width + x. Makes what it needs."""
         self.advance(self.grid.wave_of(window))
-        rows = max(1, self.pixels // window.width)
-        found = [self._rendered(piece) for piece in window.cells(window.width, rows)]
-        return found[0] if len(found) == 1 else np.concatenate(found)
-
-    def _rendered(self, window: Window) -> np.ndarray:
-        b, g = self._buffers, self.grid
-        column = np.searchsorted(g.xs, np.arange(window.left, window.right), "right") - 1
-        row = np.searchsorted(g.ys, np.arange(window.top, window.bottom), "right") - 1
-        with self._lock:
-            plan = (self._facts, self._xs, self._ys, b["offset"], b["vertical"], b["horizontal"])
-            places = (self.device.upload(p.astype(np.int32)) for p in (column, row))
-            self._run("render", (window.width, window.height), *plan, *places, b["source"], window.left, window.top,
-                      window.width, window.height)  # fmt: skip
-            return self.device.read(b["source"], (window.height, window.width), np.uint32)
+        return self._renderer.sources(window)
 
     def finished(self) -> Plan:
         """The whole plan."""
         self.advance(self.waves)
-        with self._lock:
-            shape = self.grid.shape
-            cuts = (self.device.read(self._buffers[n], (*shape, self.grid.patch), np.uint8)
-                    for n in ("vertical", "horizontal"))  # fmt: skip
-            return Plan(self.grid, self.device.read(self._buffers["offset"], shape, np.uint32), *cuts)
+        return self._renderer.read()
 
     def used(self) -> tuple[np.ndarray, np.ndarray]:
         """How often each range of the content table is used, and how often it may be: (r,) int32 each."""
