@@ -74,9 +74,7 @@ def meaning_of(guide: Part, table: Path | None, labels: np.ndarray) -> Meaning:
         held = json.loads(table.read_text())
         rows = sorted((_code(name), value) for name, value in held.items())
     except (OSError, ValueError, AttributeError, TypeError) as error:
-        raise ImageError(
-            f"table={table}: not a table of '255,0,0' or ids to labels or [k1, k2]: {error}"
-        ) from error
+        raise ImageError(f"table={table}: not a table of '255,0,0' or ids to labels or [k1, k2]: {error}") from error
     if not rows:
         raise ImageError(f"table={table} is empty")
     keys = [tuple(value) if isinstance(value, list) else (value, value) for _, value in rows]

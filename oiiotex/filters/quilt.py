@@ -68,7 +68,7 @@ class Quilting(Op):
     label: int | None = param(None, ge=1, help=LABEL)
     level: int | None = param(None, ge=1, help=f"{LEVEL}; of guides, too")
     table: Path | None = param(
-        None, help='JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: what ids or 8-bit colours of the guide mean, a label or a key'
+        None, help='JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colours of the guide mean'
     )
     size: Size | None = param(
         None, ge=1, le=1 << 22, unit="px", help="of the result; the guide's or else the exemplar's when left out"
@@ -91,7 +91,9 @@ class Quilting(Op):
     finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
     guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside colour")
     plan: Path | None = param(None, help="the plan goes to this file (.npz): offsets and cuts")
-    render: bool = param(False, help="make the result from the plan in that file; the exemplar may be any map that fits")
+    render: bool = param(
+        False, help="make the result from the plan in that file, of the photo or of any map of its size"
+    )
     stmap: bool | Path = param(False, help="1: source coordinates as part 'st' of the result; a file name: there")
     keep: bool = param(False, help="label parts of the exemplar follow, made from the same sources")
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")

@@ -204,8 +204,8 @@ class Quilt:
             order = order[keep]
         cap = caps(t, self.demand.keys, self.rules.reuse)
         held = {
-            "exemplar": e.lab, "coarse": reduced(e.lab), "offsets": t.offsets, "key_map": t.key_map, "starts": t.starts.astype(np.int32),
-            "ranges": t.ranges.astype(np.int32), "range_blocks": t.range_blocks,
+            "exemplar": e.lab, "coarse": reduced(e.lab), "offsets": t.offsets, "key_map": t.key_map,
+            "starts": t.starts.astype(np.int32), "ranges": t.ranges.astype(np.int32), "range_blocks": t.range_blocks,
             "range_starts": t.range_starts.astype(np.int32), "uses": self._uses(start), "cap": cap, "order": order,
             "keys": self.demand.keys.astype(np.int32), "offset": start.offsets, "vertical": start.vertical,
             "horizontal": start.horizontal,
