@@ -14,9 +14,9 @@
 #define NO_COST LONG_MAX
 #define FULL_TRIES 4    // fresh draws for a candidate whose region is used up
 #define COARSE 4        // the first look at all candidates takes images reduced by this
-#define SHORTLIST 16    // candidates that are looked at in full
+#define SHORTLIST 8     // candidates that are looked at in full
 #define BINS 256        // labels of finer levels are counted modulo this
-#define SAMPLE 4        // every 4th pixel in both directions is counted
+#define LABEL_STEP 4    // every 4th pixel's labels are held, in both directions
 #define GUIDE 4         // samples of the guide along a side
 
 inline uint corner(int y, int x) { return (uint)y << 16 | (uint)x; }
@@ -26,7 +26,7 @@ inline int corner_x(uint c) { return (int)(c & 0xffffu); }
 // What does not change during a run; see synthesis/quilting.py, _FACTS.
 typedef struct {
   int patch, overlap, width, height, columns, rows, wrap_x, wrap_y;
-  int e_width, e_columns, e_rows, block, blocks_across, candidates, levels, flush;
+  int e_width, e_columns, e_rows, block, blocks_across, candidates, levels, stride, flush;
   uint seed;
   int guided;
 } facts;
@@ -166,12 +166,16 @@ __kernel void quilting_reduce(__constant facts *f, __global const short *restric
     }
 }
 
-// Histograms of the finer levels' labels over the overlaps (LSA16 eq. 9), from every SAMPLEth pixel.
+// Where an exemplar pixel's labels are held.
+inline int label_at(__constant facts *f, int y, int x) {
+  return y / LABEL_STEP * ((f->e_width + LABEL_STEP - 1) / LABEL_STEP) + x / LABEL_STEP;
+}
+
+// Histograms of the finer levels' labels over the overlaps (LSA16 eq. 9), from samples `stride` px apart.
 __kernel void quilting_histogram(__constant facts *f, __global const int *xs, __global const int *ys,
                                  __global const uint *offset, __global const uchar *vertical,
                                  __global const uchar *horizontal, __global const uint *order, int first,
-                                 __global const uchar *restrict finer, __global short *restrict histogram, int plane,
-                                 int cells) {
+                                 __global const uchar *restrict finer, __global short *restrict histogram, int cells) {
   int level = get_global_id(0), n = get_global_id(1);
   if (level >= f->levels || n >= cells) return;
   plan p = {f, xs, ys, offset, vertical, horizontal};
@@ -179,10 +183,10 @@ __kernel void quilting_histogram(__constant facts *f, __global const int *xs, __
   int i = cell / f->columns, j = cell % f->columns, sides = sides_of(&p, i, j);
   __global short *bins = histogram + (n * f->levels + level) * BINS;
   for (int b = 0; b < BINS; b++) bins[b] = 0;
-  for (int ly = SAMPLE / 2; ly < f->patch; ly += SAMPLE)
-    for (int lx = SAMPLE / 2; lx < f->patch; lx += SAMPLE) {
+  for (int ly = f->stride / 2; ly < f->patch; ly += f->stride)
+    for (int lx = f->stride / 2; lx < f->patch; lx += f->stride) {
       uint at = around(&p, sides, i, j, lx, ly);
-      if (at != NONE) bins[finer[level * plane + corner_y(at) * f->e_width + corner_x(at)]]++;
+      if (at != NONE) bins[finer[label_at(f, corner_y(at), corner_x(at)) * f->levels + level]]++;
     }
 }
 
@@ -260,7 +264,7 @@ typedef struct {
   const __global uchar *finer;
   const __global short *histogram;
   const __global ushort *guide, *labels;
-  int sides, i, j, plane;
+  int sides, i, j;
   long finer_unit, guide_unit;
 } place;
 
@@ -272,16 +276,15 @@ inline long label_cost(const place *at, int ey, int ex, int bottom, int right) {
   for (int level = 0; at->sides && level < f->levels; level++) {
     short bins[BINS];
     const __global short *old = at->histogram + level * BINS;
-    const __global uchar *ids = at->finer + level * at->plane + ey * f->e_width + ex;
     for (int b = 0; b < BINS; b++) bins[b] = old[b];
-    for (int ly = SAMPLE / 2; ly < patch; ly += SAMPLE) {
+    for (int ly = f->stride / 2; ly < patch; ly += f->stride) {
       int whole = ((at->sides & TOP) && ly < overlap) || (ly >= bottom && ly < bottom + overlap);
-      for (int lx = SAMPLE / 2; lx < patch; lx += SAMPLE) {
+      for (int lx = f->stride / 2; lx < patch; lx += f->stride) {
         if (!whole && !((at->sides & LEFT) && lx < overlap) && !(lx >= right && lx < right + overlap)) {
           if (right == patch) break;   // there is nothing more in this row
           continue;
         }
-        apart += bins[ids[ly * f->e_width + lx]]-- > 0 ? 0 : 1;
+        apart += bins[at->finer[label_at(f, ey + ly, ex + lx) * f->levels + level]]-- > 0 ? 0 : 1;
       }
     }
   }
@@ -289,7 +292,7 @@ inline long label_cost(const place *at, int ey, int ex, int bottom, int right) {
     for (int u = 0; u < GUIDE; u++) {
       int y = (2 * v + 1) * patch / (2 * GUIDE), x = (2 * u + 1) * patch / (2 * GUIDE);
       ushort wanted = at->guide[v * GUIDE + u];
-      wrong += wanted != 0 && wanted != at->labels[(ey + y) * f->e_width + ex + x];
+      wrong += wanted != 0 && wanted != at->labels[label_at(f, ey + y, ex + x)];
     }
   return at->finer_unit * apart + at->guide_unit * wrong;
 }
@@ -368,7 +371,7 @@ inline uint candidate_of(const content *c, int key, int i, int j, int k, const _
                    __global const short *target, __global const short *exemplar,                                     \
                    __global const short *coarse_target, __global const short *coarse, __global const uchar *finer,   \
                    __global const short *histogram, __global const ushort *guide, __global const ushort *labels,     \
-                   int plane, long finer_unit, long guide_unit
+                   long finer_unit, long guide_unit
 #define CONTENT_ARGS __global const uint *offsets, __global const int *starts, __global const int *ranges,            \
                      __global const int *range_blocks, __global const int *range_starts,                             \
                      __global const uint *key_map, __global const int *uses, __global const int *cap
@@ -379,7 +382,7 @@ inline uint candidate_of(const content *c, int key, int i, int j, int k, const _
   int coarse_side = f->patch / COARSE;                                                                               \
   place here = {&p, target + 3 * n * f->patch * f->patch, exemplar,                                                  \
                 coarse_target + 3 * n * coarse_side * coarse_side, coarse, finer, histogram + n * f->levels * BINS,  \
-                guide + (f->guided ? cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j, plane,             \
+                guide + (f->guided ? cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j,                    \
                 finer_unit, guide_unit};                                                                             \
   content c = {f, offsets, starts, ranges, range_blocks, range_starts, key_map};
 
