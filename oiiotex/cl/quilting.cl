@@ -233,26 +233,25 @@ inline long strip_distance(const __global short *t, const __global short *e, int
   return total;
 }
 
-// Sum of squared differences over the overlaps; `bottom` and `right`: where the lower and right ones begin.
+// Sum of squared differences over the overlaps; the lower one has `rows` rows from `bottom` on, the right one `columns`
+// columns from `right` on.
 inline long overlap_distance(int sides, const __global short *t, const __global short *e, int patch, int overlap,
-                             int e_width, int bottom, int right, int flush) {
-  int t_row = 3 * patch, e_row = 3 * e_width, from = 0, to = patch;   // rows that no strip has yet
+                             int e_width, int bottom, int rows, int right, int columns, int flush) {
+  int t_row = 3 * patch, e_row = 3 * e_width, from = sides & TOP ? overlap : 0, left = sides & LEFT ? overlap : 0;
   long sum = 0;
-  if (sides & TOP) {
-    sum += strip_distance(t, e, t_row, e_row, 3 * patch, overlap, flush);
-    from = overlap;
-  }
-  if (sides & BOTTOM) {
-    int rows = patch - bottom < overlap ? patch - bottom : overlap, x = sides & LEFT ? overlap : 0;
-    to = bottom;
-    sum += strip_distance(t + to * t_row + 3 * x, e + to * e_row + 3 * x, t_row, e_row, 3 * (patch - x), rows, flush);
-  }
+  if (sides & TOP) sum += strip_distance(t, e, t_row, e_row, 3 * patch, overlap, flush);
   if (sides & LEFT)
     sum += strip_distance(t + from * t_row, e + from * e_row, t_row, e_row, 3 * overlap, patch - from, flush);
-  if (sides & RIGHT) {
-    int n = patch - right < overlap ? patch - right : overlap;
-    sum += strip_distance(t + from * t_row + 3 * right, e + from * e_row + 3 * right, t_row, e_row, 3 * n, to - from,
-                          flush);
+  if (sides & BOTTOM)
+    sum += strip_distance(t + bottom * t_row + 3 * left, e + bottom * e_row + 3 * left, t_row, e_row,
+                          3 * (patch - left), rows, flush);
+  if (sides & RIGHT) {   // above the lower strip, and below it where a small torus leaves something
+    int to = sides & BOTTOM ? bottom : patch, rest = to + rows;
+    t += 3 * right;
+    e += 3 * right;
+    sum += strip_distance(t + from * t_row, e + from * e_row, t_row, e_row, 3 * columns, to - from, flush);
+    if (rest < patch)
+      sum += strip_distance(t + rest * t_row, e + rest * e_row, t_row, e_row, 3 * columns, patch - rest, flush);
   }
   return sum;
 }
@@ -304,7 +303,8 @@ inline long cost_at(const place *at, uint candidate) {
   int right = at->sides & RIGHT ? right_at(at->p, at->j) : f->patch;
   return label_cost(at, ey, ex, bottom, right) +
          overlap_distance(at->sides, at->target, at->exemplar + 3 * (ey * f->e_width + ex), f->patch, f->overlap,
-                          f->e_width, bottom, right, f->flush);
+                          f->e_width, bottom, min(f->patch - bottom, f->overlap), right,
+                          min(f->patch - right, f->overlap), f->flush);
 }
 
 // The same from images reduced by COARSE: most candidates are out of the question, and a first look at all of these
@@ -319,11 +319,15 @@ inline long first_cost(const place *at, uint candidate) {
   int most_y = (f->e_rows + f->patch - 1) / COARSE - patch, most_x = width - patch;
   y = y < most_y ? y : most_y;
   x = x < most_x ? x : most_x;
-  int low = (bottom + COARSE - 1) / COARSE, far = (right + COARSE - 1) / COARSE;
+  // of the lower and right overlaps only squares that lie in them as a whole
+  int low = (bottom + COARSE - 1) / COARSE, low_end = min((bottom + f->overlap) / COARSE, patch);
+  int far = (right + COARSE - 1) / COARSE, far_end = min((right + f->overlap) / COARSE, patch);
+  low = min(low, patch);
+  far = min(far, patch);
   return label_cost(at, ey, ex, bottom, right) +
          COARSE * COARSE * overlap_distance(at->sides, at->coarse_target, at->coarse + 3 * (y * width + x), patch,
-                                            f->overlap / COARSE, width, low < patch ? low : patch,
-                                            far < patch ? far : patch, f->flush);
+                                            f->overlap / COARSE, width, low, max(low_end - low, 0), far,
+                                            max(far_end - far, 0), f->flush);
 }
 
 // --- the content table ---
