@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..op import Op
+from .content import Content
 from .flatten import Flatten
 from .functions import function_of, result
 from .lab import Lab
@@ -22,7 +23,7 @@ from .superpixel import Superpixel
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
+    Stationarize, PatchMatch, Quilting, Flatten, Stationarity, Superpixel, Label, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -34,6 +35,7 @@ stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 labelview = function_of(LabelView)
+content = function_of(Content)
 lab = function_of(Lab)
 warp = function_of(Warp)
 
