@@ -161,7 +161,8 @@ def _key_table(picture: np.ndarray, ids: np.ndarray, table: ContentTable) -> np.
     size = _HEAD + len(labels) * (_CELL + _GAP)
     sheet = np.full((size, size, 3), PAPER, np.float32)
     place = {int(label): _HEAD + n * (_CELL + _GAP) for n, label in enumerate(labels)}
-    swatch = coloured(labels[None].astype(np.int64), None, 1.0)[0]
+    # one by one: side by side they would have borders
+    swatch = [coloured(np.array([[label]], np.int64), None, 1.0)[0, 0] for label in labels]
     at = np.arange(_CELL) * table.side // _CELL
     for n, key in enumerate(table.keys.tolist()):
         if key[0] in place and key[1] in place:
