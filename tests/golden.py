@@ -27,7 +27,7 @@ class Case:
     @property
     def synthesis(self) -> bool:
         """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
-        return self.words[0].startswith(("--texstationarize", "--texpatchmatch"))
+        return self.words[0].startswith(("--texstationarize", "--texpatchmatch", "--texquilt"))
 
     @property
     def labels(self) -> bool:
@@ -69,6 +69,10 @@ CASES = {
     "label_two_textures": Case(
         lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texlabel",)
     ),
+    "quilt_pebbles": Case(
+        lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tile=xy:seed=3:candidates=64",)
+    ),
+    "quilt_alpha_hole": Case(_with_hole, ("--texquilt:size=120x90:patch=16:seed=4",)),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 

@@ -9,27 +9,33 @@ from collections.abc import Callable
 from typing import Any
 
 from ..op import Op
+from .content import Content
 from .flatten import Flatten
 from .functions import function_of, result
 from .lab import Lab
 from .label import Label
 from .labelview import LabelView
 from .plugins import installed
+from .quilt import Quilting
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
 from .warp import Warp
 
-_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp)
+_OURS: tuple[type[Op], ...] = (
+    Stationarize, PatchMatch, Quilting, Flatten, Stationarity, Superpixel, Label, LabelView, Content, Lab, Warp,
+)  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
+quilt = function_of(Quilting)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 labelview = function_of(LabelView)
+content = function_of(Content)
 lab = function_of(Lab)
 warp = function_of(Warp)
 

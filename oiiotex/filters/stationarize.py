@@ -101,7 +101,7 @@ class _PatchSynthesis(Op):
         made = synthesize(
             device,
             working.values,
-            _both(working.opaque, allowed),
+            both(working.opaque, allowed),
             recipe,
             session.budget - pixels.nbytes,
             session.advance,
@@ -118,8 +118,8 @@ class _PatchSynthesis(Op):
         def coordinates(window: Window) -> np.ndarray:
             return source_coordinates(*unpack(made.source[window.inside(whole)]), source.spec)
 
-        tile = Part(source.name, _tile_spec(source.spec, self, width, height), copied, source.spec.format, ready=True)
-        st = Part("st", _st_spec(width, height), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True, exact=True)
+        tile = Part(source.name, tile_spec(source.spec, self, width, height), copied, source.spec.format, ready=True)
+        st = Part("st", st_spec(width, height), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True, exact=True)
         if isinstance(self.stmap, Path):
             write(Image((st,), str(self.stmap)), self.stmap, st.spec.format)
             session.written.add(os.path.realpath(self.stmap))
@@ -197,7 +197,7 @@ class PatchMatch(_PatchSynthesis):
         return self._recipe(width, height, None, self.contrast, False)
 
 
-def _both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
+def both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
     """Where both say yes; None: everywhere."""
     return opaque if allowed is None else allowed if opaque is None else opaque & allowed
 
@@ -213,13 +213,15 @@ def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np
     return np.stack([s, t], axis=-1).astype(np.float32)
 
 
-def _tile_spec(spec: oiio.ImageSpec, op: Op, width: int, height: int) -> oiio.ImageSpec:
+def tile_spec(spec: oiio.ImageSpec, op: Op, width: int, height: int) -> oiio.ImageSpec:
+    """Of a result that is copied from an image with that spec."""
     new = derived_spec(spec, width, height)
     new.attribute("wrapmodes", ",".join("periodic" if a in op.tile else "black" for a in "xy"))
     return new
 
 
-def _st_spec(width: int, height: int) -> oiio.ImageSpec:
+def st_spec(width: int, height: int) -> oiio.ImageSpec:
+    """Of a map of source coordinates."""
     spec = oiio.ImageSpec(width, height, 2, oiio.FLOAT)
     spec.channelnames = ("R", "G")
     spec.attribute("oiio:ColorSpace", "data")
