@@ -46,6 +46,8 @@ class Session:
         Ops of the host work on all parts of an image, not on the first alone.
     progress : callable or None
         Called with (done, total) as work goes on; returning False stops the run.
+    say : callable or None
+        Called with each line of text that a filter was asked for.
     measure : bool
         Report how stationary, faithful and seamless a result is (takes time).
     profile : bool
@@ -66,6 +68,7 @@ class Session:
     autocc: bool = False
     all_parts: bool = False
     progress: Progress | None = None
+    say: Callable[[str], object] | None = None
     measure: bool = False
     profile: bool = False
     stats: Stats = field(default_factory=Stats)

@@ -219,6 +219,16 @@ def test_content_marks_all_patches_of_the_key(tmp_path):
     assert (shown[..., 0] - shown[..., 2] > 60)[~red].mean() < 0.01
 
 
+def test_content_says_the_histograms_of_every_level(tmp_path):
+    said: list[str] = []
+    filters.content(labelled(), at=(80, 20), level=2, patch=16, session=Session(say=said.append))
+    assert said[1:] == ["label.2: 1: 50.0%, 2: 50.0%", f"key (1, 2) of label.2: {said[2].split()[-2]} patches"]
+    assert said[0].startswith("label.1: ")
+    save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
+    done = oiiotex("photo.exr", "--texlabel:keep=1", "--texcontent", "-o", "content.png", cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout.startswith("label.1: ") and " patches\n" in done.stdout
+
+
 def test_content_draws_the_table_of_keys():
     made = pixels(filters.content(labelled(), level=2, patch=16, table=True))
     assert made.shape == (48 + 3 * 76, 48 + 3 * 76, 3)

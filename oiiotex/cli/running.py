@@ -178,6 +178,7 @@ def _session(command: CommandLine, words: list[str]) -> Session:
         colorconfig=_first(command, "--colorconfig"),
         interchange=command.settings.get("--interchange"),
         progress=None if "-q" in command.settings else report.progress_bar(),
+        say=print,
         measure=_wants_report(command),
         profile="--runstats" in command.settings,
         words=tuple(words),

@@ -40,7 +40,7 @@ class Content(Op):
     The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
     section 6.1). The centres of all patches with the key of the patch around `at` are marked red on the photo, and
-    that patch is outlined (figure 10). -v prints the histograms of that patch at every level (figure 9), json keeps
+    that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
     them. With table=1 every key is shown by a patch that has it, first label down, second across (figure 11).
     The result is an 8-bit sRGB image for screens: do not measure it.
     """
@@ -80,12 +80,15 @@ class Content(Op):
         left, top = self._place(first, side)
         histograms = {number: histogram(part.pixels()[..., 0], top, left, side) for number, part in parts.items()}
         key = key_of(histograms[level])
+        lines = []
         for number, counts in histograms.items():
             shares = ", ".join(
                 f"{c}: {n / side**2:.1%}" for c, n in sorted(counts.items(), key=lambda i: (-i[1], i[0]))
             )
-            log.info("%s: label.%d: %s", self.flag(), number, shares or "none")
-        log.info("%s: key (%d, %d) of label.%d: %d patches", self.flag(), *key, level, _count(found, key))
+            lines.append(f"label.{number}: {shares or 'none'}")
+        lines.append(f"key ({key[0]}, {key[1]}) of label.{level}: {_count(found, key)} patches")
+        for line in lines if session.say is not None else ():
+            session.say(line)
         if self.json is not None:
             _write(self.json, _facts(found, key, level, left, top, histograms), session)
         picture = self._picture(first, ids, session)
