@@ -18,6 +18,7 @@ Weights = np.ndarray | sparray | spmatrix
 
 SWEEPS = 50  # of the refinement, at most: each raises the score, so it ends by itself
 _WIDE = 8192  # vertices of a dense matrix beyond which its copy is one of float32
+_ROWS = 256  # of a dense matrix that are looked at together
 _LEAST = 1e-9  # of the largest weight: a gain below it is a rounding error, not a gain
 
 
@@ -130,45 +131,96 @@ def _merged_dense(weights: np.ndarray) -> np.ndarray:
     clique = np.arange(count)  # of every vertex: a row of `cost`
     if count < 2:
         return clique
-    # c(a, b) of the paper; what is no longer there, and the diagonal, is -inf
-    cost = weights.astype(np.float32 if count > _WIDE else np.float64)
-    np.fill_diagonal(cost, -np.inf)
-    alive = np.ones(count, bool)
-    choice = cost.argmax(1)
-    best = cost[np.arange(count), choice]
+    state = _Cost(weights)
     while True:
-        a = np.flatnonzero(alive & (best > 0) & (choice[choice] == np.arange(len(cost))))
-        a = a[a < choice[a]]
-        b = choice[a]
+        a = np.flatnonzero(state.alive & (state.best > 0) & (state.choice[state.choice] == np.arange(len(state.cost))))
+        a = a[a < state.choice[a]]
+        b = state.choice[a]
         if not len(a):
             return clique
-        # the incremental update: c(a + b, k) = c(a, k) + c(b, k); only what looked at a or b chooses anew
-        rows = cost[a] + cost[b]
-        rows[:, a] += rows[:, b]
-        rows[:, b] = -np.inf
-        rows[np.arange(len(a)), a] = -np.inf
-        cost[a], cost[:, a] = rows, rows.T
-        cost[b] = -np.inf
-        cost[:, b] = -np.inf
-        alive[b] = False
-        into = np.arange(len(cost))
+        into = np.arange(len(state.cost))
         into[b] = a
         clique = into[clique]
-        gone = np.zeros(len(cost), bool)
-        gone[a] = gone[b] = True
-        anew = np.flatnonzero(alive & gone[choice])
+        state.alive[b] = False
+        if state.cost is weights or 16 * len(a) > len(into) or 4 * np.count_nonzero(state.alive) < 3 * len(into):
+            clique = (np.cumsum(state.alive) - 1)[clique]
+            state = _Cost(state.joined(a, b))
+        else:
+            state.join(a, b)
+
+
+class _Cost:
+    """c(a, b) of the paper for all pairs of cliques, and of every clique the best choice.
+
+    A row that has changed is written as a row alone: its column, which lies all over memory, is stale, and what reads
+    other rows takes its values from the row.
+    """
+
+    def __init__(self, cost: np.ndarray):
+        count = len(cost)
+        self.cost, self.alive = cost, np.ones(count, bool)
+        self.stale = np.zeros(0, np.int64)
+        self.choice, self.best = np.empty(count, np.int64), np.empty(count)
+        for first in range(0, count, _ROWS):
+            self._choose(np.arange(first, min(first + _ROWS, count)))
+
+    def rows(self, which: np.ndarray) -> np.ndarray:
+        """Rows as they should be; nothing chooses itself, or what has gone."""
+        found = self.cost[which]
+        found[:, self.stale] = self.cost[np.ix_(self.stale, which)].T
+        found[:, ~self.alive] = -np.inf
+        found[np.arange(len(which)), which] = -np.inf
+        return found
+
+    def _choose(self, which: np.ndarray) -> None:
+        rows = self.rows(which)
+        self.choice[which] = rows.argmax(1)
+        self.best[which] = rows[np.arange(len(which)), self.choice[which]]
+
+    def _sums(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """The incremental update, of rows: c(a + b, k) = c(a, k) + c(b, k)."""
+        self.alive[b] = True
+        rows = self.rows(np.concatenate([a, b]))
+        self.alive[b] = False
+        found = rows[: len(a)] + rows[len(a) :]
+        found[:, a] += found[:, b]
+        found[:, b] = -np.inf
+        return found
+
+    def join(self, a: np.ndarray, b: np.ndarray) -> None:
+        """Add b to a; only what looked at them and lost by it chooses anew."""
+        rows = self._sums(a, b)
+        self.stale = np.union1d(self.stale[self.alive[self.stale]], a)
+        self.cost[a] = rows
+        self.cost[np.ix_(self.stale, a)] = rows[:, self.stale].T
+        changed = np.zeros(len(self.cost), bool)
+        changed[a] = changed[b] = True
         nearest = rows.argmax(0)
-        offer = rows[nearest, np.arange(len(cost))]
-        better = alive & ((offer > best) | ((offer == best) & (a[nearest] < choice)))
-        best[better], choice[better] = offer[better], a[nearest[better]]
-        anew = np.union1d(anew, a)
-        choice[anew] = cost[anew].argmax(1)
-        best[anew] = cost[anew, choice[anew]]
-        if 4 * np.count_nonzero(alive) < 3 * len(cost):
-            kept = np.flatnonzero(alive)
-            place = np.cumsum(alive) - 1
-            cost, best, choice, clique = cost[np.ix_(kept, kept)], best[kept], place[choice[kept]], place[clique]
-            alive = np.ones(len(kept), bool)
+        offer = rows[nearest, np.arange(len(rows.T))]
+        nearest = a[nearest]
+        better = self.alive & ((offer > self.best) | ((offer == self.best) & (nearest < self.choice)))
+        lost = self.alive & changed[self.choice] & ~better
+        lost[a] = True
+        self.best[better], self.choice[better] = offer[better], nearest[better]
+        self._choose(np.flatnonzero(lost))
+
+    def joined(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """A new matrix of what is left when b has been added to a, by blocks of rows."""
+        kept = np.flatnonzero(self.alive)
+        made = np.empty((len(kept), len(kept)), np.float32 if len(self.cost) > _WIDE else np.float64)
+        place, partner = np.searchsorted(kept, a), np.full(len(self.cost), -1)
+        partner[a] = b
+        self.alive[b] = True  # until they have been read
+        for first in range(0, len(kept), _ROWS):
+            here = kept[first : first + _ROWS]
+            rows = self.rows(here).astype(made.dtype)
+            paired = np.flatnonzero(partner[here] >= 0)
+            if len(paired):
+                rows[paired] += self.rows(partner[here[paired]])
+            block = rows[:, kept]
+            block[:, place] += rows[:, b]
+            made[first : first + _ROWS] = block
+        return made
 
 
 def _merged_sparse(weights: csr_array) -> np.ndarray:
