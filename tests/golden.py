@@ -32,7 +32,7 @@ class Case:
     @property
     def labels(self) -> bool:
         """Whether its result is ids, which are compared as they are or under other numbers, never by tolerance."""
-        return self.words[0].startswith(("--texsuperpixel", "--texlabel"))
+        return self.words[0].startswith(("--texsuperpixel", "--texlabel", "--texdecompose"))
 
 
 def _with_hole() -> np.ndarray:
@@ -68,6 +68,9 @@ CASES = {
     ),
     "label_two_textures": Case(
         lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texlabel",)
+    ),
+    "decompose_two_textures": Case(
+        lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texdecompose",)
     ),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }

@@ -18,7 +18,7 @@ from oiiotex.windows import Window
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
-SMALL = {"iterations": 4}  # fewer rounds where the pixels' beauty does not matter
+SMALL = {"iterations": 4, "threshold": 0.9, "radius": 8}  # fewer rounds where beauty does not matter; small places
 
 
 def settings(op: type[Op], **more: object) -> dict[str, object]:
@@ -71,7 +71,7 @@ def of(found: list[type[Op]]) -> pytest.MarkDecorator:
 
 # What is true of few is said here; a new filter is held to everything else.
 MEASURES = ("stationarity", "lab")  # their results are data in floats, whatever the source was
-LABELS = ("superpixel", "label")  # their results are ids
+LABELS = ("superpixel", "label", "decompose")  # their results are ids
 VIEWS = ("labelview",)  # take label maps and draw them for people
 OWN_KIND = (*MEASURES, *LABELS)
 PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS]  # take pictures

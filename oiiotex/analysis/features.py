@@ -193,7 +193,7 @@ def _texton_histograms(small: _Small, session: Session) -> Features:
     Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and colour.
     Not in the paper; better than its features on the ground truth (benchmarks/README.md).
     """
-    textons = _texton_map(small, session)
+    textons = texton_map(small.lab, small.ids > 0, session)
     count = int(textons.max()) + 1
     ids = small.ids.ravel().astype(np.int64)
     table = np.bincount(ids * count + textons.ravel(), minlength=(small.count + 1) * count)
@@ -208,9 +208,9 @@ def _texton_histograms(small: _Small, session: Session) -> Features:
     return features
 
 
-def _texton_map(small: _Small, session: Session) -> np.ndarray:
-    """The texton of every pixel of the reduced image, (h, w) int64."""
-    light = small.lab[..., 0]
+def texton_map(lab: np.ndarray, seen: np.ndarray, session: Session, most: int = TEXTONS) -> np.ndarray:
+    """The texton of every pixel, (h, w) int64, below `most`: lab (h, w, 3) float32, seen (h, w) bool."""
+    light = lab[..., 0]
 
     def energies(wave: float) -> list[np.ndarray]:
         return [gaussian_filter(r, 0.35 * wave, truncate=2.5) for r in gabor_responses(light, (wave,), 6)]
@@ -220,13 +220,13 @@ def _texton_map(small: _Small, session: Session) -> np.ndarray:
 
     layers = [layer for found in session.spread(energies, _WAVES) for layer in found]
     layers += session.spread(spots, (1.4, 2.8, 5.6))
-    colour = [gaussian_filter(small.lab[..., c], 1.0) for c in range(3)]
+    colour = [gaussian_filter(lab[..., c], 1.0) for c in range(3)]
     values = np.stack([*layers, *colour], axis=-1).reshape(light.size, -1)
-    seen = small.ids.ravel() > 0
+    seen = seen.ravel()
     # a deviation of less than half a Lab unit is noise: it is not blown up
     values = (values - values[seen].mean(0)) / np.maximum(values[seen].std(0), 0.5)
     values[:, -3:] *= np.float32(math.sqrt(3.0))  # colour against 21 responses
-    centres = _centres(values[seen])
+    centres = _centres(values[seen], most)
     squares = (centres**2).sum(1) / 2.0
 
     def nearest(first: int) -> np.ndarray:
@@ -236,14 +236,14 @@ def _texton_map(small: _Small, session: Session) -> np.ndarray:
     return found.reshape(light.shape)
 
 
-def _centres(values: np.ndarray) -> np.ndarray:
-    """k-means over a fixed sample, at most (TEXTONS, d) float32."""
+def _centres(values: np.ndarray, most: int) -> np.ndarray:
+    """k-means over a fixed sample, at most (most, d) float32."""
     random = np.random.default_rng(0)
     sample = values if len(values) <= _SAMPLES else values[random.choice(len(values), _SAMPLES, replace=False)]
     distinct = np.unique(np.rint(sample * 64.0) / 64.0, axis=0)
-    if len(distinct) <= TEXTONS:
+    if len(distinct) <= most:
         return distinct.astype(np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a centre that nobody is near stays where it was: no harm
-        centres, _ = kmeans2(sample.astype(np.float64), TEXTONS, 20, minit="++", rng=random)
+        centres, _ = kmeans2(sample.astype(np.float64), most, 20, minit="++", rng=random)
     return centres[np.isfinite(centres).all(1)].astype(np.float32)

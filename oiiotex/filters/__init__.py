@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..op import Op
+from .decompose import Decompose
 from .flatten import Flatten
 from .functions import function_of, result
 from .lab import Lab
@@ -20,7 +21,9 @@ from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
 from .warp import Warp
 
-_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp)
+_OURS: tuple[type[Op], ...] = (
+    Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, Decompose, LabelView, Lab, Warp,
+)  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
@@ -29,6 +32,7 @@ flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
+decompose = function_of(Decompose)
 labelview = function_of(LabelView)
 lab = function_of(Lab)
 warp = function_of(Warp)
