@@ -70,7 +70,7 @@ def of(found: list[type[Op]]) -> pytest.MarkDecorator:
 
 
 # What is true of few is said here; a new filter is held to everything else.
-MEASURES = ("stationarity", "lab")  # their results are data in floats, whatever the source was
+MEASURES = ("stationarity", "lab", "dominant")  # their results are data in floats, whatever the source was
 LABELS = ("superpixel", "label", "decompose")  # their results are ids
 VIEWS = ("labelview",)  # take label maps and draw them for people
 OWN_KIND = (*MEASURES, *LABELS)

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..op import Op
 from .decompose import Decompose
+from .dominant import Dominant
 from .flatten import Flatten
 from .functions import function_of, result
 from .lab import Lab
@@ -22,7 +23,7 @@ from .superpixel import Superpixel
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, Decompose, LabelView, Lab, Warp,
+    Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -33,6 +34,7 @@ stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 decompose = function_of(Decompose)
+dominant = function_of(Dominant)
 labelview = function_of(LabelView)
 lab = function_of(Lab)
 warp = function_of(Warp)
