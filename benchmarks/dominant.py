@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dominant texture against known outliers: twelve composites, IoU and precision of the mask, by mode and rule.
 
-python -m benchmarks.dominant [--modes diffusion,euclidean,spectral] [--pictures DIR] [--steps] [--photos]
+python -m benchmarks.dominant [--modes diffusion,euclidean,spectral] [--pictures DIR] [--step N] [--seed N]
 
 Composites are 125 x 94 px, the paper's size: a texture of the tests or a photo, with what the paper's figures show on
 top: objects, scratches and cracks, shadows, rust, dirt, growth. Truth is where nothing was put.
@@ -42,7 +42,7 @@ def base(name: str, seed: int) -> np.ndarray:
     photo = _photo(name, False)
     photo = photo[: photo.shape[0] // 4 * 4, : photo.shape[1] // 4 * 4]
     small = photo.reshape(photo.shape[0] // 4, 4, photo.shape[1] // 4, 4, 3).mean((1, 3))
-    return small[40 : 40 + HEIGHT, 30 : 30 + WIDTH]
+    return small[40 + seed // 100 * 37 :, 30 + seed // 100 * 41 :][:HEIGHT, :WIDTH]
 
 
 def outliers(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -76,11 +76,11 @@ def outliers(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.clip(colour, 0, 1), cover, cover > 0.3
 
 
-def composite(number: int) -> tuple[str, np.ndarray, np.ndarray]:
-    """Name, picture, and where its texture is dominant."""
+def composite(number: int, seed: int = 0) -> tuple[str, np.ndarray, np.ndarray]:
+    """Name, picture, and where its texture is dominant; other seeds move textures and outliers."""
     name, kind = TWELVE[number]
-    colour, cover, there = outliers(kind, number)
-    picture = base(name, number) * (1 - cover[..., None]) + colour * cover[..., None]
+    colour, cover, there = outliers(kind, number + 100 * seed)
+    picture = base(name, number + 100 * seed) * (1 - cover[..., None]) + colour * cover[..., None]
     return f"{name.removesuffix('.jpg')}_{kind}", picture, ~there
 
 
@@ -100,6 +100,7 @@ def main() -> None:
     parser.add_argument("--modes", default="diffusion")
     parser.add_argument("--rules", default="repaired")
     parser.add_argument("--step", type=int)
+    parser.add_argument("--seed", type=int, default=0, help="of other composites than those that rules were set on")
     parser.add_argument("--pictures", type=Path)
     arguments = parser.parse_args()
     session = Session()
@@ -107,7 +108,7 @@ def main() -> None:
         for rule in arguments.rules.split(","):
             rows = []
             for n in range(len(TWELVE)):
-                name, picture, truth = composite(n)
+                name, picture, truth = composite(n, arguments.seed)
                 pixels = seen_as(picture, session)
                 start = time.process_time()
                 found = dominant_texture(pixels, session, mode=mode, rule=rule, step=arguments.step)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter
 from scipy.signal import find_peaks
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array, csr_matrix, diags_array
 from threadpoolctl import threadpool_limits
 
 from ..session import Session
@@ -21,6 +21,7 @@ from .texels import (
     Texels,
     densities,
     kernel_of,
+    landmark_squares,
     landmarks,
     neighbour_squares,
     neighbour_weights,
@@ -31,7 +32,8 @@ from .texels import (
 DOMINANT, SMALL, BRIDGE, SCATTERED = range(4)  # texel types 0, I, II, III: LDR09 section 4
 SHARE = 0.4  # of all texels that a dominant group holds
 MOST_STEPS = 200  # of the diffusion
-_MOST_DIMENSION = 20.0  # what has more is noise: textures have 3 to 10
+_LEAST_CORRELATION = 0.1  # of pixels with the next; the least of the textures at hand has 0.5
+_FAR = 64  # texels that all are joined with then
 _WIDER = (4.0, 16.0)  # kernel sizes that are tried, too, before an image is rejected
 _BINS, _SMOOTH, _PROMINENCE = 64, 2.0, 0.03
 _DEPTH = 12.0  # decades of heat below the hottest texel that are told apart
@@ -142,8 +144,9 @@ def dominant_texture(
             if kernel is None:
                 alike = np.full(texels.count, DOMINANT, np.int8), np.full(texels.count, float(len(chosen)))
                 return _after(3, session, Dominant(texels, *alike, np.zeros(texels.count)))
-            if kernel.dimension > _MOST_DIMENSION:
-                why = f"its texels lie on no manifold (dimension {kernel.dimension:.0f}): it looks like noise"
+            correlation = neighbour_correlation(pixels)
+            if correlation < _LEAST_CORRELATION:
+                why = f"a pixel says nothing of the next one (correlation {correlation:.2f}): it is noise"
                 return _after(3, session, Dominant(texels, *nothing, kernel, rejected=why))
             euclidean = mode == "euclidean"
             density = densities(texels, chosen, kernel.size, euclidean, session)
@@ -156,14 +159,37 @@ def dominant_texture(
                 found = Dominant(texels, larger_half(weights), density, np.zeros(texels.count), kernel)
             else:
                 found = _classified(texels, kernel, density, weights, rule)
-            for times in _WIDER if mode == "diffusion" and rule != "paper" else ():
-                if found.rejected:  # few colours in regular order are groups of their own through a small kernel
-                    wide = replace(kernel, size=times * kernel.size)
-                    density = densities(texels, chosen, wide.size, euclidean, session)
-                    again = _classified(texels, wide, density, neighbour_weights(squares, wide.size, False), rule)
-                    found = found if again.rejected else again
+            if found.rejected and mode == "diffusion" and rule != "paper":
+                # a pattern in regular order falls into groups, one of each phase, that no near neighbour joins: once
+                # more with wider kernels, and with every texel beside a few others drawn from all
+                far = landmark_squares(texels, chosen[:: max(1, len(chosen) // _FAR)], session)
+                for times in _WIDER:
+                    if found.rejected:
+                        wide = replace(kernel, size=times * kernel.size)
+                        density = densities(texels, chosen, wide.size, euclidean, session)
+                        joined = neighbour_weights(squares, wide.size, False)
+                        joined = joined.maximum(neighbour_weights(far, wide.size, False)).tocsr()
+                        again = _classified(texels, wide, density, joined, rule)
+                        found = found if again.rejected else again
         session.advance(5, 6)
     return found
+
+
+def neighbour_correlation(pixels: LabPixels) -> float:
+    """Of Lab with that of the next pixel to the right or below, the larger of the two.
+
+    The paper does not say how noise is told from a texture; through heat it looks like one, of which every patch is as
+    near to the next as to any other.
+    """
+    away = (pixels.lab - pixels.lab[pixels.seen].mean(0, dtype=np.float64)) * pixels.seen[..., None]
+    found = []
+    for here, there, pairs in (
+        (away[:, :-1], away[:, 1:], pixels.seen[:, :-1] & pixels.seen[:, 1:]),
+        (away[:-1], away[1:], pixels.seen[:-1] & pixels.seen[1:]),
+    ):
+        a, b = here[pairs], there[pairs]
+        found.append((a * b).sum() / max(float(np.sqrt((a * a).sum() * (b * b).sum())), 1e-9))
+    return float(max(found))
 
 
 def _after(done: int, session: Session, found: Dominant) -> Dominant:
@@ -303,7 +329,9 @@ def larger_half(weights: csr_array) -> np.ndarray:
     except ImportError:
         raise ParameterError("mode=spectral needs scikit-learn: pip install oiiotex[cluster]") from None
     cut = SpectralClustering(2, affinity="precomputed", random_state=0, assign_labels="cluster_qr")
-    halves = cut.fit_predict(weights.astype(np.float64))
+    narrow = csr_matrix(weights.astype(np.float64))  # scikit-learn takes neither sparse arrays nor wide indices
+    narrow.indices, narrow.indptr = narrow.indices.astype(np.int32), narrow.indptr.astype(np.int32)
+    halves = cut.fit_predict(narrow)
     larger = int((halves == 1).sum() > (halves == 0).sum())
     return np.where(halves == larger, DOMINANT, SMALL).astype(np.int8)
 

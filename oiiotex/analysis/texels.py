@@ -232,6 +232,18 @@ def neighbour_squares(texels: Texels, session: Session) -> csr_array:
     return csr_array((values, columns, np.arange(0, count * k + 1, k)), shape=(count, count))
 
 
+def landmark_squares(texels: Texels, chosen: np.ndarray, session: Session) -> csr_array:
+    """Squared distances of all texels to some, as `neighbour_squares` has them to near ones."""
+
+    def away(first: int) -> np.ndarray:
+        return squared_distances(texels.values[first : first + _BLOCK], texels.values[chosen])
+
+    values = np.concatenate(list(session.spread(away, range(0, texels.count, _BLOCK))))
+    rows = np.arange(0, values.size + 1, len(chosen))
+    columns = np.tile(chosen.astype(np.int32), texels.count)
+    return csr_array((values.ravel(), columns, rows), shape=(texels.count, texels.count))
+
+
 def neighbour_weights(squares: csr_array, size: float, euclidean: bool) -> csr_array:
     """The symmetric sparse kernel: a weight where either of two is a near neighbour of the other."""
     weights = weights_of(squares.data, size, euclidean)

@@ -24,6 +24,7 @@ from .label import write_json
 
 if TYPE_CHECKING:
     from ..analysis.diffusion import Dominant as Found
+    from ..analysis.diffusion import Round
     from ..analysis.labpixels import LabPixels
 
 log = logging.getLogger("oiiotex")
@@ -179,9 +180,10 @@ def summary(found: Found, factor: int) -> dict[str, Any]:
         "dimension": kernel.dimension if kernel else None,
         "tau": found.steps,
         "curve": kernel.curve.tolist() if kernel else [],
-        "rounds": [
-            {**vars(r), "density": None if not np.isfinite(r.density) else r.density, "row": int(found.texels.rows[r.seed]),
-             "column": int(found.texels.columns[r.seed])}
-            for r in found.rounds
-        ],
-    }  # fmt: skip
+        "rounds": [_round(found, r) for r in found.rounds],
+    }
+
+
+def _round(found: Found, r: Round) -> dict[str, Any]:
+    place = {"row": int(found.texels.rows[r.seed]), "column": int(found.texels.columns[r.seed])}
+    return {**vars(r), "density": r.density if np.isfinite(r.density) else None, "seed": place}
