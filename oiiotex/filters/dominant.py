@@ -74,7 +74,6 @@ class Dominant(Op):
     keep: bool = param(False, help="the photo stays the first part, the mask follows it")
     types: bool = param(False, help="a further part: 1 to 4 for patches of type 0 to III around a pixel, 0 where none")
     score: bool = param(False, help="a further part: density, and the decimal logarithm of heat")
-    seed: int = param(0, ge=0, le=2**32 - 1, help="of the patches that stand for all when densities are taken")
     json: Path | None = param(None, help="the kernel's curve, thresholds, rounds and shares go to this file")
     data: bool = param(False, help="the channels are no colours: compare them as they are")
 
@@ -101,7 +100,7 @@ class Dominant(Op):
         pixels = lab_pixels(self.source, lens, session, factor)
         session.advance(1, 6)
         found = dominant_texture(
-            pixels, session, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule, seed=self.seed
+            pixels, session, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule
         )
         if found.rejected:
             if self.strict:
