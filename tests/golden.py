@@ -31,8 +31,8 @@ class Case:
 
     @property
     def labels(self) -> bool:
-        """Whether its result is ids, which are compared as they are or under other numbers, never by tolerance."""
-        return self.words[0].startswith(("--texsuperpixel", "--texlabel"))
+        """Whether its result is ids or a mask: compared as they are or under other numbers, never by tolerance."""
+        return self.words[0].startswith(("--texsuperpixel", "--texlabel", "--texdecompose", "--texdominant"))
 
 
 def _with_hole() -> np.ndarray:
@@ -73,6 +73,13 @@ CASES = {
         lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tile=xy:seed=3:candidates=64",)
     ),
     "quilt_alpha_hole": Case(_with_hole, ("--texquilt:size=120x90:patch=16:seed=4",)),
+    "decompose_two_textures": Case(
+        lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texdecompose",)
+    ),
+    "dominant_moss_with_a_pipe": Case(
+        lambda: np.where((np.abs(np.arange(96) - 70) < 8)[:, None], [0.5, 0.5, 0.55], pictures.moss(96, 96, 4)),
+        ("--texdominant",),
+    ),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 

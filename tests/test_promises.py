@@ -18,7 +18,7 @@ from oiiotex.windows import Window
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
-SMALL = {"iterations": 4}  # fewer rounds where the pixels' beauty does not matter
+SMALL = {"iterations": 4, "threshold": 0.9, "radius": 8}  # fewer rounds where beauty does not matter; small places
 
 
 def settings(op: type[Op], **more: object) -> dict[str, object]:
@@ -70,9 +70,10 @@ def of(found: list[type[Op]]) -> pytest.MarkDecorator:
 
 
 # What is true of few is said here; a new filter is held to everything else.
-MEASURES = ("stationarity", "lab")  # their results are data in floats, whatever the source was
-LABELS = ("superpixel", "label")  # their results are ids
+MEASURES = ("stationarity", "lab", "dominant")  # their results are data in floats, whatever the source was
+LABELS = ("superpixel", "label", "decompose")  # their results are ids
 VIEWS = ("labelview", "content")  # take label maps and draw them for people
+MASKS = ("dominant",)  # their results are 0 or 1
 OWN_KIND = (*MEASURES, *LABELS)
 PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS]  # take pictures
 COLOUR = [op for op in PICTURES if op.space is Space.LAB]
@@ -262,7 +263,7 @@ def test_gray_alpha_and_all_pixel_types_work(op, channels, kind):
     else:
         assert (made.spec().nchannels, made.spec().format) == (channels, kind)
     channels = made.spec().nchannels
-    assert len(np.unique(pixels(made).reshape(-1, channels), axis=0)) > (1 if op.name in LABELS else 4)
+    assert len(np.unique(pixels(made).reshape(-1, channels), axis=0)) > (1 if op.name in LABELS + MASKS else 4)
 
 
 @every_filter

@@ -198,7 +198,7 @@ def _texton_histograms(small: _Small, superpixels: Superpixels, session: Session
     pixels to tell what it is a part of. Not in the paper; better than its features on the ground truth
     (benchmarks/README.md).
     """
-    textons = _texton_map(small, session)
+    textons = texton_map(small.lab, small.ids > 0, session)
     count = int(textons.max()) + 1
     ids = small.ids.ravel().astype(np.int64)
     table = np.bincount(ids * count + textons.ravel(), minlength=(small.count + 1) * count)
@@ -225,9 +225,9 @@ def _neighbourly(positions: np.ndarray, sigma: float) -> sparse.csr_array:
     return near + sparse.eye_array(n, format="csr")
 
 
-def _texton_map(small: _Small, session: Session) -> np.ndarray:
-    """The texton of every pixel of the reduced image, (h, w) int64."""
-    light = small.lab[..., 0]
+def texton_map(lab: np.ndarray, seen: np.ndarray, session: Session, most: int = TEXTONS) -> np.ndarray:
+    """The texton of every pixel, (h, w) int64, below `most`: lab (h, w, 3) float32, seen (h, w) bool."""
+    light = lab[..., 0]
 
     def energies(wave: float) -> list[np.ndarray]:
         return [gaussian_filter(r, 0.35 * wave, truncate=2.5) for r in gabor_responses(light, (wave,), 6)]
@@ -237,13 +237,13 @@ def _texton_map(small: _Small, session: Session) -> np.ndarray:
 
     layers = [layer for found in session.spread(energies, _WAVES) for layer in found]
     layers += session.spread(spots, (1.4, 2.8, 5.6))
-    layers += [gaussian_filter(small.lab[..., c], 1.0) for c in range(3)]
-    seen = np.flatnonzero(small.ids.ravel())
+    layers += [gaussian_filter(lab[..., c], 1.0) for c in range(3)]
+    known = np.flatnonzero(seen.ravel())
     weights = [1.0] * (len(layers) - 3) + [math.sqrt(3.0)] * 3  # colour against 21 responses
-    planes = [_standard(layer.ravel(), seen, weight) for layer, weight in zip(layers, weights, strict=True)]
-    if len(seen) > _SAMPLES:
-        seen = seen[np.random.default_rng(0).choice(len(seen), _SAMPLES, replace=False)]
-    centres = _centres(np.stack([plane[seen] for plane in planes], axis=1))
+    planes = [_standard(layer.ravel(), known, weight) for layer, weight in zip(layers, weights, strict=True)]
+    if len(known) > _SAMPLES:
+        known = known[np.random.default_rng(0).choice(len(known), _SAMPLES, replace=False)]
+    centres = _centres(np.stack([plane[known] for plane in planes], axis=1), most)
     squares = (centres**2).sum(1) / 2.0
 
     def nearest(first: int) -> np.ndarray:
@@ -262,12 +262,12 @@ def _standard(plane: np.ndarray, seen: np.ndarray, weight: float) -> np.ndarray:
     return plane
 
 
-def _centres(sample: np.ndarray) -> np.ndarray:
-    """k-means over a sample (n, d), at most (TEXTONS, d) float32."""
+def _centres(sample: np.ndarray, most: int) -> np.ndarray:
+    """k-means over a sample (n, d), at most (most, d) float32."""
     distinct = np.unique(np.rint(sample * 64.0) / 64.0, axis=0)
-    if len(distinct) <= TEXTONS:
+    if len(distinct) <= most:
         return distinct.astype(np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a centre that nobody is near stays where it was: no harm
-        centres, _ = kmeans2(sample.astype(np.float64), TEXTONS, 20, minit="++", rng=np.random.default_rng(0))
+        centres, _ = kmeans2(sample.astype(np.float64), most, 20, minit="++", rng=np.random.default_rng(0))
     return centres[np.isfinite(centres).all(1)].astype(np.float32)

@@ -10,6 +10,8 @@ from typing import Any
 
 from ..op import Op
 from .content import Content
+from .decompose import Decompose
+from .dominant import Dominant
 from .flatten import Flatten
 from .functions import function_of, result
 from .lab import Lab
@@ -23,7 +25,8 @@ from .superpixel import Superpixel
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Flatten, Stationarity, Superpixel, Label, LabelView, Content, Lab, Warp,
+    Stationarize, PatchMatch, Quilting, Flatten, Stationarity,
+    Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -34,6 +37,8 @@ flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
+decompose = function_of(Decompose)
+dominant = function_of(Dominant)
 labelview = function_of(LabelView)
 content = function_of(Content)
 lab = function_of(Lab)

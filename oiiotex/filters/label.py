@@ -113,7 +113,7 @@ class Label(Op):
         if self.cryptomatte:
             more.append(self._cryptomatte(labels, maps, session))
         if self.json is not None:
-            _write(self.json, summary(maps), session)
+            write_json(self.json, summary(maps), session)
         return Image((*((first,) if self.keep else ()), *labels, *more, *others), self.source.source)
 
     def _cryptomatte(self, labels: list[Part], maps: LabelMaps, session: Session) -> Part:
@@ -124,7 +124,7 @@ class Label(Op):
         beside = self.cryptomatte if isinstance(self.cryptomatte, Path) else None
         part, manifests = cryptomatte_part(layers, beside.name if beside else None)
         if beside is not None:
-            _write(beside, {name: bits for found in manifests.values() for name, bits in found.items()}, session)
+            write_json(beside, {name: bits for found in manifests.values() for name, bits in found.items()}, session)
         elif sum(len(n) + 14 for found in manifests.values() for n in found) > LARGE:
             log.warning("%s: the manifest is large: cryptomatte=FILE.json puts it beside the image", self.flag())
 
@@ -200,7 +200,8 @@ def summary(maps: LabelMaps) -> dict[str, Any]:
     return {"levels": [facts(n, level) for n, level in enumerate(maps.levels, 1)]}
 
 
-def _write(path: Path, facts: dict[str, Any], session: Session) -> None:
+def write_json(path: Path, facts: dict[str, Any], session: Session) -> None:
+    """Facts into a file, whole or not at all."""
     with temporary_beside(path) as temporary:
         temporary.write_text(json.dumps(facts, indent=1))
     session.written.add(os.path.realpath(path))

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Collages of textures with exact truth: of photos (`$OIIOTEX_TEST_DATA`) and of the tests' procedural pictures."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import OpenImageIO as oiio
+
+from benchmarks.labels import Case
+from benchmarks.measures import data_folder
+from oiiotex.images import from_buffer
+from tests import pictures
+
+STATIONARY = (  # photos that look the same nearly everywhere
+    "bark_flaky.jpg", "clover_lawn.jpg", "drone_forest_canopy.jpg", "fabric_gingham_weave.jpg", "facade_tiles.jpg",
+    "fieldstone_wall_kodim01.jpg", "flower_meadow_stones.jpg", "grass_gray.png", "moss_grass_stones_ground.jpg",
+    "pebbles_beach_shadow.jpg", "roof_slates.jpg", "sandstone_wall_cracked.jpg", "stone_breccia.jpg",
+)  # fmt: skip
+
+
+def layout(side: int, count: int, seed: int) -> np.ndarray:
+    """(side, side) fields 0 .. count - 1 around points, with wavy borders; every field has a fair share."""
+    random = np.random.default_rng([seed, count])
+    y, x = np.mgrid[0:side, 0:side] / side
+    wave = 0.12 * (pictures.smooth_noise(side, side, side // 6, seed, 31) - 0.5)
+    other = 0.12 * (pictures.smooth_noise(side, side, side // 6, seed, 32) - 0.5)
+    while True:
+        points = random.random((count, 2))
+        apart = (y[..., None] + wave[..., None] - points[:, 0]) ** 2 + (
+            x[..., None] + other[..., None] - points[:, 1]
+        ) ** 2
+        fields = apart.argmin(-1)
+        if np.bincount(fields.ravel(), minlength=count).min() > 0.4 / count * side * side:
+            return fields
+
+
+@functools.cache
+def _photo(name: str, gray: bool) -> np.ndarray:
+    pixels = oiio.ImageBuf(str(data_folder() / "photos" / name)).get_pixels(oiio.FLOAT)[..., :3]
+    if pixels.shape[2] == 1:
+        pixels = np.repeat(pixels, 3, axis=2)
+    return np.repeat(pixels.mean(-1, keepdims=True), 3, -1) if gray else pixels
+
+
+def photo_collage(seed: int, side: int = 512, count: int = 5, gray: bool = False) -> Case:
+    """Pieces of photos at full or half size; `gray` ones have equal means and contrasts: only structure is left."""
+    random = np.random.default_rng([seed, 7])
+    fields = layout(side, count, seed)
+    picture = np.zeros((side, side, 3))
+    for n, name in enumerate(random.choice(STATIONARY, count, replace=False)):
+        photo = _photo(str(name), gray)
+        if min(photo.shape[:2]) >= 2 * side and random.random() < 0.5:
+            photo = photo[: photo.shape[0] // 2 * 2, : photo.shape[1] // 2 * 2]
+            photo = (photo[::2, ::2] + photo[1::2, ::2] + photo[::2, 1::2] + photo[1::2, 1::2]) / 4
+        photo = np.pad(photo, [(0, max(0, side - s)) for s in photo.shape[:2]] + [(0, 0)], mode="symmetric")
+        top, left = (random.integers(0, s - side + 1) for s in photo.shape[:2])
+        here = photo[top : top + side, left : left + side]
+        if gray:
+            here = np.clip(0.5 + 0.15 * (here - here.mean()) / max(here.std(), 1e-3), 0, 1)
+        picture[fields == n] = here[fields == n]
+    kind = "gray" if gray else "colour"
+    return _case(f"collage_{kind}_{seed}", picture, fields)
+
+
+def drawn_collage(seed: int, side: int = 384) -> Case:
+    """Five of the tests' procedural textures."""
+    fields = layout(side, 5, seed)
+    looks = [p(side, side, seed) for p in (pictures.bricks, pictures.pebbles, pictures.moss)]
+    looks.append(pictures.bricks(side, side, seed + 7).transpose(1, 0, 2)[..., ::-1] * 0.7)
+    looks.append(pictures.pebbles(side, side, seed + 9)[..., [1, 2, 0]] ** 2)
+    return _case(f"collage_drawn_{seed}", np.stack(looks)[fields, *np.mgrid[0:side, 0:side]], fields)
+
+
+def _case(name: str, picture: np.ndarray, fields: np.ndarray) -> Case:
+    spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.FLOAT)
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    buffer = oiio.ImageBuf(spec)
+    buffer.set_pixels(buffer.roi, np.ascontiguousarray(picture, np.float32))
+    return Case(name, from_buffer(buffer), fields + 1)

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The dominant texture: each stage against its equation, masks against known outliers, and bad input."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from benchmarks.dominant import composite, seen_as
+from oiiotex import errors, filters
+from oiiotex.analysis import diffusion, texels
+from oiiotex.analysis.labpixels import LabPixels
+from oiiotex.session import Session
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+from tests.reference import diffusion as reference
+from tests.test_labels import buffer
+
+DRAWN = (0, 2, 3, 4)  # composites that need no photos
+
+
+def pixels_of(lab: np.ndarray, seen: np.ndarray | None = None) -> LabPixels:
+    seen = np.ones(lab.shape[:2], bool) if seen is None else seen
+    return LabPixels(lab.astype(np.float32), seen, 1, None, lab.shape[1], lab.shape[0])
+
+
+def mask_of(picture: np.ndarray, names: tuple[str, ...] = (), **values: object) -> np.ndarray:
+    made = filters.dominant(buffer(picture, names), **values)
+    return made.get_pixels(oiio.FLOAT)[..., 0]
+
+
+def some_lab(seed: int = 0, height: int = 17, width: int = 14) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    return np.rint(random.normal(50, 20, (height, width, 3)) * 8) / 8
+
+
+# --- stages ---
+
+
+@pytest.mark.parametrize("period", [7, 9, 11, 15, 21])
+@pytest.mark.parametrize("angle", [0, 45, 90, 135])
+def test_the_patch_is_the_period_of_a_grating(period, angle):
+    y, x = np.mgrid[0:190, 0:200]
+    along = x * np.cos(np.radians(angle)) + y * np.sin(np.radians(angle))
+    light = 50 + 20 * (along % period < period / 2) + np.random.default_rng(0).normal(0, 2, (190, 200))
+    assert abs(texels.patch_size(light.astype(np.float32)) - period) <= 2
+
+
+def test_patches_of_small_and_plain_images_have_the_least_size():
+    assert texels.patch_size(np.zeros((200, 200), np.float32)) == texels.LEAST_PATCH
+    assert [texels.patch_size(np.zeros((n, 40), np.float32)) for n in (1, 2, 3, 4, 5)] == [1, 1, 3, 3, 5]
+
+
+def test_texels_keep_the_distances_of_patches():
+    lab = some_lab()
+    found = texels.texels_of(pixels_of(lab), 5, 1, Session())
+    vectors = reference.patches(lab, 5)
+    assert found.count == len(vectors) == 13 * 10
+    expected = ((vectors[:, None] - vectors) ** 2).sum(-1)
+    got = texels.squared_distances(found.values, found.values)
+    assert np.abs(got - expected).max() < 0.02 * expected.max()  # 99.9 % of the energy
+    np.testing.assert_array_equal(lab[found.rows, found.columns], lab[2:15, 2:12].reshape(-1, 3))
+
+
+def test_texels_are_whole_patches_of_opaque_pixels_on_a_grid():
+    seen = np.ones((17, 14), bool)
+    seen[4, 6] = False
+    found = texels.texels_of(pixels_of(some_lab(), seen), 3, 2, Session())
+    places = {(y, x) for y in range(1, 16, 2) for x in range(1, 13, 2) if not (abs(y - 4) <= 1 and abs(x - 6) <= 1)}
+    assert set(zip(found.rows.tolist(), found.columns.tolist(), strict=True)) == places
+
+
+def test_densities_and_heat_are_eq_4_and_eq_3():
+    found = texels.texels_of(pixels_of(some_lab(1)), 3, 1, Session())
+    points, size = found.values.astype(np.float64), 900.0
+    kernel = reference.weights(points, size)
+    chosen = np.arange(0, found.count, 3)
+    np.testing.assert_allclose(
+        texels.densities(found, chosen, size, False, Session()), kernel[:, chosen].sum(1), rtol=1e-3
+    )
+    near = texels.neighbour_weights(texels.neighbour_squares(found, Session()), size, False)
+    k = texels.neighbour_count(found.count)
+    order = np.argsort(-kernel, axis=1)[:, :k]
+    sparse = np.zeros_like(kernel)
+    np.put_along_axis(sparse, order, np.take_along_axis(kernel, order, 1), 1)
+    sparse = np.maximum(sparse, sparse.T)
+    np.testing.assert_allclose(near.toarray(), sparse, rtol=2e-3, atol=1e-6)
+    matrix = (diffusion.diags_array(1 / near.sum(1)) @ near.astype(np.float64)).tocsr()
+    np.testing.assert_allclose(diffusion.heat_from(matrix, 7, 9), reference.heat(sparse, 7, 9), rtol=0.02, atol=1e-9)
+
+
+def test_eq_7_is_the_inverse_distance():
+    squares = np.array([[4.0, 0.25]], np.float32)
+    np.testing.assert_allclose(texels.weights_of(squares, 1.0, True), [[0.5, 2.0]])
+    np.testing.assert_allclose(texels.weights_of(squares, 2.0, False), np.exp(-squares / 4))
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_the_slope_says_the_dimension(dimension):
+    """Eq. 2 on points of a known manifold: half the dimension is the slope, a little less at its borders."""
+    random = np.random.default_rng(0)
+    flat = np.zeros((1500, 6), np.float32)
+    flat[:, :dimension] = random.random((1500, dimension)) * 1000
+    turned = flat @ np.linalg.qr(random.normal(0, 1, (6, 6)))[0].astype(np.float32)
+    found = texels.Texels(turned, np.arange(1500), np.arange(1500), 1, 1)
+    kernel = texels.kernel_of(found, np.arange(1500))
+    assert 0.75 * dimension < kernel.dimension < 1.15 * dimension
+    assert kernel.size == pytest.approx(kernel.landmark_size)
+    e, total = np.exp(kernel.curve[40])
+    squares = ((turned[:, None].astype(np.float64) - turned) ** 2).sum(-1)
+    assert np.exp(-squares / (2 * e)).sum() == pytest.approx(total, rel=1e-3)
+
+
+def test_landmarks_are_n_to_the_0_7_and_follow_the_seed():
+    many = texels.Texels(np.zeros((5000, 1), np.float32), np.arange(5000), np.arange(5000), 1, 1)
+    one, again, other = (texels.landmarks(many, seed) for seed in (1, 1, 2))
+    assert len(one) == int(5000**0.7) == len(np.unique(one))
+    np.testing.assert_array_equal(one, again)
+    assert len(np.intersect1d(one, other)) < 0.3 * len(one)
+
+
+def test_a_dense_small_group_is_found_small():
+    """What the text does with it is why there is a repair: it keeps 40 %, or gives up."""
+    random = np.random.default_rng(0)
+    heat = np.concatenate([random.normal(-3, 0.1, 150), random.normal(-9, 0.5, 850)])
+    density = np.concatenate([random.normal(20, 1, 150), random.normal(8, 1, 850)])
+    _, hot, small = diffusion._repaired(density, heat, 1000)
+    assert small and -8 < hot < -3
+    _, hot, small = diffusion._repaired(density[150:], heat[150:], 1000)
+    assert not small and (heat[150:] > hot).sum() >= 400
+    assert diffusion._literal(density, heat, 1000)[1] is None
+
+
+def test_the_mask_is_the_centres_dilated_by_a_patch():
+    types = np.full(130, diffusion.SCATTERED, np.int8)
+    types[[0, 57]] = diffusion.DOMINANT
+    found = texels.texels_of(pixels_of(some_lab()), 5, 1, Session())
+    mask = diffusion.dominant_mask(diffusion.Dominant(found, types, types, types), np.ones((17, 14), bool))
+    expected = np.zeros((17, 14), bool)
+    for t in (0, 57):
+        expected[found.rows[t] - 2 : found.rows[t] + 3, found.columns[t] - 2 : found.columns[t] + 3] = True
+    np.testing.assert_array_equal(mask, expected)
+
+
+# --- the whole ---
+
+
+def test_outliers_are_left_out():
+    ious, precisions = [], []
+    for n in DRAWN:
+        _, picture, truth = composite(n)
+        mask = mask_of(picture) > 0
+        ious.append((mask & truth).sum() / (mask | truth).sum())
+        precisions.append((mask & truth).sum() / mask.sum())
+    assert np.mean(ious) > 0.9 and min(ious) > 0.8 and np.mean(precisions) > 0.93
+
+
+def test_a_wider_step_of_texels_agrees():
+    same = []
+    for n in DRAWN:
+        _, picture, _ = composite(n)
+        same.append((mask_of(picture) == mask_of(picture, step=2)).mean())
+    assert np.mean(same) > 0.9
+
+
+def test_a_clean_texture_is_nearly_all_dominant():
+    assert mask_of(pictures.moss(94, 125, 3)).mean() > 0.9
+
+
+def test_parts_attributes_and_json(tmp_path):
+    _, picture, truth = composite(0)
+    save(picture, tmp_path / "wall.png")
+    words = "--texdominant:keep=1:types=1:score=1:json=facts.json"
+    done = oiiotex("wall.png", words, "-d", "float", "-o", "all.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    specs = [oiio.ImageBuf(str(tmp_path / "all.exr"), n, 0).spec() for n in range(4)]
+    assert [s.get_string_attribute("oiio:subimagename") for s in specs[1:]] == ["dominant", "types", "score"]
+    mask, types, score = (load(tmp_path / "all.exr", n) for n in (1, 2, 3))
+    assert set(np.unique(mask)) == {0, 1} and types.dtype == np.uint32 and score.shape[2] == 2
+    facts = json.loads((tmp_path / "facts.json").read_text())
+    assert facts["patch"] == specs[1].get_int_attribute("oiiotex:patch")
+    assert facts["share"] == pytest.approx(specs[1].get_float_attribute("oiiotex:share"))
+    assert facts["types"] == np.bincount(types.ravel(), minlength=5)[1:].tolist()
+    assert sum(facts["types"]) == facts["texels"] and facts["rounds"] and len(facts["curve"]) > 50
+    assert (mask[..., 0][types[..., 0] == 1] == 1).all()
+
+
+@pytest.mark.parametrize("mode", ["euclidean", "spectral"])
+def test_comparison_modes_make_masks(mode):
+    if mode == "spectral":
+        pytest.importorskip("sklearn")
+    _, picture, _ = composite(3)
+    mask = mask_of(picture, mode=mode, step=3)
+    assert set(np.unique(mask)) <= {0, 1}
+    if mode == "spectral":
+        assert 0.4 < mask.mean() <= 1
+
+
+def test_without_scikit_learn_there_is_a_clear_error(tmp_path):
+    save(composite(3)[1], tmp_path / "wall.png")
+    code = "import sys; sys.modules['sklearn.cluster'] = None; from oiiotex.cli.main import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "wall.png", "--texdominant:mode=spectral:step=4", "-o", "m.exr"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 1 and "pip install oiiotex[cluster]" in done.stderr
+
+
+# --- bad input ---
+
+
+def test_noise_is_rejected_with_a_warning_and_an_empty_mask(caplog):
+    noise = np.random.default_rng(0).random((80, 90, 3))
+    assert mask_of(noise).max() == 0
+    assert "no dominant texture" in caplog.text
+    with pytest.raises(errors.ImageError, match="no dominant texture"):
+        mask_of(noise, strict=True)
+
+
+def test_rejection_is_exit_0_or_1(tmp_path, fails):
+    path = save(np.random.default_rng(0).random((60, 60, 3)), tmp_path / "noise.png")
+    done = oiiotex(path, "--texdominant", "-o", "mask.exr", cwd=tmp_path)
+    assert done.returncode == 0 and "no dominant texture" in done.stderr
+    assert "no dominant texture" in fails(path, "--texdominant:strict=1")
+
+
+def test_a_plain_image_is_all_dominant():
+    assert mask_of(np.full((40, 50, 3), 0.4)).min() == 1
+
+
+def test_images_smaller_than_the_patch():
+    for shape in ((1, 1, 3), (2, 9, 3), (4, 4, 3), (1, 60, 3)):
+        assert mask_of(np.random.default_rng(0).random(shape)).shape == shape[:2]
+    with pytest.raises(errors.ImageError, match=r"patch=15: .* has only 9x8 px"):
+        mask_of(np.zeros((8, 9, 3)), patch=15)
+
+
+def test_holes_in_alpha_are_never_in_the_mask():
+    _, picture, _ = composite(3)
+    alpha = np.ones((*picture.shape[:2], 1))
+    alpha[50:70, 60:100] = 0
+    alpha[::9, ::23] = 0  # pinholes
+    mask = mask_of(np.concatenate([picture * alpha, alpha], -1), tuple("RGBA"))
+    assert mask[alpha[..., 0] == 0].max() == 0 and mask.mean() > 0.3
+    assert mask_of(np.zeros((30, 30, 4)), tuple("RGBA")).max() == 0
+
+
+def test_nan_is_counted_and_memory_refused():
+    broken = pictures.moss(32, 32, 0)
+    broken[3, 4, 0] = np.nan
+    with pytest.raises(errors.ImageError, match="1 NaN"):
+        mask_of(broken)
+    with pytest.raises(errors.ImageError, match=r"needs \d+ MB of memory; the budget is 1 MB"):
+        mask_of(pictures.moss(64, 64, 0), session=Session(budget=1 << 20))
+
+
+def test_pictures_seen_directly_are_those_of_the_filter():
+    _, picture, _ = composite(0)
+    pixels = seen_as(picture, Session())
+    found = diffusion.dominant_texture(pixels, Session())
+    np.testing.assert_array_equal(diffusion.dominant_mask(found, pixels.seen), mask_of(picture) > 0)
