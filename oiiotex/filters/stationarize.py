@@ -23,7 +23,7 @@ from ..synthesis.patchmatch import match_patches, unpack
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
 from ..windows import Window
 from ..writing import write
-from .sources import LABEL, LABELS, LEVEL, MASK, source_pixels
+from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
 
 log = logging.getLogger("oiiotex")
 
@@ -101,10 +101,11 @@ class _PatchSynthesis(Op):
         made = synthesize(
             device,
             working.values,
-            _both(working.opaque, allowed),
+            both(working.opaque, allowed),
             recipe,
             session.budget - pixels.nbytes,
             session.advance,
+            ruled_out(working.opaque, allowed),
         )
         device.collect(session.stats)
         if session.measure:
@@ -123,8 +124,7 @@ class _PatchSynthesis(Op):
         if isinstance(self.stmap, Path):
             write(Image((st,), str(self.stmap)), self.stmap, st.spec.format)
             session.written.add(os.path.realpath(self.stmap))
-        for part in self.exemplar.parts[1:]:
-            log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, self.exemplar.source)
+        say_what_stays(self)
         return Image((tile, st) if self.stmap is True else (tile,), self.exemplar.source)
 
     def _report(self, working: Working, made: Synthesis, recipe: Recipe, session: Session) -> None:
@@ -195,11 +195,6 @@ class PatchMatch(_PatchSynthesis):
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 without stationarity."""
         return self._recipe(width, height, None, self.contrast, False)
-
-
-def _both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
-    """Where both say yes; None: everywhere."""
-    return opaque if allowed is None else allowed if opaque is None else opaque & allowed
 
 
 def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
