@@ -93,6 +93,34 @@ def flattened_wall() -> None:
     write_jpeg(beside(pixels(photo), pixels(filters.flatten(photo)), gray), "flatten_wall.jpg")
 
 
+def labelled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf] | None:
+    """A test photo made small, with its label maps; None where there are no photos."""
+    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
+    if not path.is_file():
+        print(f"no {path}: its picture stays as it is")
+        return None
+    return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
+
+
+def cut_labels() -> None:
+    """One label of a photo, and what --texcut makes of it, 2 x 2."""
+    rows = []
+    for name, level, label in (("flower_meadow_stones.jpg", -2, 1), ("fieldstone_wall_kodim01.jpg", -2, 1)):
+        photo = labelled_photo(name)
+        if photo is None:
+            return
+        first, *maps = photo.values()
+        ids = maps[level].get_pixels(oiio.UINT32)
+        label = int(np.bincount(ids.ravel())[1:].argsort()[-label] + 1)
+        tile = filters.cut(photo, label=label, level=len(maps) + 1 + level, size=(320, 320), seed=1)
+        shown = np.where(ids == label, pixels(first), pixels(first) // 4)
+        rows.append(beside(shown, halved(twice(pixels(tile)))))
+    write_jpeg(
+        np.concatenate([np.pad(r, ((0, 8), (0, 840 - r.shape[1]), (0, 0)), constant_values=255) for r in rows]),
+        "cut_labels.jpg",
+    )
+
+
 def contact_sheets() -> None:
     """Every test photo beside its 2 x 2 preview."""
     folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
@@ -115,4 +143,5 @@ def contact_sheets() -> None:
 if __name__ == "__main__":
     demo_pictures()
     flattened_wall()
+    cut_labels()
     contact_sheets()

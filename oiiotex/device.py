@@ -195,12 +195,15 @@ class Program:
             raise DeviceError(f"{device.info.name} cannot build {stem}.cl: {error}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}
 
-    def __call__(self, name: str, shape: tuple[int, ...], *arguments: object) -> None:
-        """Run one work-item per element of `shape` (the first axis fastest); integers and floats go as 32 bit."""
+    def __call__(self, name: str, shape: tuple[int, ...], *arguments: object, group: int = _GROUP) -> None:
+        """Run one work-item per element of `shape` (the first axis fastest); integers and floats go as 32 bit.
+
+        `group`: items of a work-group, at most. A CPU runs a group on one thread, so long items want small groups.
+        """
         name = f"{self._stem}_{name}"
         kernel = self._kernels[name]
         typed = [np.int32(a) if type(a) is int else np.float32(a) if type(a) is float else a for a in arguments]
-        local = _work_group(shape)
+        local = _work_group(shape, group)
         global_size = tuple(math.ceil(n / k) * k for n, k in zip(shape, local, strict=True))
         event = kernel(self._device._queue, global_size, local, *typed)
         self._device._note(name, event)
@@ -265,9 +268,9 @@ def _megabytes(size: int) -> int:
     return math.ceil(size / (1 << 20))
 
 
-def _work_group(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """A work-group of up to _GROUP items, filled along the first axes: small ones drown in the runtime's overhead."""
-    left, local = _GROUP, []
+def _work_group(shape: tuple[int, ...], most: int = _GROUP) -> tuple[int, ...]:
+    """A work-group of up to `most` items, filled along the first axes: small ones drown in the runtime's overhead."""
+    left, local = most, []
     for n in shape:
         local.append(min(left, 1 << (n - 1).bit_length()))
         left //= local[-1]

@@ -9,22 +9,28 @@ from collections.abc import Callable
 from typing import Any
 
 from ..op import Op
+from .cut import Cut
 from .flatten import Flatten
 from .functions import function_of, result
 from .lab import Lab
 from .label import Label
 from .labelview import LabelView
 from .plugins import installed
+from .quilt import Quilting
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
 from .warp import Warp
 
-_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp)
+_OURS: tuple[type[Op], ...] = (
+    Stationarize, PatchMatch, Quilting, Cut, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
+)  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
+quilt = function_of(Quilting)
+cut = function_of(Cut)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)

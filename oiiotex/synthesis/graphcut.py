@@ -50,8 +50,11 @@ class Layout:
         step = max(1, self.patch - self.patch // OVERLAP)
 
         def axis(size: int, wrap: bool) -> list[int]:
-            count = max(1, -(-(size if wrap else size - self.patch // OVERLAP) // step))
-            return [i * size // count - (0 if wrap else self.patch // (2 * OVERLAP)) for i in range(count)]
+            if wrap:
+                count = max(1, -(-size // step))
+                return [i * size // count for i in range(count)]
+            before = self.patch // (2 * OVERLAP)  # the border is the middle of an overlap, like any other place
+            return list(range(-before, max(1, size - self.patch + step), step))
 
         return [(y, x) for y in axis(self.height, self.wrap_y) for x in axis(self.width, self.wrap_x)]
 
