@@ -61,6 +61,14 @@ def largest_window(allowed: np.ndarray) -> int:
     return low
 
 
+def regions(chosen: np.ndarray, block: int) -> int:
+    """How many blocks of block x block offsets have one that is chosen, (h, w) bool."""
+    rows, columns = (-(-n // block) * block for n in chosen.shape)
+    padded = np.zeros((rows, columns), bool)
+    padded[: chosen.shape[0], : chosen.shape[1]] = chosen
+    return int(padded.reshape(rows // block, block, -1, block).any((1, 3)).sum())
+
+
 def window_keys(labels: np.ndarray, side: int, allowed: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The key (k1, k2) of every window, by integral counting, label by label in small pieces of the map.
 

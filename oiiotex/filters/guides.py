@@ -104,6 +104,22 @@ def _holds_ids(guide: Part) -> bool:
     return len(channels_of(guide.spec).colour) == 1
 
 
+def labels_met(guide: Part, meaning: Meaning, rows: int = 32, least: float = 0.01) -> list[int]:
+    """The labels that the guide asks for by themselves, found on some of its rows; those it hardly asks for are not."""
+    whole = guide.window
+    channels = channels_of(guide.spec).colour
+    if meaning.colours != (len(channels) > 1):
+        return []  # `wishes_of` says what is wrong
+    met = np.zeros(len(meaning.codes), np.int64)
+    for y in np.unique(whole.top + (2 * np.arange(rows) + 1) * whole.height // (2 * rows)):
+        row = guide.read(Window(whole.left, int(y), whole.right, int(y) + 1))[0]
+        codes = _codes(row, channels, meaning.colours)
+        place = np.minimum(np.searchsorted(meaning.codes, codes), len(met) - 1)
+        met += np.bincount(place[meaning.codes[place] == codes], minlength=len(met))
+    often = meaning.pure & (met >= max(1, least * met.sum()))
+    return sorted({int(k) for k in meaning.keys[often, 0]})
+
+
 @dataclass(frozen=True)
 class Wishes:
     """What a guide asks of the cells of a grid.

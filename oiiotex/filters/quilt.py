@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 import OpenImageIO as oiio
 
-from ..analysis.regions import content_table, largest_window, patch_side, window_keys
+from ..analysis.regions import content_table, largest_window, patch_side, regions, whole_windows, window_keys
 from ..color import working_values
 from ..errors import ImageError, ParameterError
 from ..images import Image, Part, derived_spec
@@ -25,7 +25,7 @@ from ..synthesis.plans import MOST_PATCH, Grid, Plan, Renderer
 from ..synthesis.quilting import GRID, Demand, Exemplar, Quilt, Rules, folded
 from ..windows import Window
 from ..writing import write
-from .guides import keys_in, meaning_of, wishes_of
+from .guides import keys_in, labels_met, meaning_of, wishes_of
 from .label import RHO
 from .sources import LABEL, LABELS, LEVEL, MASK, both, label_part, label_parts, source_pixels
 from .stationarize import source_coordinates, st_spec, tile_spec
@@ -33,7 +33,8 @@ from .stationarize import source_coordinates, st_spec, tile_spec
 log = logging.getLogger("oiiotex")
 
 _TABLE_BYTES = 60  # held for every pixel of the exemplar while its windows are sorted by content
-_LEAST_PATCH = 8
+_LEAST_PATCH, _LEAST_GUIDED = 8, 32
+_REGIONS = 12  # of the exemplar, from which a guide's label should be had
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +80,8 @@ class Quilting(Op):
         ge=_LEAST_PATCH,
         le=MOST_PATCH,
         unit="px",
-        help="side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out",
+        help="side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less where a"
+        " guide's labels are found in too few places)",
     )
     overlap: int | None = param(
         None, ge=4, le=MOST_PATCH // 3, unit="px", help="of neighbours, at most patch / 3; patch / 4 when left out"
@@ -152,7 +154,7 @@ class Quilting(Op):
         with session.stats.time("content"):
             part = label_part(self.exemplar, self.labels, self.level) if uses_labels else None
             ids = None if part is None else part.pixels()[..., 0]
-            patch, overlap = self._sides(part, allowed if ids is None else both(ids != 0, allowed))
+            patch, overlap = self._sides(part, ids, allowed)
             size = self.size or _size(self.guide or self.exemplar)
             grid = Grid(size.width, size.height, patch, overlap, "x" in self.tile, "y" in self.tile)
             keyed = ids if self.guide is not None else np.ones((spec.height, spec.width), np.uint8)
@@ -183,9 +185,11 @@ class Quilting(Op):
             session.written.add(os.path.realpath(self.plan))
         return made.sources, grid
 
-    def _sides(self, part: Part | None, allowed: np.ndarray | None) -> tuple[int, int]:
-        """Side of a patch and overlap, such that there is a patch at all."""
+    def _sides(self, part: Part | None, ids: np.ndarray | None, allowed: np.ndarray | None) -> tuple[int, int]:
+        """Side of a patch and overlap, such that there is a patch at all, and of a guide's labels several."""
         spec = self.exemplar.first.spec
+        if ids is not None:
+            allowed = both(ids != 0, allowed)
         rho = 0.0 if part is None else part.spec.get_float_attribute(RHO)
         shorter = min(spec.width, spec.height)
         most = shorter if allowed is None else largest_window(allowed)
@@ -195,6 +199,8 @@ class Quilting(Op):
             if smaller >= _LEAST_PATCH:
                 log.warning("%s: no patch of %d px fits what may be taken: %d px instead", self.flag(), patch, smaller)
                 patch = smaller
+        if self.patch is None and self.guide is not None:
+            patch = self._guided_side(ids, patch)
         if patch > most:
             raise ImageError(
                 f"no patch of {patch} px fits what may be taken of {self.exemplar.source}: the largest square is"
@@ -204,6 +210,17 @@ class Quilting(Op):
         if 3 * overlap > patch:
             raise ParameterError(f"overlap={overlap}: at most a third of patch={patch}, {patch // 3}, is allowed")
         return patch, overlap
+
+    def _guided_side(self, ids: np.ndarray, patch: int) -> int:
+        """Halved until there are several places to take each of the guide's labels from: else the few would repeat."""
+        meaning = meaning_of(self.guide.first, self.table, np.flatnonzero(np.bincount(ids.ravel())))
+        wanted = labels_met(self.guide.first, meaning)
+        while patch > _LEAST_GUIDED:
+            block = patch - patch // 4
+            if all(regions(whole_windows(ids == label, patch), block) >= _REGIONS for label in wanted):
+                break
+            patch //= 2
+        return patch
 
     def _demand(self, grid: Grid, ids: np.ndarray, table, session: Session) -> Demand:
         """The key of every cell."""
