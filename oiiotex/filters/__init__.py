@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..op import Op
+from .composite import Composite
 from .cut import Cut
 from .flatten import Flatten
 from .functions import function_of, result
@@ -23,7 +24,7 @@ from .superpixel import Superpixel
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Cut, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
+    Stationarize, PatchMatch, Quilting, Cut, Composite, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -31,6 +32,7 @@ stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
 quilt = function_of(Quilting)
 cut = function_of(Cut)
+composite = function_of(Composite)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)

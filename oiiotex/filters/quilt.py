@@ -178,12 +178,22 @@ class Quilting(Op):
             rules,
             session.budget,
             held=pixels * self.exemplar.first.pixel_bytes,
+            plan=self._begun(grid, demand, session),
             report=session.advance,
         )
         if self.plan is not None:
-            made.finished().save(self.plan, (spec.width, spec.height))
-            session.written.add(os.path.realpath(self.plan))
+            self._save(made.finished(), demand, session)
         return made.sources, grid
+
+    def _begun(self, grid: Grid, demand: Demand, session: Session) -> Plan | None:
+        """A plan to begin with, for filters that stand on this one."""
+        return None
+
+    def _save(self, plan: Plan, demand: Demand, session: Session) -> None:
+        """Write the plan where it is asked for."""
+        spec = self.exemplar.first.spec
+        plan.save(self.plan, (spec.width, spec.height))
+        session.written.add(os.path.realpath(self.plan))
 
     def _sides(self, part: Part | None, ids: np.ndarray | None, allowed: np.ndarray | None) -> tuple[int, int]:
         """Side of a patch and overlap, such that there is a patch at all, and of a guide's labels several."""
