@@ -16,6 +16,7 @@ from .functions import function_of, result
 from .lab import Lab
 from .label import Label
 from .labelview import LabelView
+from .palette import Palette
 from .plugins import installed
 from .quilt import Quilting
 from .stationarity import Stationarity
@@ -24,7 +25,7 @@ from .superpixel import Superpixel
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Cut, Composite, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
+    Stationarize, PatchMatch, Quilting, Cut, Composite, Palette, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -33,6 +34,7 @@ patchmatch = function_of(PatchMatch)
 quilt = function_of(Quilting)
 cut = function_of(Cut)
 composite = function_of(Composite)
+palette = function_of(Palette)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)

@@ -223,7 +223,10 @@ def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np
 def tile_spec(spec: oiio.ImageSpec, op: Op, width: int, height: int) -> oiio.ImageSpec:
     """Of a result that is copied from an image with that spec."""
     new = derived_spec(spec, width, height)
-    new.attribute("wrapmodes", ",".join("periodic" if a in op.tile else "black" for a in "xy"))
+    new.attribute(
+        "wrapmodes",
+        ",".join("periodic" if a in getattr(op, "tile", "none").replace("none", "") else "black" for a in "xy"),
+    )
     return new
 
 
