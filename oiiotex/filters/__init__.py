@@ -16,6 +16,7 @@ from .functions import function_of, result
 from .lab import Lab
 from .label import Label
 from .labelview import LabelView
+from .paint import Paint
 from .palette import Palette
 from .plugins import installed
 from .quilt import Quilting
@@ -25,7 +26,8 @@ from .superpixel import Superpixel
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Cut, Composite, Palette, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
+    Stationarize, PatchMatch, Quilting, Cut, Composite, Palette, Paint,
+    Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -35,6 +37,7 @@ quilt = function_of(Quilting)
 cut = function_of(Cut)
 composite = function_of(Composite)
 palette = function_of(Palette)
+paint = function_of(Paint)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)

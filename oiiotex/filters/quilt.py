@@ -25,7 +25,7 @@ from ..synthesis.plans import MOST_PATCH, Grid, Plan, Renderer
 from ..synthesis.quilting import GRID, Demand, Exemplar, Quilt, Rules, folded
 from ..windows import Window
 from ..writing import write
-from .guides import keys_in, labels_met, meaning_of, wishes_of
+from .guides import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label import RHO
 from .sources import LABEL, LABELS, LEVEL, MASK, both, label_part, label_parts, source_pixels
 from .stationarize import source_coordinates, st_spec, tile_spec
@@ -223,7 +223,7 @@ class Quilting(Op):
 
     def _guided_side(self, ids: np.ndarray, patch: int) -> int:
         """Halved until there are several places to take each of the guide's labels from: else the few would repeat."""
-        meaning = meaning_of(self.guide.first, self.table, np.flatnonzero(np.bincount(ids.ravel())))
+        meaning = self._meaning(np.flatnonzero(np.bincount(ids.ravel())))
         wanted = labels_met(self.guide.first, meaning)
         while patch > _LEAST_GUIDED:
             block = patch - patch // 4
@@ -237,7 +237,7 @@ class Quilting(Op):
         if self.guide is None:
             return Demand(np.zeros(grid.shape, np.int32))
         there = np.flatnonzero(np.bincount(ids.ravel()))
-        meaning = meaning_of(self.guide.first, self.table, there)
+        meaning = self._meaning(there)
         wishes = wishes_of(self.guide.first, meaning, grid, session)
         keys, replaced = keys_in(table, wishes.keys)
         if replaced:
@@ -245,6 +245,10 @@ class Quilting(Op):
             more = f" and {len(replaced) - 5} more" if len(replaced) > 5 else ""
             log.warning("%s: keys that no patch has are replaced by the nearest: %s%s", self.flag(), named, more)
         return Demand(keys, wishes.wanted)
+
+    def _meaning(self, there: np.ndarray) -> Meaning:
+        """What the guide's ids or colours mean, of a label map that has the ids `there`."""
+        return meaning_of(self.guide.first, self.table, there)
 
     def _finer(self, part: Part | None) -> tuple[np.ndarray, ...]:
         """Label maps of the levels below that of the part."""
