@@ -14,9 +14,9 @@
 #define NO_COST LONG_MAX
 #define FULL_TRIES 4    // fresh draws for a candidate whose region is used up
 #define COARSE 4        // the first look at all candidates takes images reduced by this
-#define SHORTLIST 16    // candidates that are looked at in full
+#define SHORTLIST 8     // candidates that are looked at in full
 #define BINS 256        // labels of finer levels are counted modulo this
-#define SAMPLE 4        // every 4th pixel in both directions is counted
+#define LABEL_STEP 4    // every 4th pixel's labels are held, in both directions
 #define GUIDE 4         // samples of the guide along a side
 
 inline uint corner(int y, int x) { return (uint)y << 16 | (uint)x; }
@@ -26,7 +26,7 @@ inline int corner_x(uint c) { return (int)(c & 0xffffu); }
 // What does not change during a run; see synthesis/quilting.py, _FACTS.
 typedef struct {
   int patch, overlap, width, height, columns, rows, wrap_x, wrap_y;
-  int e_width, e_columns, e_rows, block, blocks_across, candidates, levels, flush;
+  int e_width, e_columns, e_rows, block, blocks_across, candidates, levels, stride, flush;
   uint seed;
   int guided;
 } facts;
@@ -166,12 +166,16 @@ __kernel void quilting_reduce(__constant facts *f, __global const short *restric
     }
 }
 
-// Histograms of the finer levels' labels over the overlaps (LSA16 eq. 9), from every SAMPLEth pixel.
+// Where an exemplar pixel's labels are held.
+inline int label_at(__constant facts *f, int y, int x) {
+  return y / LABEL_STEP * ((f->e_width + LABEL_STEP - 1) / LABEL_STEP) + x / LABEL_STEP;
+}
+
+// Histograms of the finer levels' labels over the overlaps (LSA16 eq. 9), from samples `stride` px apart.
 __kernel void quilting_histogram(__constant facts *f, __global const int *xs, __global const int *ys,
                                  __global const uint *offset, __global const uchar *vertical,
                                  __global const uchar *horizontal, __global const uint *order, int first,
-                                 __global const uchar *restrict finer, __global short *restrict histogram, int plane,
-                                 int cells) {
+                                 __global const uchar *restrict finer, __global short *restrict histogram, int cells) {
   int level = get_global_id(0), n = get_global_id(1);
   if (level >= f->levels || n >= cells) return;
   plan p = {f, xs, ys, offset, vertical, horizontal};
@@ -179,10 +183,10 @@ __kernel void quilting_histogram(__constant facts *f, __global const int *xs, __
   int i = cell / f->columns, j = cell % f->columns, sides = sides_of(&p, i, j);
   __global short *bins = histogram + (n * f->levels + level) * BINS;
   for (int b = 0; b < BINS; b++) bins[b] = 0;
-  for (int ly = SAMPLE / 2; ly < f->patch; ly += SAMPLE)
-    for (int lx = SAMPLE / 2; lx < f->patch; lx += SAMPLE) {
+  for (int ly = f->stride / 2; ly < f->patch; ly += f->stride)
+    for (int lx = f->stride / 2; lx < f->patch; lx += f->stride) {
       uint at = around(&p, sides, i, j, lx, ly);
-      if (at != NONE) bins[finer[level * plane + corner_y(at) * f->e_width + corner_x(at)]]++;
+      if (at != NONE) bins[finer[label_at(f, corner_y(at), corner_x(at)) * f->levels + level]]++;
     }
 }
 
@@ -229,26 +233,25 @@ inline long strip_distance(const __global short *t, const __global short *e, int
   return total;
 }
 
-// Sum of squared differences over the overlaps; `bottom` and `right`: where the lower and right ones begin.
+// Sum of squared differences over the overlaps; the lower one has `rows` rows from `bottom` on, the right one `columns`
+// columns from `right` on.
 inline long overlap_distance(int sides, const __global short *t, const __global short *e, int patch, int overlap,
-                             int e_width, int bottom, int right, int flush) {
-  int t_row = 3 * patch, e_row = 3 * e_width, from = 0, to = patch;   // rows that no strip has yet
+                             int e_width, int bottom, int rows, int right, int columns, int flush) {
+  int t_row = 3 * patch, e_row = 3 * e_width, from = sides & TOP ? overlap : 0, left = sides & LEFT ? overlap : 0;
   long sum = 0;
-  if (sides & TOP) {
-    sum += strip_distance(t, e, t_row, e_row, 3 * patch, overlap, flush);
-    from = overlap;
-  }
-  if (sides & BOTTOM) {
-    int rows = patch - bottom < overlap ? patch - bottom : overlap, x = sides & LEFT ? overlap : 0;
-    to = bottom;
-    sum += strip_distance(t + to * t_row + 3 * x, e + to * e_row + 3 * x, t_row, e_row, 3 * (patch - x), rows, flush);
-  }
+  if (sides & TOP) sum += strip_distance(t, e, t_row, e_row, 3 * patch, overlap, flush);
   if (sides & LEFT)
     sum += strip_distance(t + from * t_row, e + from * e_row, t_row, e_row, 3 * overlap, patch - from, flush);
-  if (sides & RIGHT) {
-    int n = patch - right < overlap ? patch - right : overlap;
-    sum += strip_distance(t + from * t_row + 3 * right, e + from * e_row + 3 * right, t_row, e_row, 3 * n, to - from,
-                          flush);
+  if (sides & BOTTOM)
+    sum += strip_distance(t + bottom * t_row + 3 * left, e + bottom * e_row + 3 * left, t_row, e_row,
+                          3 * (patch - left), rows, flush);
+  if (sides & RIGHT) {   // above the lower strip, and below it where a small torus leaves something
+    int to = sides & BOTTOM ? bottom : patch, rest = to + rows;
+    t += 3 * right;
+    e += 3 * right;
+    sum += strip_distance(t + from * t_row, e + from * e_row, t_row, e_row, 3 * columns, to - from, flush);
+    if (rest < patch)
+      sum += strip_distance(t + rest * t_row, e + rest * e_row, t_row, e_row, 3 * columns, patch - rest, flush);
   }
   return sum;
 }
@@ -260,7 +263,7 @@ typedef struct {
   const __global uchar *finer;
   const __global short *histogram;
   const __global ushort *guide, *labels;
-  int sides, i, j, plane;
+  int sides, i, j;
   long finer_unit, guide_unit;
 } place;
 
@@ -272,16 +275,15 @@ inline long label_cost(const place *at, int ey, int ex, int bottom, int right) {
   for (int level = 0; at->sides && level < f->levels; level++) {
     short bins[BINS];
     const __global short *old = at->histogram + level * BINS;
-    const __global uchar *ids = at->finer + level * at->plane + ey * f->e_width + ex;
     for (int b = 0; b < BINS; b++) bins[b] = old[b];
-    for (int ly = SAMPLE / 2; ly < patch; ly += SAMPLE) {
+    for (int ly = f->stride / 2; ly < patch; ly += f->stride) {
       int whole = ((at->sides & TOP) && ly < overlap) || (ly >= bottom && ly < bottom + overlap);
-      for (int lx = SAMPLE / 2; lx < patch; lx += SAMPLE) {
+      for (int lx = f->stride / 2; lx < patch; lx += f->stride) {
         if (!whole && !((at->sides & LEFT) && lx < overlap) && !(lx >= right && lx < right + overlap)) {
           if (right == patch) break;   // there is nothing more in this row
           continue;
         }
-        apart += bins[ids[ly * f->e_width + lx]]-- > 0 ? 0 : 1;
+        apart += bins[at->finer[label_at(f, ey + ly, ex + lx) * f->levels + level]]-- > 0 ? 0 : 1;
       }
     }
   }
@@ -289,7 +291,7 @@ inline long label_cost(const place *at, int ey, int ex, int bottom, int right) {
     for (int u = 0; u < GUIDE; u++) {
       int y = (2 * v + 1) * patch / (2 * GUIDE), x = (2 * u + 1) * patch / (2 * GUIDE);
       ushort wanted = at->guide[v * GUIDE + u];
-      wrong += wanted != 0 && wanted != at->labels[(ey + y) * f->e_width + ex + x];
+      wrong += wanted != 0 && wanted != at->labels[label_at(f, ey + y, ex + x)];
     }
   return at->finer_unit * apart + at->guide_unit * wrong;
 }
@@ -301,7 +303,8 @@ inline long cost_at(const place *at, uint candidate) {
   int right = at->sides & RIGHT ? right_at(at->p, at->j) : f->patch;
   return label_cost(at, ey, ex, bottom, right) +
          overlap_distance(at->sides, at->target, at->exemplar + 3 * (ey * f->e_width + ex), f->patch, f->overlap,
-                          f->e_width, bottom, right, f->flush);
+                          f->e_width, bottom, min(f->patch - bottom, f->overlap), right,
+                          min(f->patch - right, f->overlap), f->flush);
 }
 
 // The same from images reduced by COARSE: most candidates are out of the question, and a first look at all of these
@@ -316,11 +319,15 @@ inline long first_cost(const place *at, uint candidate) {
   int most_y = (f->e_rows + f->patch - 1) / COARSE - patch, most_x = width - patch;
   y = y < most_y ? y : most_y;
   x = x < most_x ? x : most_x;
-  int low = (bottom + COARSE - 1) / COARSE, far = (right + COARSE - 1) / COARSE;
+  // of the lower and right overlaps only squares that lie in them as a whole
+  int low = (bottom + COARSE - 1) / COARSE, low_end = min((bottom + f->overlap) / COARSE, patch);
+  int far = (right + COARSE - 1) / COARSE, far_end = min((right + f->overlap) / COARSE, patch);
+  low = min(low, patch);
+  far = min(far, patch);
   return label_cost(at, ey, ex, bottom, right) +
          COARSE * COARSE * overlap_distance(at->sides, at->coarse_target, at->coarse + 3 * (y * width + x), patch,
-                                            f->overlap / COARSE, width, low < patch ? low : patch,
-                                            far < patch ? far : patch, f->flush);
+                                            f->overlap / COARSE, width, low, max(low_end - low, 0), far,
+                                            max(far_end - far, 0), f->flush);
 }
 
 // --- the content table ---
@@ -368,7 +375,7 @@ inline uint candidate_of(const content *c, int key, int i, int j, int k, const _
                    __global const short *target, __global const short *exemplar,                                     \
                    __global const short *coarse_target, __global const short *coarse, __global const uchar *finer,   \
                    __global const short *histogram, __global const ushort *guide, __global const ushort *labels,     \
-                   int plane, long finer_unit, long guide_unit
+                   long finer_unit, long guide_unit
 #define CONTENT_ARGS __global const uint *offsets, __global const int *starts, __global const int *ranges,            \
                      __global const int *range_blocks, __global const int *range_starts,                             \
                      __global const uint *key_map, __global const int *uses, __global const int *cap
@@ -379,7 +386,7 @@ inline uint candidate_of(const content *c, int key, int i, int j, int k, const _
   int coarse_side = f->patch / COARSE;                                                                               \
   place here = {&p, target + 3 * n * f->patch * f->patch, exemplar,                                                  \
                 coarse_target + 3 * n * coarse_side * coarse_side, coarse, finer, histogram + n * f->levels * BINS,  \
-                guide + (f->guided ? cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j, plane,             \
+                guide + (f->guided ? cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j,                    \
                 finer_unit, guide_unit};                                                                             \
   content c = {f, offsets, starts, ranges, range_blocks, range_starts, key_map};
 

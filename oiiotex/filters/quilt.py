@@ -34,6 +34,7 @@ log = logging.getLogger("oiiotex")
 
 _TABLE_BYTES = 60  # held for every pixel of the exemplar while its windows are sorted by content
 _LEAST_PATCH, _LEAST_GUIDED = 8, 32
+_FINER = 3  # levels below that of the keys whose labels tell candidates apart
 _REGIONS = 12  # of the exemplar, from which a guide's label should be had
 
 
@@ -80,8 +81,8 @@ class Quilting(Op):
         ge=_LEAST_PATCH,
         le=MOST_PATCH,
         unit="px",
-        help="side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less where a"
-        " guide's labels are found in too few places)",
+        help="side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less"
+        " where a guide's labels are found in too few places)",
     )
     overlap: int | None = param(
         None, ge=4, le=MOST_PATCH // 3, unit="px", help="of neighbours, at most patch / 3; patch / 4 when left out"
@@ -164,7 +165,7 @@ class Quilting(Op):
         rules = Rules(
             seed=self.seed,
             candidates=self.candidates,
-            reach=min(8, patch // 16),
+            reach=min(4, patch // 16),
             reuse=self.reuse,
             finer=self.finer,
             guidance=self.guidance,
@@ -256,7 +257,8 @@ class Quilting(Op):
             return ()
         levels = label_parts(self.exemplar, self.labels)
         level = max(levels) if self.level is None else self.level
-        return tuple(folded(found.pixels()[..., 0]) for number, found in levels.items() if number < level)
+        below = [number for number in levels if number < level][-_FINER:]
+        return tuple(folded(levels[number].pixels()[..., 0]) for number in below)
 
     # --- the result ---
 

@@ -23,7 +23,7 @@ from ..windows import Window
 
 MOST_PATCH = 256
 NONE = np.uint32(0xFFFFFFFF)  # the offset of a cell that has no patch yet
-_FACTS = 18  # cl/quilting.cl, facts
+_FACTS = 19  # cl/quilting.cl, facts
 _VERSION = 1
 
 

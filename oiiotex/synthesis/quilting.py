@@ -25,7 +25,7 @@ from .plans import NONE, Grid, Plan, Renderer, plan_bytes
 
 GRID = 21  # `patchmatch.to_grid`'s patch for the exemplar: four steps per Lab unit
 GUIDE = 4  # samples of the guide along a side of a cell, cl/quilting.cl
-_BINS, _SAMPLE, _COARSE = 256, 4, 4  # cl/quilting.cl
+LABEL_STEP, _BINS, _COARSE = 4, 256, 4  # cl/quilting.cl
 _WORST = 3 * (300 * 4) ** 2  # largest squared difference of two pixels in grid steps
 _FLUSH = 64  # waves between two looks at the queue
 
@@ -122,6 +122,7 @@ def layout(exemplar: Exemplar, grid: Grid, rules: Rules, guided: bool, pixels: i
     cells, wave = math.prod(grid.shape), min(grid.shape[0], (grid.shape[1] + 1) // 2)
     area, patch = exemplar.lab.shape[0] * exemplar.lab.shape[1], grid.patch
     table = exemplar.table
+    labels = math.prod(-(-n // LABEL_STEP) for n in exemplar.lab.shape[:2])
     return {
         "exemplar": 6 * area,
         "offsets": table.offsets.nbytes,
@@ -132,8 +133,8 @@ def layout(exemplar: Exemplar, grid: Grid, rules: Rules, guided: bool, pixels: i
         "range_starts": 4 * len(table.range_starts),
         "uses": 4 * len(table.range_blocks),
         "cap": 4 * len(table.keys),
-        "finer": len(exemplar.finer) * area,
-        "labels": 2 * area if guided else 2,
+        "finer": len(exemplar.finer) * labels,
+        "labels": 2 * labels if guided else 2,
         "guide": 2 * GUIDE**2 * (cells if guided else 1),
         "order": 4 * cells,
         "keys": 4 * cells,
@@ -211,9 +212,10 @@ class Quilt:
             "horizontal": start.horizontal,
         }  # fmt: skip
         if e.finer:
-            held["finer"] = np.stack(e.finer)
+            held["finer"] = np.stack([f[::LABEL_STEP, ::LABEL_STEP] for f in e.finer], -1)
         if guided:
-            held["labels"], held["guide"] = e.labels.astype(np.uint16), self.demand.guide.astype(np.uint16)
+            wanted = e.labels[::LABEL_STEP, ::LABEL_STEP]
+            held["labels"], held["guide"] = wanted.astype(np.uint16), self.demand.guide.astype(np.uint16)
         for name, array in held.items():
             if array.size:
                 self.device.write(self._buffers[name], array)
@@ -221,10 +223,15 @@ class Quilt:
         rows, columns = e.lab.shape[0] - g.patch + 1, e.lab.shape[1] - g.patch + 1
         facts = (
             e.lab.shape[1], columns, rows, t.block, -(-columns // t.block), self.rules.candidates, len(e.finer),
-            max(1, (2**31 - 1) // (_WORST * g.patch)), self.rules.seed & 0xFFFFFFFF, guided,
+            self._stride, max(1, (2**31 - 1) // (_WORST * g.patch)), self.rules.seed & 0xFFFFFFFF, guided,
         )  # fmt: skip
         self._renderer = Renderer(self.device, self._buffers, g, facts, self.pixels, self._lock)
         self._units = self._weights(len(e.finer))
+
+    @property
+    def _stride(self) -> int:
+        """px between two samples of a histogram: as many for any patch."""
+        return max(LABEL_STEP, self.grid.patch // 16)
 
     def _uses(self, plan: Plan) -> np.ndarray:
         """How often each range is used by the cells that are decided."""
@@ -244,7 +251,7 @@ class Quilt:
         """Costs of one sample of a histogram too much, and of one sample that is not the guide's."""
         variance = float(self.exemplar.lab.reshape(-1, 3).var(axis=0, dtype=np.float64).sum())
         overlaps = 2 * self.grid.patch * self.grid.overlap  # pixels, about
-        finer = self.rules.finer * variance * _SAMPLE**2 / max(1, levels)
+        finer = self.rules.finer * variance * self._stride**2 / max(1, levels)
         return np.int64(round(finer)), np.int64(round(self.rules.guidance * variance * overlaps / GUIDE**2))
 
     # --- making ---
@@ -271,14 +278,13 @@ class Quilt:
             return
         b, g, levels = self._buffers, self.grid, len(self.exemplar.finer)
         plan = self._renderer.plan
-        plane = self.exemplar.lab.shape[0] * self.exemplar.lab.shape[1]
         self._run("target", (g.patch, cells), *plan, b["order"], first, b["exemplar"], b["target"], cells, group=8)
         self._run("reduce", (g.patch // _COARSE, cells), plan[0], b["target"], b["coarse_target"], cells, group=16)
         if levels:
-            self._run("histogram", (levels, cells), *plan, b["order"], first, b["finer"], b["histogram"], plane, cells,
+            self._run("histogram", (levels, cells), *plan, b["order"], first, b["finer"], b["histogram"], cells,
                       group=1)  # fmt: skip
         place = (b["order"], first, cells, b["keys"], b["target"], b["exemplar"], b["coarse_target"], b["coarse"],
-                 b["finer"], b["histogram"], b["guide"], b["labels"], plane, *self._units)  # fmt: skip
+                 b["finer"], b["histogram"], b["guide"], b["labels"], *self._units)  # fmt: skip
         table = (b["offsets"], b["starts"], b["ranges"], b["range_blocks"], b["range_starts"], b["key_map"], b["uses"],
                  b["cap"])  # fmt: skip
         self._run("score", (self.rules.candidates, cells), *plan, *place, *table, b["candidate"], b["cost"])

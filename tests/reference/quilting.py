@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Image quilting as it is written: patch by patch, on plain arrays, pixels of the exemplar by their coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from oiiotex.synthesis.patchmatch import hash_at
+from oiiotex.synthesis.plans import NONE, Grid, Plan
+
+COARSE, SHORTLIST, TRIES = 4, 8, 4
+LEFT, TOP, RIGHT, BOTTOM = range(4)
+
+
+def below(bits, n: int) -> int:
+    return (int(bits) * n) >> 32
+
+
+class Oracle:
+    """Decides the cells of a grid wave by wave, without labels."""
+
+    def __init__(self, lab: np.ndarray, grid: Grid, table, keys: np.ndarray, cap: np.ndarray, rules):
+        self.lab, self.grid, self.table, self.keys, self.cap, self.rules = (
+            lab.astype(np.int64),
+            grid,
+            table,
+            keys,
+            cap,
+            rules,
+        )
+        self.plan = Plan.empty(grid)
+        self.uses = np.zeros(len(table.range_blocks), np.int64)
+        h, w = lab.shape[0] // COARSE * COARSE, lab.shape[1] // COARSE * COARSE
+        squares = self.lab[:h, :w].reshape(h // COARSE, COARSE, w // COARSE, COARSE, 3)
+        self.coarse = (squares.sum((1, 3)) + 8) >> 4
+
+    # neighbours: (i, j) or None, and how far the patch is from them
+    def neighbour(self, i: int, j: int, side: int):
+        g = self.grid
+        rows, columns = g.shape
+        if side in (LEFT, RIGHT):
+            other = j + (1 if side == RIGHT else -1)
+            if not 0 <= other < columns:
+                if not g.wrap_x:
+                    return None
+                other %= columns
+            return i, other
+        other = i + (1 if side == BOTTOM else -1)
+        if not 0 <= other < rows:
+            if not g.wrap_y:
+                return None
+            other %= rows
+        return other, j
+
+    def step(self, places: np.ndarray, a: int, b: int, size: int) -> int:
+        return int(places[b] - places[a]) + (size if b <= a else 0)
+
+    def placed(self, cell) -> bool:
+        return cell is not None and self.plan.offsets[cell] != NONE
+
+    def pixel(self, cell, ly: int, lx: int) -> tuple[int, int]:
+        at = int(self.plan.offsets[cell])
+        return (at >> 16) + ly, (at & 0xFFFF) + lx
+
+    def in_row(self, i: int, j: int, ly: int, lx: int) -> tuple[int, int]:
+        """The source among the cells of one row."""
+        g = self.grid
+        while True:
+            right = self.neighbour(i, j, RIGHT)
+            if not self.placed(right):
+                break
+            step = self.step(g.xs, j, right[1], g.width)
+            if lx < step:
+                break
+            lx, j = lx - step, right[1]
+        if lx < g.overlap and lx < self.plan.vertical[i, j, ly]:
+            left = self.neighbour(i, j, LEFT)
+            return self.pixel(left, ly, lx + self.step(g.xs, left[1], j, g.width))
+        return self.pixel((i, j), ly, lx)
+
+    def under(self, i: int, j: int, ly: int, lx: int) -> tuple[int, int]:
+        """The source of a pixel of cell (i, j) if the cell were not there."""
+        g = self.grid
+        left, up = self.neighbour(i, j, LEFT), self.neighbour(i, j, TOP)
+        if lx < g.overlap and self.placed(left):
+            x = lx + self.step(g.xs, left[1], j, g.width)
+            if ly >= self.plan.horizontal[left][x]:
+                return self.pixel(left, ly, x)
+        return self.in_row(up[0], j, ly + self.step(g.ys, up[0], i, g.height), lx)
+
+    def source(self, y: int, x: int) -> tuple[int, int]:
+        """The source of an output pixel."""
+        g = self.grid
+        j = int(np.searchsorted(g.xs, x, "right")) - 1
+        i = int(np.searchsorted(g.ys, y, "right")) - 1
+        if g.wrap_y and y >= g.height + g.ys[0]:
+            i, y = 0, y - g.height
+        ly, lx = y - int(g.ys[i]), x - int(g.xs[j])
+        if lx >= self.plan.vertical[i, j, ly] and ly >= self.plan.horizontal[i, j, lx]:
+            return self.pixel((i, j), ly, lx)
+        return self.under(i, j, ly, lx)
+
+    def surroundings(self, i: int, j: int):
+        """The overlaps of a cell as an image, and a mask of where they are."""
+        g = self.grid
+        sides = [self.placed(self.neighbour(i, j, side)) for side in range(4)]
+        image, there = np.zeros((g.patch, g.patch, 3), np.int64), np.zeros((g.patch, g.patch), bool)
+        corners = {LEFT: (0, 0), TOP: (0, 0), RIGHT: (0, g.patch), BOTTOM: (g.patch, 0)}
+        if sides[RIGHT]:
+            corners[RIGHT] = (0, self.step(g.xs, j, self.neighbour(i, j, RIGHT)[1], g.width))
+        if sides[BOTTOM]:
+            corners[BOTTOM] = (self.step(g.ys, i, self.neighbour(i, j, BOTTOM)[0], g.height), 0)
+        right, bottom = corners[RIGHT][1], corners[BOTTOM][0]
+        for ly in range(g.patch):
+            for lx in range(g.patch):
+                if (sides[LEFT] and lx < g.overlap) or (sides[TOP] and ly < g.overlap):
+                    at = self.under(i, j, ly, lx)
+                elif right <= lx < right + g.overlap:
+                    at = self.pixel(self.neighbour(i, j, RIGHT), ly, lx - right)
+                elif bottom <= ly < bottom + g.overlap:
+                    at = self.pixel(self.neighbour(i, j, BOTTOM), ly - bottom, lx)
+                else:
+                    continue
+                image[ly, lx], there[ly, lx] = self.lab[at], True
+        return image, there, sides, right, bottom
+
+    def range_of(self, key: int, at: int) -> int:
+        t = self.table
+        block = (at >> 16) // t.block * -(-t.key_map.shape[1] // t.block) + (at & 0xFFFF) // t.block
+        first, last = int(t.ranges[key]), int(t.ranges[key + 1])
+        return first + int(np.flatnonzero(t.range_blocks[first:last] == block)[0])
+
+    def candidates(self, i: int, j: int, key: int) -> list[int | None]:
+        t, seed = self.table, self.rules.seed
+        first, count = int(t.starts[key]), int(t.starts[key + 1] - t.starts[key])
+        ij = np.array([i]), np.array([j])
+        found: list[int | None] = []
+        for k in range(self.rules.candidates):
+            at = None
+            if count <= self.rules.candidates:
+                turn = below(hash_at(seed, 0x917, *ij)[0], count)
+                draws = [(k + turn) % count] if k < count else []
+            else:
+                draws = [below(hash_at(seed, 0x10000 + TRIES * k + d, *ij)[0], count) for d in range(TRIES)]
+            for draw in draws:
+                offset = int(t.offsets[first + draw])
+                if self.uses[self.range_of(key, offset)] < self.cap[key]:
+                    at = offset
+                    break
+            found.append(at)
+        return found
+
+    def first_cost(self, at: int, around) -> int:
+        image, there, sides, right, bottom = around
+        g = self.grid
+        side, overlap = g.patch // COARSE, g.overlap // COARSE
+        y = min(((at >> 16) + 2) // COARSE, self.coarse.shape[0] - side)
+        x = min(((at & 0xFFFF) + 2) // COARSE, self.coarse.shape[1] - side)
+        small = image[: side * COARSE, : side * COARSE].reshape(side, COARSE, side, COARSE, 3).sum((1, 3)) + 8 >> 4
+        error = ((small - self.coarse[y : y + side, x : x + side]) ** 2).sum(-1)
+        v, u = np.mgrid[:side, :side]
+        use = (sides[TOP] & (v < overlap)) | (sides[LEFT] & (u < overlap))
+        whole = there[: side * COARSE, : side * COARSE].reshape(side, COARSE, side, COARSE).all((1, 3))
+        # squares that lie in the lower and right overlaps as a whole
+        use |= sides[BOTTOM] & (COARSE * v >= bottom) & (COARSE * (v + 1) <= bottom + g.overlap) & whole
+        use |= sides[RIGHT] & (COARSE * u >= right) & (COARSE * (u + 1) <= right + g.overlap) & whole
+        return COARSE**2 * int(error[use].sum())
+
+    def cost(self, at: int, around) -> int:
+        image, there, *_ = around
+        p = self.grid.patch
+        y, x = at >> 16, at & 0xFFFF
+        return int(((image - self.lab[y : y + p, x : x + p]) ** 2).sum(-1)[there].sum())
+
+    def best(self, i: int, j: int, key: int):
+        around = self.surroundings(i, j)
+        tried = self.candidates(i, j, key)
+        first = [(None if at is None else self.first_cost(at, around)) for at in tried]
+        order = sorted((c, k) for k, c in enumerate(first) if c is not None)
+        found, least = None, None
+        for _, k in order[:SHORTLIST]:
+            there = self.cost(tried[k], around)
+            if least is None or there < least:
+                found, least = tried[k], there
+        step = self.rules.reach
+        while step > 0 and found is not None and least > 0 and any(around[2]):
+            cy, cx = found >> 16, found & 0xFFFF
+            for k in range(9):
+                y, x = cy + step * (k // 3 - 1), cx + step * (k % 3 - 1)
+                h, w = self.table.key_map.shape
+                if k == 4 or not (0 <= y < h and 0 <= x < w) or self.table.key_map[y, x] != key:
+                    continue
+                if self.uses[self.range_of(key, y << 16 | x)] >= self.cap[key]:
+                    continue
+                there = self.cost(y << 16 | x, around)
+                if there < least:
+                    found, least = y << 16 | x, there
+            step //= 2
+        return found, tried, first
+
+    def cut(self, i: int, j: int, upper: bool) -> None:
+        """Dynamic programming over the squared differences of the two patches (Efros & Freeman 2001, section 2.1)."""
+        g = self.grid
+        error = np.zeros((g.patch, g.overlap), np.int64)
+        for s in range(g.patch):
+            for t in range(g.overlap):
+                ly, lx = (t, s) if upper else (s, t)
+                old, new = self.lab[self.under(i, j, ly, lx)], self.lab[self.pixel((i, j), ly, lx)]
+                error[s, t] = ((old - new) ** 2).sum()
+        for s in range(1, g.patch):
+            before = np.pad(error[s - 1], 1, constant_values=2**60)
+            error[s] += np.minimum(np.minimum(before[:-2], before[1:-1]), before[2:])
+        cut = np.zeros(g.patch, np.uint8)
+        cut[-1] = error[-1].argmin()
+        for s in range(g.patch - 2, -1, -1):
+            low, high = max(int(cut[s + 1]) - 1, 0), min(int(cut[s + 1]) + 2, g.overlap)
+            cut[s] = low + error[s, low:high].argmin()
+        (self.plan.horizontal if upper else self.plan.vertical)[i, j] = cut
+
+    def run(self) -> Plan:
+        rows, columns = self.grid.shape
+        for wave in range(2 * (rows - 1) + columns):
+            cells = [(i, wave - 2 * i) for i in range(rows) if 0 <= wave - 2 * i < columns]
+            found = {cell: self.best(*cell, int(self.keys[cell])) for cell in cells}
+            for cell in cells:
+                self.take(cell, int(self.keys[cell]), *found[cell])
+            near = {cell: [self.neighbour(*cell, side) for side in range(4)] for cell in cells}
+            for cell in cells:
+                for side in (LEFT, TOP):
+                    if self.placed(near[cell][side]):
+                        self.cut(*cell, side == TOP)
+            for side in (RIGHT, BOTTOM):
+                for cell in cells:
+                    if self.placed(near[cell][side]):
+                        self.cut(*near[cell][side], side == BOTTOM)
+        return self.plan
+
+    def take(self, cell, key: int, at: int | None, tried: list, first: list) -> None:
+        t = self.table
+        if at is None or self.uses[self.range_of(key, at)] >= self.cap[key]:
+            at = None
+            for _, k in sorted((c, k) for k, c in enumerate(first) if c is not None):
+                if self.uses[self.range_of(key, tried[k])] < self.cap[key]:
+                    at = tried[k]
+                    break
+        if at is None:
+            low, high = int(t.ranges[key]), int(t.ranges[key + 1])
+            bits = hash_at(self.rules.seed, 0xCA9, np.array([cell[0]]), np.array([cell[1]]))[0]
+            found = low + below(bits, high - low)
+            while self.uses[found] >= self.cap[key]:
+                found = found + 1 if found + 1 < high else low
+            state = (int(bits) * 747796405 + 2891336453) % 2**32  # hash_pcg of cl/hash.h
+            word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737 % 2**32
+            again = (word >> 22) ^ word
+            start, end = int(t.range_starts[found]), int(t.range_starts[found + 1])
+            at = int(t.offsets[start + below(again, end - start)])
+        self.uses[self.range_of(key, at)] += 1
+        self.plan.offsets[cell] = at
