@@ -41,9 +41,9 @@ class Paint(Op):
     What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (--texquilt). A second
     painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
     stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what --texpalette wrote: which colour is which label; paintings of
-    ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose labels did not
-    change, so that pixels elsewhere are the same to the bit.
+    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what --texpalette wrote: which colour is which
+    label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
+    labels did not change, so that pixels elsewhere are the same to the bit.
     """
 
     name: ClassVar[str] = "paint"
@@ -161,6 +161,8 @@ class _Layer(Quilting):
         return self._image(sources, grid, session)
 
     def _meaning(self, there: np.ndarray) -> Meaning:
+        if not (there > 0).any():
+            raise ImageError("the label map has no label to paint with")
         if self.brushes is None or self.guide.first.spec.nchannels == 1:
             return super()._meaning(there)
         codes = np.array(sorted(self.brushes), np.int64)

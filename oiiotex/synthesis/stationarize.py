@@ -58,6 +58,8 @@ class Recipe:
     flat : bool
         Match to the projected exemplar with constant weight; else to the exemplar with a weight that fades to 0 over
         the coarsest level, as in the paper.
+    coarsest : float
+        Scale of the coarsest level at least; the paper's 1/4.
     """
 
     width: int
@@ -71,6 +73,7 @@ class Recipe:
     uniformity: float
     contrast: float
     flat: bool
+    coarsest: float = 0.25
 
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""
@@ -85,9 +88,9 @@ class Synthesis:
     field: np.ndarray
 
 
-def level_scales(width: int, height: int) -> list[float]:
+def level_scales(width: int, height: int, least: float = 0.25) -> list[float]:
     """Scales of the pyramid levels relative to the tile, coarse to fine, about SCALE apart; the last is 1."""
-    coarsest = min(1.0, max(0.25, COARSEST / min(width, height)))
+    coarsest = min(1.0, max(least, COARSEST / min(width, height)))
     steps = math.ceil(math.log(1.0 / coarsest) / math.log(SCALE) - 0.5)
     return [coarsest ** (1.0 - level / steps) for level in range(steps)] + [1.0]
 
@@ -149,7 +152,7 @@ def synthesize(
     DeviceError
         It does not fit the budget.
     """
-    scales = level_scales(recipe.width, recipe.height)
+    scales = level_scales(recipe.width, recipe.height, recipe.coarsest)
     geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
     start = first_level(allowed, geometries, ruled_out)
     scales, geometries = scales[start:], geometries[start:]
