@@ -83,7 +83,7 @@ def of(found: list[type[Op]]) -> pytest.MarkDecorator:
 # What is true of few is said here; a new filter is held to everything else.
 MEASURES = ("stationarity", "lab")  # their results are data in floats, whatever the source was
 LABELS = ("superpixel", "label")  # their results are ids
-VIEWS = ("labelview",)  # take label maps and draw them for people
+VIEWS = ("labelview", "content")  # take label maps and draw them for people
 LABELLED = ("composite", "palette", "paint")  # take a picture with its label maps
 PAINTINGS = ("paint",)  # and a painting of labels
 OWN_KIND = (*MEASURES, *LABELS)
@@ -337,13 +337,20 @@ def test_what_streams_needs_memory_for_its_statistics_alone(op):
         apply(op, buffer(PHOTO), Session(budget=1 << 19), sigma=1)
 
 
-@of([op for op in COLOUR if "size" in {p.name for p in op.parameters()}])
-def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo, tmp_path):
-    save(np.full((80, 96, 1), 1 / 255), tmp_path / "ids.tif")
-    buffers = [tmp_path / "ids.tif"] * (len(op.images()) - 1)
-    labels = f":labels={tmp_path / 'ids.tif'}" if op.name in LABELLED else ""
-    line = fails(photo, *buffers, f"{op.flag()}:size=3000x2000{labels}", "--cache", "64")
+@of([op for op in COLOUR if op.reach is Reach.GLOBAL and "size" in {p.name for p in op.parameters()}])
+def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
+    line = fails(photo, f"{op.flag()}:size=3000x2000", "--cache", "64")
     assert "3000x2000" in line and "the budget is 64 MB" in line and " needs " in line
+
+
+@of([op for op in COLOUR if op.reach is Reach.CAUSAL])
+def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
+    """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
+    photo = from_buffer(buffer(PHOTO))
+    part = op(exemplar=photo, **settings(op, size=(65536, 200), candidates=8)).compute(Session(budget=32 << 20)).first
+    assert part.read(Window(65000, 0, 65536, 32)).shape == (32, 536, 3)  # its floats alone would be 157 MB
+    with pytest.raises(errors.DeviceError, match=r"65536x40000 .* needs \d+ MB, the budget is 32 MB"):
+        op(exemplar=photo, **settings(op, size=(65536, 40000))).compute(Session(budget=32 << 20))
 
 
 @of([op for op in COLOUR if op.reach is not Reach.POINT])

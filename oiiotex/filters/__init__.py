@@ -10,6 +10,7 @@ from typing import Any
 
 from ..op import Op
 from .composite import Composite
+from .content import Content
 from .cut import Cut
 from .flatten import Flatten
 from .functions import function_of, result
@@ -27,7 +28,7 @@ from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
     Stationarize, PatchMatch, Quilting, Cut, Composite, Palette, Paint,
-    Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp,
+    Flatten, Stationarity, Superpixel, Label, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -43,6 +44,7 @@ stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 labelview = function_of(LabelView)
+content = function_of(Content)
 lab = function_of(Lab)
 warp = function_of(Warp)
 

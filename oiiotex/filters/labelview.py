@@ -19,8 +19,8 @@ from ..session import Session
 from ..windows import Window
 from .label import PARENTS, RHO
 
-_GAP, _TEXT, _NODE = 12, 16, 14  # px of the sheet
-_PAPER, _INK = 0.93, 0.12
+_GAP, TEXT, _NODE = 12, 16, 14  # px of the sheet
+PAPER, _INK = 0.93, 0.12
 _DISTINCT = 48  # colours that are told apart; further labels begin again
 # What deuteranopes, protanopes and tritanopes see of linear Rec. 709: Machado, Oliveira, Fernandes 2009, severity 1.
 _BLIND = np.array([
@@ -65,7 +65,7 @@ class LabelView(Op):
         maps = [sampled(part, step)[..., 0].astype(np.int64) for part in labels]
         lightness, panels = None, []
         if photo is not None:
-            picture = _shown(sampled(photo, step), photo, session)
+            picture = shown_pixels(sampled(photo, step), photo, session)
             lightness = picture @ np.array([0.2126, 0.7152, 0.0722])
             panels.append(("photo", picture))
         for part, ids in zip(labels, maps, strict=True):
@@ -91,7 +91,7 @@ def sampled(part: Part, step: int) -> np.ndarray:
     return np.stack(rows)
 
 
-def _shown(pixels: np.ndarray, part: Part, session: Session) -> np.ndarray:
+def shown_pixels(pixels: np.ndarray, part: Part, session: Session) -> np.ndarray:
     """Pixels as sRGB, (h, w, 3) float: by their colour space where it is known, else as they are."""
     channels = channels_of(part.spec)
     values = pixels.astype(np.float32)
@@ -169,25 +169,25 @@ def _sheet(panels: list[tuple[str, np.ndarray]], columns: int, tree: np.ndarray)
     columns = min(columns, len(panels))
     wide = max(width, 220)  # a title must fit
     rows = -(-len(panels) // columns)
-    down = _GAP + rows * (height + _TEXT + 2 * _GAP)
+    down = _GAP + rows * (height + TEXT + 2 * _GAP)
     across = _GAP + columns * (wide + _GAP) + tree.shape[1] + _GAP
-    sheet = np.full((max(down, tree.shape[0] + 2 * _GAP), across, 3), _PAPER)
+    sheet = np.full((max(down, tree.shape[0] + 2 * _GAP), across, 3), PAPER)
     titles = []
     for n, (title, picture) in enumerate(panels):
-        top = _GAP + n // columns * (height + _TEXT + 2 * _GAP) + _TEXT + _GAP
+        top = _GAP + n // columns * (height + TEXT + 2 * _GAP) + TEXT + _GAP
         left = _GAP + n % columns * (wide + _GAP)
         sheet[top : top + height, left : left + width] = picture
         titles.append((title, left, top - _GAP // 2))
     sheet[_GAP : _GAP + tree.shape[0], across - _GAP - tree.shape[1] : across - _GAP] = tree
-    return _with_text(sheet, titles)
+    return with_text(sheet, titles)
 
 
-def _with_text(picture: np.ndarray, texts: list[tuple[str, int, int]]) -> np.ndarray:
+def with_text(picture: np.ndarray, texts: list[tuple[str, int, int]]) -> np.ndarray:
     """Text at (left, baseline); without a font there is none."""
     buffer = oiio.ImageBuf(oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.FLOAT))
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(picture, np.float32))
     for text, left, baseline in texts:
-        if not oiio.ImageBufAlgo.render_text(buffer, left, baseline, text, _TEXT - 2, "", (_INK,) * 3):
+        if not oiio.ImageBufAlgo.render_text(buffer, left, baseline, text, TEXT - 2, "", (_INK,) * 3):
             buffer.geterror()
             break
     return buffer.get_pixels(oiio.FLOAT)
@@ -198,7 +198,7 @@ def _tree(labels: list[Part], maps: list[np.ndarray]) -> np.ndarray:
     width, row = 320, 64
     height = row * len(labels) + _NODE
     buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, 3, oiio.FLOAT))
-    buffer.set_pixels(buffer.roi, np.full((height, width, 3), _PAPER, np.float32))
+    buffer.set_pixels(buffer.roi, np.full((height, width, 3), PAPER, np.float32))
     colours = distinct_colours()
     above: dict[int, tuple[float, float]] = {}  # left and right of each label of the level above
     for n in range(len(labels) - 1, -1, -1):

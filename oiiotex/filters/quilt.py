@@ -289,8 +289,8 @@ class Quilting(Op):
             session.written.add(os.path.realpath(self.stmap))
         parts = [tile, *([st] if self.stmap is True else [])]
         for part in self.exemplar.parts[1:]:
-            held = part.exact or part.name.startswith("label.")  # ids that came through Python do not say they are
-            if self.keep and held and (part.spec.width, part.spec.height) == (spec.width, spec.height):
+            alike = (part.spec.width, part.spec.height) == (spec.width, spec.height)
+            if self.keep and alike and part.name.startswith("label."):
                 parts.append(replace(copied(part, derived_spec(part.spec, *size)), exact=True))
             elif not part.name.startswith("label."):
                 log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, self.exemplar.source)

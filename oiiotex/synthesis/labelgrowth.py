@@ -137,7 +137,8 @@ def grow_labels(
         recipe = Recipe(
             width=width, height=height, wrap_x=wrap[0], wrap_y=wrap[1], sigma=None,
             patch=patch, iterations=_ITERATIONS,
-            seed=(seed + 0x9E3779B1 * attempt) & 0xFFFFFFFF, uniformity=_UNIFORMITY, contrast=1.0, flat=False, coarsest=max(0.25, coarsest),
+            seed=(seed + 0x9E3779B1 * attempt) & 0xFFFFFFFF, uniformity=_UNIFORMITY,
+            contrast=1.0, flat=False, coarsest=max(0.25, coarsest),
         )  # fmt: skip
         mask = None if allowed.all() else allowed
         made = synthesize(device, values, mask, recipe, budget, counted, "cells without a label")

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texcontent: where in an image there is something of the same content, and which contents there are."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+
+from ..analysis.regions import ContentTable, content_table, histogram, key_of, patch_side, window_keys
+from ..color import TAG
+from ..errors import ImageError, ParameterError
+from ..images import Image, Part, dtype_of, from_pixels
+from ..op import Op, Output, Reach, Space
+from ..params import Numbers, image, param
+from ..session import Session
+from ..temporary import temporary_beside
+from .label import RHO
+from .labelview import PAPER, TEXT, coloured, shown_pixels, with_text
+from .sources import LABELS, label_parts
+
+log = logging.getLogger("oiiotex")
+
+_BYTES = 100  # held for every pixel while windows are sorted and drawn
+_CENTRE, _OUTLINE = np.array([1.0, 0.25, 0.1]), np.array([0.1, 0.5, 1.0])
+_CELL, _GAP, _HEAD = 72, 4, 48  # px of the table
+_MOST = 24  # rows and columns of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class Content(Op):
+    """Show where an image has the same content as at a place, or draw the table of all contents.
+
+    The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
+    Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
+    section 6.1). The centres of all patches with the key of the patch around `at` are marked red on the photo, and
+    that patch is outlined (figure 10). -v prints the histograms of that patch at every level (figure 9), json keeps
+    them. With table=1 every key is shown by a patch that has it, first label down, second across (figure 11).
+    The result is an 8-bit sRGB image for screens: do not measure it.
+    """
+
+    name: ClassVar[str] = "content"
+    reach: ClassVar[Reach] = Reach.GLOBAL
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (Output("view", "an 8-bit sRGB picture"),)
+
+    source: Image = image(help="an image with label parts, as --texlabel:keep=1 makes it")
+    labels: Image | None = image(None, help=LABELS)
+    at: Numbers | None = param(None, unit="px", help="x,y in the data window: the patch's middle; that of the image's")
+    level: int | None = param(None, ge=1, help="which label map; the coarsest when left out")
+    patch: int | None = param(None, ge=4, le=256, unit="px", help="side; the level's scale as a power of two")
+    table: bool = param(False, help="draw the table of keys instead")
+    json: Path | None = param(None, help="key, histograms of every level and the sizes of all keys go to this file")
+
+    def compute(self, session: Session) -> Image:
+        """The picture."""
+        if self.json is not None and os.path.realpath(self.json) == os.path.realpath(self.source.source):
+            raise ParameterError(f"{self.json} would overwrite the photo")
+        first = self.source.first
+        ids_alone = self.labels is None and first.spec.nchannels == 1 and dtype_of(first.spec) == np.uint32
+        named = any(p.name.startswith("label.") for p in self.source.parts)
+        parts = label_parts(self.source, self.source if ids_alone and not named else self.labels)
+        level = max(parts) if self.level is None else self.level
+        if level not in parts:
+            raise ParameterError(f"level={level}: there is {', '.join(map(str, parts))}")
+        width, height = first.spec.width, first.spec.height
+        session.require(_BYTES * width * height, f"the content of {width}x{height}")
+        ids = parts[level].pixels()[..., 0]
+        side = self.patch or patch_side(parts[level].spec.get_float_attribute(RHO) or min(width, height) / 8)
+        side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
+        if side > min(width, height):
+            raise ImageError(f"patch={side} is larger than {self.source.source}, {width}x{height}")
+        found = content_table(*window_keys(ids, side), side, max(1, side // 2))
+        left, top = self._place(first, side)
+        histograms = {number: histogram(part.pixels()[..., 0], top, left, side) for number, part in parts.items()}
+        key = key_of(histograms[level])
+        for number, counts in histograms.items():
+            shares = ", ".join(
+                f"{c}: {n / side**2:.1%}" for c, n in sorted(counts.items(), key=lambda i: (-i[1], i[0]))
+            )
+            log.info("%s: label.%d: %s", self.flag(), number, shares or "none")
+        log.info("%s: key (%d, %d) of label.%d: %d patches", self.flag(), *key, level, _count(found, key))
+        if self.json is not None:
+            _write(self.json, _facts(found, key, level, left, top, histograms), session)
+        picture = self._picture(first, ids, session)
+        drawn = _key_table(picture, ids, found) if self.table else _marked(picture, found, key, left, top)
+        return _view(drawn, self.source.source)
+
+    def _place(self, part: Part, side: int) -> tuple[int, int]:
+        """Left and top of the patch, in the data window."""
+        width, height = part.spec.width, part.spec.height
+        if self.at is None:
+            return (width - side) // 2, (height - side) // 2
+        if len(self.at) != 2:
+            raise ParameterError(f"at={self.at}: two numbers are wanted, x,y")
+        x, y = (int(np.floor(n)) for n in self.at)
+        x, y = x - part.spec.x, y - part.spec.y
+        if not (0 <= x < width and 0 <= y < height):
+            raise ParameterError(f"at={self.at}: outside the data window {part.window}")
+        return min(max(x - side // 2, 0), width - side), min(max(y - side // 2, 0), height - side)
+
+    def _picture(self, first: Part, ids: np.ndarray, session: Session) -> np.ndarray:
+        """The photo as sRGB, or the labels in colours where there is none; (h, w, 3) float32."""
+        if first.exact or dtype_of(first.spec) == np.uint32:
+            return coloured(ids.astype(np.int64), None, 1.0).astype(np.float32)
+        return shown_pixels(first.pixels(), first, session).astype(np.float32)
+
+
+def _count(table: ContentTable, key: tuple[int, int]) -> int:
+    number = table.find(key)
+    return 0 if number is None else int(table.count()[number])
+
+
+def _facts(
+    table: ContentTable, key: tuple[int, int], level: int, left: int, top: int, histograms: dict[int, dict[int, int]]
+) -> dict[str, Any]:
+    return {
+        "level": level,
+        "patch": table.side,
+        "left": left,
+        "top": top,
+        "key": list(key),
+        "patches": _count(table, key),
+        "histograms": {f"label.{n}": {str(c): k for c, k in counts.items()} for n, counts in histograms.items()},
+        "keys": [{"key": k, "patches": n} for k, n in zip(table.keys.tolist(), table.count().tolist(), strict=True)],
+    }
+
+
+def _marked(picture: np.ndarray, table: ContentTable, key: tuple[int, int], left: int, top: int) -> np.ndarray:
+    """The photo, dimmed but where a patch of the key has its centre; the patch itself outlined."""
+    half, side = table.side // 2, table.side
+    number = table.find(key)
+    centre = np.zeros(picture.shape[:2], bool)
+    rows, columns = table.key_map.shape
+    if number is not None:
+        centre[half : half + rows, half : half + columns] = table.key_map == number
+    gray = (picture @ np.array([0.2126, 0.7152, 0.0722], np.float32))[..., None]
+    out = np.where(centre[..., None], 0.5 * picture + 0.5 * _CENTRE, 0.3 * picture + 0.5 * gray)
+    thick = max(1, min(out.shape[:2]) // 300)
+    frame = np.zeros(picture.shape[:2], bool)
+    frame[top : top + side, left : left + side] = True
+    frame[top + thick : top + side - thick, left + thick : left + side - thick] = False
+    out[frame] = _OUTLINE
+    return out
+
+
+def _key_table(picture: np.ndarray, ids: np.ndarray, table: ContentTable) -> np.ndarray:
+    """One patch of every key: first label down, second across, the labels' colours at the heads."""
+    labels = np.unique(table.keys)
+    if len(labels) > _MOST:
+        area = np.bincount(ids.ravel())[labels]
+        kept = np.sort(labels[np.argsort(-area, kind="stable")[:_MOST]])
+        log.warning("texcontent: the table shows the %d largest of %d labels", _MOST, len(labels))
+        labels = kept
+    size = _HEAD + len(labels) * (_CELL + _GAP)
+    sheet = np.full((size, size, 3), PAPER, np.float32)
+    place = {int(label): _HEAD + n * (_CELL + _GAP) for n, label in enumerate(labels)}
+    # one by one: side by side they would have borders
+    swatch = [coloured(np.array([[label]], np.int64), None, 1.0)[0, 0] for label in labels]
+    at = np.arange(_CELL) * table.side // _CELL
+    for n, key in enumerate(table.keys.tolist()):
+        if key[0] in place and key[1] in place:
+            # the middle one: the first may be a rare case at a border
+            offset = int(table.offsets[(table.starts[n] + table.starts[n + 1]) // 2])
+            y, x = place[key[0]], place[key[1]]
+            sheet[y : y + _CELL, x : x + _CELL] = picture[(offset >> 16) + at][:, (offset & 0xFFFF) + at]
+    texts = []
+    for n, (label, begin) in enumerate(place.items()):
+        sheet[begin : begin + _CELL, _HEAD - 12 : _HEAD - 4] = swatch[n]
+        sheet[_HEAD - 12 : _HEAD - 4, begin : begin + _CELL] = swatch[n]
+        texts += [(str(label), 2, begin + _CELL // 2), (str(label), begin, TEXT)]
+    return with_text(sheet, texts)
+
+
+def _view(picture: np.ndarray, source: str) -> Image:
+    spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.UINT8)
+    spec.attribute(TAG, "srgb_rec709_scene")
+    spec.attribute("oiio:subimagename", "view")
+    pixels = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
+    return Image((from_pixels("view", pixels, spec, spec.format),), source)
+
+
+def _write(path: Path, facts: dict[str, Any], session: Session) -> None:
+    with temporary_beside(path) as temporary:
+        temporary.write_text(json.dumps(facts, indent=1))
+    session.written.add(os.path.realpath(path))

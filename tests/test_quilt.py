@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texquilt and --texcontent through the program and through Python: labels, guides, plans, and what is wrong."""
+
+from __future__ import annotations
+
+import json
+import logging
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.analysis import regions
+from oiiotex.files import read
+from oiiotex.filters.quilt import Quilting
+from oiiotex.session import Session
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+from tests.test_promises import buffer, pixels
+
+H, W = 144, 160
+LABELS = np.where(np.indices((H, W))[1] < 80, 1, 2)
+LABELS[72:, 80:] = 3
+PHOTO = np.where((LABELS == 1)[..., None], pictures.bricks(H, W, 1), pictures.moss(H, W, 2))
+PHOTO[LABELS == 3] = pictures.pebbles(H, W, 3)[LABELS == 3]
+FINE = (LABELS - 1) * 2 + 1 + (np.indices((H, W))[0] // 6 % 2)
+GUIDE = np.where(np.indices((60, 100)).sum(0) < 80, 1, 3)
+GUIDE[:20, 70:] = 2
+
+
+def ids(values: np.ndarray, rho: float = 0.0) -> oiio.ImageBuf:
+    spec = oiio.ImageSpec(values.shape[1], values.shape[0], 1, oiio.UINT32)
+    if rho:
+        spec.attribute("oiiotex:rho", rho)
+    made = oiio.ImageBuf(spec)
+    made.set_pixels(made.roi, values.astype(np.uint32)[..., None])
+    return made
+
+
+def labelled() -> dict[str, oiio.ImageBuf]:
+    return {"photo": buffer(PHOTO), "label.1": ids(FINE, 8.0), "label.2": ids(LABELS, 33.0)}
+
+
+def label_under(made: dict[str, oiio.ImageBuf]) -> np.ndarray:
+    """The label of the source of every pixel, by the ST map."""
+    st = pixels(made["st"])
+    return LABELS[(st[..., 1] * H).astype(int), (st[..., 0] * W).astype(int)]
+
+
+def away_from_borders(guide: np.ndarray, size: tuple[int, int], far: int) -> tuple[np.ndarray, np.ndarray]:
+    height, width = size
+    full = guide[np.arange(height) * guide.shape[0] // height][:, np.arange(width) * guide.shape[1] // width]
+    inside = np.ones(full.shape, bool)
+    for y in range(-far, far + 1, far):
+        for x in range(-far, far + 1, far):
+            inside &= np.roll(full, (y, x), (0, 1)) == full
+    return full, inside
+
+
+def test_a_guide_of_ids_is_followed():
+    made = filters.quilt(labelled(), guide=ids(GUIDE), size=(400, 240), stmap=True)
+    full, inside = away_from_borders(GUIDE, (240, 400), 16)
+    assert 0.4 < inside.mean() < 0.95
+    assert (label_under(made) == full)[inside].mean() > 0.9
+
+
+def test_a_guide_of_colours_means_what_the_table_says(tmp_path):
+    colours = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    guide = buffer(colours[GUIDE], oiio.UINT8, "")
+    table = tmp_path / "table.json"
+    table.write_text(json.dumps({"255,0,0": 1, "0,255,0": [2, 2], "0,0,255": 3}))
+    values = {"size": (400, 240), "stmap": True, "guidance": 0.0}
+    made = filters.quilt(labelled(), guide=guide, table=table, **values)
+    plain = filters.quilt(labelled(), guide=ids(GUIDE), **values)
+    full, inside = away_from_borders(GUIDE, (240, 400), 16)
+    assert (label_under(made) == full)[inside].mean() > 0.9
+    assert (pixels(made["st"]) == pixels(plain["st"])).mean() > 0.5  # borders with a pair differ
+    table.write_text(json.dumps({"1": 1, "2": 2, "3": 3}))
+    by_id = filters.quilt(labelled(), guide=ids(GUIDE), table=table, **values)
+    np.testing.assert_array_equal(pixels(by_id["st"]), pixels(plain["st"]))
+
+
+def test_labels_of_finer_levels_tell_candidates_apart():
+    weights = (0.0, 50.0)
+    made = [filters.quilt(labelled(), label=1, level=2, size=(300, 300), finer=w, stmap=True) for w in weights]
+    assert (pixels(made[0]["st"]) != pixels(made[1]["st"])).any()
+
+
+def test_a_label_and_a_mask_are_all_that_is_taken():
+    made = filters.quilt(labelled(), label=3, size=(200, 200), stmap=True)
+    assert (label_under(made) == 3).all()
+    masked = filters.quilt(labelled(), mask=buffer((LABELS == 3)[..., None] * 1.0), size=(200, 200), stmap=True)
+    assert (label_under(masked) == 3).all()
+
+
+def test_the_level_gives_the_patch(caplog):
+    with caplog.at_level(logging.INFO, "oiiotex"):
+        filters.quilt(labelled(), level=2, size=(64, 64))
+        filters.quilt(buffer(PHOTO), size=(64, 64))
+    said = [r.getMessage() for r in caplog.records if "patches of" in r.getMessage()]
+    assert ["patches of 32 px" in said[0], "patches of 16 px" in said[1]] == [True, True]
+
+
+def test_label_parts_follow_where_they_are_kept():
+    made = filters.quilt(labelled(), size=(100, 90), keep=True, stmap=True)
+    assert list(made) == ["quilt", "st", "label.1", "label.2"]
+    assert made["label.2"].spec().format == oiio.UINT32
+    np.testing.assert_array_equal(pixels(made["label.2"])[..., 0], label_under(made))
+
+
+def test_a_plan_renders_the_same_pixels_and_those_of_another_map(tmp_path):
+    save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
+    normals = np.random.default_rng(0).random((H, W, 3))
+    save(normals, tmp_path / "normal.exr", "float", "data")
+    plan, again = "--texquilt:size=200x180:tile=xy:plan=p.npz", "--texquilt:plan=p.npz:render=1"
+    for words in (
+        ("photo.exr", f"{plan}:stmap=st.exr", "-o", "a.exr"),
+        ("photo.exr", again, "-o", "b.exr"),
+        ("normal.exr", again, "-o", "c.exr"),
+        ("normal.exr", "st.exr", "--texwarp", "-o", "d.exr"),
+    ):
+        done = oiiotex(*words, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, ""), done
+    np.testing.assert_array_equal(load(tmp_path / "a.exr"), load(tmp_path / "b.exr"))
+    np.testing.assert_array_equal(load(tmp_path / "c.exr"), load(tmp_path / "d.exr"))
+
+
+def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
+    few = LABELS.copy()
+    few[few == 2] = 1
+    few[10:14, 100:104] = 2  # too small for a patch of its own
+    photo = {"photo": buffer(PHOTO), "label.1": ids(few)}
+    with caplog.at_level(logging.WARNING, "oiiotex"):
+        filters.quilt(photo, guide=ids(GUIDE), size=(200, 120), patch=32)
+    said = [r.getMessage() for r in caplog.records]
+    assert len(said) == 1 and "(2, 2) by" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"guide": ids(GUIDE + 6)}, r"the guide has ids that mean no label: 9 \(\d+ samples\), 7 \(\d+ samples\), 8"),
+        ({"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)}, "holds colours: table=FILE.json"),
+        ({"guide": ids(GUIDE), "label": 1}, "guide and label both"),
+        ({"table": "a.json"}, "say guide, too"),
+        ({"guide": ids(GUIDE), "table": "absent.json"}, "not a table"),
+        ({"label": 9}, "has no such label; its ids go from 1 to 3"),
+        ({"level": 3}, "level=3: there is 1, 2"),
+        ({"labels": ids(LABELS[:-1]), "label": 1}, "labels is 160x143, the exemplar 160x144"),
+        ({"mask": ids(LABELS[:, :-1])}, "mask is 159x144, the exemplar 160x144"),
+        ({"label": 3, "patch": 90}, "no patch of 90 px fits .* the largest square is 72 px, patch=72 takes it"),
+        ({"mask": ids((np.indices((H, W)).sum(0) % 4 > 0) * 1)}, "the largest square is 2 px|no patch"),
+        ({"patch": 200}, "no patch of 200 px fits"),
+        ({"patch": 24, "overlap": 12}, "at most a third of patch=24, 8, is allowed"),
+        ({"tile": "x", "size": (20, 90), "patch": 24}, "at least as wide as a patch, 24 px; it is 20"),
+        ({"render": True}, "plan=FILE says which"),
+        ({"render": True, "plan": "absent.npz"}, "absent.npz: no plan can be read"),
+        ({"render": True, "plan": "absent.npz", "patch": 24}, "takes everything from the plan"),
+        ({"tile": "z"}, "none | x | y | xy"),
+        ({"size": (0, 4)}, "WIDTHxHEIGHT >= 1"),
+    ],
+)
+def test_what_is_wrong_is_said(values, said):
+    with pytest.raises(errors.Error, match=said):
+        filters.quilt(labelled(), **values)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({}, "is empty"),
+        ({"255,0": 1}, "not a table"),
+        ({"256,0,0": 1}, "not a table"),
+        ({"1": 9}, r"\[9, 9\] is no label or pair of labels; there is 1 to 3"),
+        ({"1": [1, 2, 3]}, "is no label or pair"),
+        ({"1": 1, "255,0,0": 2}, "both colours and ids"),
+        ({"1,2,3": 1}, "colours that mean no label"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_said(table, said, tmp_path):
+    path = tmp_path / "table.json"
+    path.write_text(json.dumps(table))
+    with pytest.raises(errors.ImageError, match=said):
+        filters.quilt(labelled(), guide=ids(GUIDE), table=path)
+
+
+def test_a_plan_of_another_size_is_refused(tmp_path):
+    filters.quilt(buffer(PHOTO), size=(64, 64), plan=tmp_path / "p.npz")
+    with pytest.raises(errors.ImageError, match=r"of an exemplar of 160x144, .* is 100x144"):
+        filters.quilt(buffer(PHOTO[:, :100]), plan=tmp_path / "p.npz", render=True)
+
+
+def test_the_photo_is_never_overwritten(tmp_path):
+    save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
+    for word in ("plan", "stmap"):
+        op = Quilting(exemplar=read(tmp_path / "photo.exr"), **{word: tmp_path / "photo.exr"})
+        with pytest.raises(errors.ParameterError, match="would overwrite the photo"):
+            op.compute(Session())
+
+
+# --- texcontent ---
+
+
+def test_content_marks_all_patches_of_the_key(tmp_path):
+    made = filters.content(labelled(), at=(80, 20), level=2, patch=16, json=tmp_path / "c.json")
+    facts = json.loads((tmp_path / "c.json").read_text())
+    first, second = regions.window_keys(LABELS, 16)
+    same = (first == facts["key"][0]) & (second == facts["key"][1])
+    assert facts["key"] == [1, 2] and facts["patches"] == np.count_nonzero(same)
+    assert facts["histograms"]["label.2"] == {"1": 128, "2": 128}
+    assert sum(facts["histograms"]["label.1"].values()) == 256
+    assert sum(k["patches"] for k in facts["keys"]) == first.size
+    shown = pixels(made).astype(int)
+    red = np.zeros((H, W), bool)
+    red[8 : 8 + same.shape[0], 8 : 8 + same.shape[1]] = same
+    outline = shown[..., 2] > shown[..., 0] + 60
+    assert (shown[..., 0] - shown[..., 2] > 60)[red & ~outline].all()
+    assert (shown[..., 0] - shown[..., 2] > 60)[~red].mean() < 0.01
+
+
+def test_content_draws_the_table_of_keys():
+    made = pixels(filters.content(labelled(), level=2, patch=16, table=True))
+    assert made.shape == (48 + 3 * 76, 48 + 3 * 76, 3)
+    shown = {
+        (i, j): made[52 + 76 * i : 116 + 76 * i, 52 + 76 * j : 116 + 76 * j].std() > 5
+        for i in range(3)
+        for j in range(3)
+    }
+    present = set(map(tuple, np.stack(regions.window_keys(LABELS, 16), -1).reshape(-1, 2).tolist()))
+    assert shown == {(i, j): (i + 1, j + 1) in present for i in range(3) for j in range(3)}
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"at": (500, 3)}, "outside the data window"),
+        ({"at": (3,)}, "two numbers are wanted"),
+        ({"level": 7}, "level=7: there is 1, 2"),
+        ({"patch": 150}, "patch=150 is larger than"),
+    ],
+)
+def test_what_is_wrong_with_content_is_said(values, said):
+    with pytest.raises(errors.Error, match=said):
+        filters.content(labelled(), **values)
