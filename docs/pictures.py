@@ -187,7 +187,50 @@ def contact_sheets() -> None:
         write_jpeg(np.concatenate(sheet), f"photos_{n // PER_SHEET + 1}.jpg")
 
 
+def labelled(name: str, side: int) -> dict[str, oiio.ImageBuf] | None:
+    """A test photo with its label parts, or None where there are no photos."""
+    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / f"{name}.jpg"
+    if not path.is_file():
+        print(f"no {path}: its pictures stay as they are")
+        return None
+    return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
+
+
+def quilts() -> None:
+    """Test photos and what is quilted from them; a guide and its quilt; the content of a photo."""
+    panes = []
+    for name in ("castle_brick_broken", "clover_lawn", "onyx_veins"):
+        path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / f"{name}.jpg"
+        if not path.is_file():
+            print(f"no {path}: the quilts stay as they are")
+            return
+        photo = shrunk(oiio.ImageBuf(str(path)), 512)
+        quilt = pixels(filters.quilt(photo, size=(768, 512), seed=1))
+        panes.append(halved(beside(pixels(photo)[:512], quilt)))
+    write_jpeg(np.concatenate(panes), "quilts.jpg")
+    parts = labelled("stone_breccia", 768)
+    if parts is None:
+        return
+    level = len(parts) - 1
+    ids = parts[f"label.{level}"].get_pixels(oiio.UINT32)[..., 0]
+    wanted = np.argsort(-np.bincount(ids.ravel()), kind="stable")[:3]
+    y, x = np.mgrid[:60, :90]
+    guide = wanted[np.where(np.hypot(y - 30, x - 30) < 20, 1, np.where(x + 12 * np.sin(y / 8) > 60, 2, 0))]
+    held = oiio.ImageBuf(oiio.ImageSpec(90, 60, 1, oiio.UINT32))
+    held.set_pixels(held.roi, guide.astype(np.uint32)[..., None])
+    quilt = filters.quilt(parts, guide=held, level=level, size=(1080, 720), seed=1)
+    gray = np.searchsorted(np.sort(wanted), guide) * 100 + 40
+    drawn = np.repeat(np.repeat(np.repeat(gray[..., None].astype(np.uint8), 3, 2), 6, 0), 6, 1)
+    write_jpeg(beside(drawn, halved(pixels(quilt))), "quilt_guide.jpg")
+    marked = pixels(filters.content(parts, at=(300, 300), level=level))
+    table = pixels(filters.content(parts, level=level, table=True))
+    height = max(marked.shape[0], table.shape[0])
+    panes = [np.pad(p, ((0, height - len(p)), (0, 0), (0, 0)), constant_values=255) for p in (marked, table)]
+    write_jpeg(beside(*panes), "content.jpg")
+
+
 if __name__ == "__main__":
+    quilts()
     demo_pictures()
     flattened_wall()
     cut_labels()

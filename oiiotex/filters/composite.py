@@ -61,7 +61,7 @@ class Composite(Op):
     tries: int = param(4, ge=1, le=64, help="label maps that are grown; the nearest to the found one is taken")
     patch: int | None = param(None, ge=8, le=MOST_PATCH, unit="px", help="side of a patch, as of --texquilt")
     candidates: int = param(256, ge=1, le=65536, help="patches that are tried in a place, at most")
-    reuse: float = param(3.0, ge=1, le=1e9, help="no region is used more often than this times its fair share")
+    reuse: float = param(2.0, ge=1, le=1e9, help="no region is used more often than this times its fair share")
     finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
     guidance: float = param(1.0, ge=0, le=100, help="weight of the grown labels inside a patch, beside colour")
     plan: Path | None = param(None, help="the plan goes to this file (.npz): --texquilt:render=1 renders it")

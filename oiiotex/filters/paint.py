@@ -69,7 +69,7 @@ class Paint(Op):
     tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the result tiles")
     patch: int | None = param(None, ge=8, le=MOST_PATCH, unit="px", help="side of a patch, as of --texquilt")
     candidates: int = param(256, ge=1, le=65536, help="patches that are tried in a place, at most")
-    reuse: float = param(3.0, ge=1, le=1e9, help="no region is used more often than this times its fair share")
+    reuse: float = param(2.0, ge=1, le=1e9, help="no region is used more often than this times its fair share")
     finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
     guidance: float = param(1.0, ge=0, le=100, help="weight of the painted labels inside a patch, beside colour")
     plan: Path | None = param(None, help="what was painted, and with which patches, goes to this file (.npz)")

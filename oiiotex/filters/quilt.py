@@ -89,7 +89,7 @@ class Quilting(Op):
     )
     candidates: int = param(256, ge=1, le=65536, help="patches that are tried in a place, at most")
     reuse: float = param(
-        3.0, ge=1, le=1e9, help="no region of the exemplar is used more often than this times its fair share"
+        2.0, ge=1, le=1e9, help="no region of the exemplar is used more often than this times its fair share"
     )
     finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
     guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside colour")

@@ -52,7 +52,7 @@ class Rules:
     seed: int = 0
     candidates: int = 256
     reach: int = 4
-    reuse: float = 3.0
+    reuse: float = 2.0
     finer: float = 0.5
     guidance: float = 1.0
 
