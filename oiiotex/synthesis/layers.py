@@ -21,7 +21,7 @@ from .seams import Source, cut
 TILE = 128  # px
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # its pieces in a cache are its own
 class Layers:
     """Two textures of one exemplar.
 
@@ -48,7 +48,7 @@ class Layers:
         """Flat indices of exemplar pixels of any window."""
 
         def tile(place: Window) -> np.ndarray:
-            return cache.get((id(self), place), lambda: self._tile(place)[..., None])
+            return cache.get((self, place), lambda: self._tile(place)[..., None])
 
         return assembled(window, (TILE, TILE), self.whole, tile)[..., 0]
 
