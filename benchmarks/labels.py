@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Label maps against ground truth (LSA16 figure 3c, 3d): which level is best, and how good, by features and clusters.
+"""Label maps against ground truth: which level is best, and how good, by features and clusters.
 
 python -m benchmarks.labels [--features textons,moments,gabor,quadtree] [--cluster nmf,kmeans,spectral] [--pictures DIR]
                             [--persistence 0.9] [--share 0.5] [--name PART]
+
+LSA16 figures 3c and 3d, with curves over the number of labels, are redrawn by benchmarks.label_curves.
 
 Best level: the one of the best covering of the truth. `truth by labels` is the covering of true regions by labels,
 `labels by truth` the other way; UE: share of superpixels' pixels beyond the region that has most of them, at the best

@@ -28,9 +28,11 @@ from oiiotex.synthesis.plans import Plan
 from .peers import PEERS, ToolError
 
 PHOTOS = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
-TEN = ("bark_flaky", "castle_brick_broken", "clover_lawn", "drone_forest_canopy", "fabric_gingham_weave", "onyx_veins",
-       "flower_meadow_stones", "pebbles_beach_shadow", "roof_slates", "rust_barrel_side", "stained_plaster_wall",
-       "stone_breccia")  # fmt: skip
+PHOTOS_SEEN = (
+    "bark_flaky", "castle_brick_broken", "clover_lawn", "drone_forest_canopy", "fabric_gingham_weave", "onyx_veins",
+    "flower_meadow_stones", "pebbles_beach_shadow", "roof_slates", "rust_barrel_side", "stained_plaster_wall",
+    "stone_breccia",
+)  # fmt: skip
 SIX = ("flower_meadow_stones", "stone_breccia", "moss_grass_stones_ground", "rust_barrel_side",
        "drone_track_grass_soil", "stained_plaster_wall")  # fmt: skip
 SPACE = ("--iscolorspace", "srgb_rec709_scene")
@@ -124,7 +126,7 @@ def sources(path: Path, photo: Path) -> tuple[np.ndarray, np.ndarray]:
 def quality(folder: Path) -> None:
     """Numbers for twelve photos at their defaults."""
     print(f"{'photo':24} {'patch':>5} {'seams':>6} {'verbatim':>8} {'most/fair':>9}")
-    for name in TEN:
+    for name in PHOTOS_SEEN:
         photo = PHOTOS / f"{name}.jpg"
         oiiotex(photo, *SPACE, "--texquilt:size=1400x1000:seed=1:stmap=st.exr:plan=p.npz", "-o", "a.png", cwd=folder)
         y, x = sources(folder / "st.exr", photo)

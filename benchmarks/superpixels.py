@@ -2,6 +2,7 @@
 """Superpixels and their hierarchy: time and memory beside peers, under-segmentation on the maps of ground truth.
 
 python -m benchmarks.superpixels [speed] [memory] [quality] [pictures FOLDER]
+python -m benchmarks.superpixels quality-of PART,PART   (images whose names have one of these in them)
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ import OpenImageIO as oiio
 from scipy import ndimage
 
 from benchmarks.measures import data_folder
+from benchmarks.segmenters import by_boundary, by_colour, scikit_slic
 from oiiotex.analysis.hierarchy import hierarchy
 from oiiotex.analysis.labgrid import LabGrid
 from oiiotex.analysis.slic import SeedGrid, Slic
@@ -27,6 +29,13 @@ from oiiotex.session import Session
 from oiiotex.windows import Window
 from oiiotex.working import lens_of
 
+PEERS = (
+    "our SLIC",
+    "our SLIC on a blurred image",
+    "scikit-image's SLIC",
+    "basins merged by colour (Ward)",
+    "basins merged by boundary",
+)
 COUNTS = (400, 200, 100, 60, 33, 20)
 ELSEWHERE = {
     "facade_tiles": "photos/facade_tiles.jpg",
@@ -59,7 +68,6 @@ def speed() -> None:
     """Ten iterations at 2560 x 1920 with about 2500 seeds, beside OpenCV and scikit-image; then the whole way."""
     import cv2
     from skimage.color import rgb2lab
-    from skimage.segmentation import slic
 
     image = load(data_folder() / "large" / "large_drone_scrub_road_12mp.jpg", 2560, 1920)
     session = Session()
@@ -82,7 +90,7 @@ def speed() -> None:
         peer.iterate(10)
 
     def scikit() -> None:
-        slic(lab, grid.count, 20.0, 10, convert2lab=False, enforce_connectivity=False)
+        scikit_slic(lab, grid.count, connected=False)
 
     ten()
     rows = {
@@ -179,19 +187,25 @@ def at_counts(found: Superpixels, session: Session) -> dict[int, np.ndarray]:
     return made
 
 
-def quality() -> None:
-    """Under-segmentation error, per cent: hierarchy, SLIC at that count, that on a blurred image, scikit-image's."""
-    from skimage.segmentation import slic
+def quality(names: str = "") -> None:
+    """Under-segmentation error, per cent: hierarchy, SLIC at that count, that on a blurred image, and peers'.
+
+    Columns: ours, our SLIC, our SLIC of a blurred image, scikit-image's SLIC, and the two hierarchical segmenters that
+    stand in for Arbelaez's (benchmarks.segmenters): by colour, by boundary.
+    """
 
     session, totals = Session(), []
-    print(f"{'':28s}" + "".join(f"{c:>26d}" for c in COUNTS))
-    print(f"{'':28s}" + "    ours slic blur skimage" * len(COUNTS))
+    print(f"{'':28s}" + "".join(f"{c:>38d}" for c in COUNTS))
+    print(f"{'':28s}" + "    ours  slic  blur  skim  ward bound" * len(COUNTS))
     for name, photo, regions in truths():
+        if not any(part in name for part in names.split(",")):
+            continue
         image = load(photo)
         lens = lens_of(image, session.color)
         found = superpixels(image, lens, session)
         cells = []
         values = lens.values(image.first.pixels())[0][..., :3].astype(np.float64)
+        segmenters = [by_colour(values), by_boundary(values)]
         for count, labels in at_counts(found, session).items():
             sigma = float(np.sqrt(regions.size / count))
             blur = np.sqrt(max(1.0, sigma - found.sigma) * 3.0)  # as the stack has it at that scale
@@ -201,17 +215,22 @@ def quality() -> None:
             row = [labels]
             for one in (image, smooth):
                 row.append(superpixels(one, lens_of(one, session.color), session, sigma=sigma).labels.pixels()[..., 0])
-            row.append(slic(values, count, 20.0, convert2lab=False, channel_axis=-1))
+            row.append(scikit_slic(values, count))
+            row += [peer.partition_of(count) for peer in segmenters]
             cells.append([100 * under_segmentation(r, regions) for r in row])
         totals.append(cells)
-        print(f"{name:28s}" + "".join(f"   {e[0]:5.1f}{e[1]:5.1f}{e[2]:5.1f}{e[3]:8.1f}" for e in cells), flush=True)
-    mean = np.mean(totals, 0)
-    print(f"{'mean':28s}" + "".join(f"   {e[0]:5.1f}{e[1]:5.1f}{e[2]:5.1f}{e[3]:8.1f}" for e in mean))
+        print(f"{name:28s}" + errors_text(cells), flush=True)
+    print(f"{'mean':28s}" + errors_text(np.mean(totals, 0)))
     table = np.array(totals)
-    for peer, name in enumerate(("our SLIC", "our SLIC on a blurred image", "scikit-image's SLIC"), 1):
+    for peer, name in enumerate(PEERS, 1):
         better = table[..., 0] < table[..., peer]
         everywhere = better.all(1).sum()
         print(f"better than {name}: at every count on {everywhere} of {len(table)}, in {better.sum()} of {better.size}")
+
+
+def errors_text(cells: Iterable[Iterable[float]]) -> str:
+    """A row of the table: for every count the errors of ours and of the peers."""
+    return "".join("   " + "".join(f"{e:5.1f} " for e in row)[:-1].rjust(35) for row in cells)
 
 
 def load_pixels(pixels: np.ndarray, like: Image) -> Image:
@@ -252,6 +271,9 @@ def main() -> None:
     words = sys.argv[1:] or ["speed", "memory", "quality"]
     if words[0] == "pictures":
         pictures(Path(words[1]))
+        return
+    if words[0] == "quality-of":
+        quality(words[1])
         return
     for word in words:
         {"speed": speed, "memory": memory, "quality": quality}[word]()

@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+from scipy import ndimage
+from scipy.cluster.vq import kmeans2
 
 from docs.demo import gravel, save, stained
 from oiiotex import filters
+from oiiotex.filters.labelview import distinct_colours
 
 FOLDER = Path(__file__).parent / "pictures"
 SIDE = 192  # px, longer side of a photo on a contact sheet
 PER_SHEET = 6
+LAYERED = (("rust_barrel_side.jpg", 3), ("moss_grass_stones_ground.jpg", 4), ("sandstone_wall_cracked.jpg", 3))
 
 
 def write_jpeg(pixels: np.ndarray, name: str) -> None:
@@ -93,12 +97,18 @@ def flattened_wall() -> None:
     write_jpeg(beside(pixels(photo), pixels(filters.flatten(photo)), gray), "flatten_wall.jpg")
 
 
+<<<<<<< HEAD
 def labelled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf] | None:
     """A test photo made small, with its label maps; None where there are no photos."""
+=======
+def test_photo(name: str) -> oiio.ImageBuf | None:
+    """One of the test photos, 8 bit; None with a word where they are not."""
+>>>>>>> side-b
     path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
     if not path.is_file():
         print(f"no {path}: its picture stays as it is")
         return None
+<<<<<<< HEAD
     return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
 
 
@@ -166,6 +176,74 @@ def composites() -> None:
         made = filters.composite(photo, level=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
         rows.append(beside(halved(pixels(next(iter(photo.values())))), halved(pixels(made))))
     write_jpeg(_below(*rows), "composite.jpg")
+=======
+    return shrunk(oiio.ImageBuf(str(path)), 1024)
+
+
+def small(picture: np.ndarray, side: int) -> np.ndarray:
+    """Every nth pixel, (h, w) or (h, w, 3): labels must not be mixed."""
+    step = -(-max(picture.shape[:2]) // side)
+    return picture[step // 2 :: step, step // 2 :: step]
+
+
+def layered_textures() -> None:
+    """LSA16 figure 7: a photo, its colours in as many clusters as one says, levels of labels from coarse to fine."""
+    rows = []
+    for name, count in LAYERED:
+        photo = test_photo(name)
+        if photo is None:
+            return
+        lab = filters.lab(photo).get_pixels(oiio.FLOAT)[..., :3]
+        _, clusters = kmeans2(lab.reshape(-1, 3).astype(np.float64), count, minit="++", rng=np.random.default_rng(0))
+        maps = [clusters.reshape(lab.shape[:2]) + 1]
+        found = filters.label(photo)
+        levels = list(found.values()) if isinstance(found, dict) else [found]
+        maps += [level.get_pixels(oiio.UINT32)[..., 0].astype(int) for level in levels[:-4:-1]]
+        panes = [small(pixels(photo), SIDE)]
+        for ids in maps:
+            pieces = sum(ndimage.label(ids == label)[1] for label in np.unique(ids))
+            print(f"{name}: {len(np.unique(ids))} labels in {pieces} pieces")
+            colours = distinct_colours()
+            panes.append(np.rint(255 * colours[(small(ids, SIDE) - 1) % len(colours)]).astype(np.uint8))
+        rows.append(np.pad(beside(*panes), ((0, 10), (0, 0), (0, 0)), constant_values=255))
+    width = max(row.shape[1] for row in rows)
+    rows = [np.pad(r, ((0, 0), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]
+    write_jpeg(np.concatenate(rows), "label_layers.jpg")
+
+
+def moved_borders(sigma: float = 94.0, side: int = 340) -> None:
+    """LSA16 section 3.2: borders of superpixels at two scales 3 px apart, and of two hierarchies of one scale.
+
+    From the hierarchy; by SLIC alone, where its grid of seeds loses a column; from hierarchies whose seeds differ.
+    """
+    photo = test_photo("stone_breccia.jpg")
+    if photo is None:
+        return
+    pairs = (
+        ({"sigma": sigma}, {"sigma": sigma + 3}),
+        ({"finest": sigma}, {"finest": sigma + 3}),
+        ({"sigma": sigma}, {"sigma": sigma, "finest": 15.0}),
+    )
+    panes = []
+    for pair in pairs:
+        cuts = [filters.superpixel(photo, **choice).get_pixels(oiio.UINT32)[..., 0] for choice in pair]
+        edges = [borders(small(cut, side)) for cut in cuts]
+        near = [ndimage.binary_dilation(edge, iterations=2) for edge in edges]  # what moved by a pixel has not moved
+        shown = small(pixels(photo), side) // 2 + 110
+        both = (edges[0] & near[1]) | (edges[1] & near[0])
+        for edge, colour in ((edges[0], (220, 90, 0)), (edges[1], (0, 70, 220)), (both, (0, 0, 0))):
+            shown[edge] = colour
+        panes.append(shown)
+    write_jpeg(beside(*panes), "superpixel_moves.jpg")
+
+
+def borders(ids: np.ndarray) -> np.ndarray:
+    """Pixels whose left or upper neighbour has another id."""
+    edge = np.zeros(ids.shape, bool)
+    edge[1:] |= ids[1:] != ids[:-1]
+    edge[:, 1:] |= ids[:, 1:] != ids[:, :-1]
+    return edge
+>>>>>>> side-b
 
 
 def contact_sheets() -> None:
@@ -233,7 +311,12 @@ if __name__ == "__main__":
     quilts()
     demo_pictures()
     flattened_wall()
+<<<<<<< HEAD
     cut_labels()
     painted_meadow()
     composites()
+=======
+    layered_textures()
+    moved_borders()
+>>>>>>> side-b
     contact_sheets()

@@ -76,6 +76,7 @@ def cryptomatte_part(
     spec.set_format(oiio.FLOAT)
     spec.channelformats = ()
     spec.alpha_channel = -1
+    spec.attribute("oiio:subimagename", "cryptomatte")
     tables, manifests = [], {}
     for layer in layers:
         names, bits = layer.bits()

@@ -123,7 +123,7 @@ class Device:
         self._context = cl.Context([info.handle])
         self._queue = cl.CommandQueue(self._context, properties=cl.command_queue_properties.PROFILING_ENABLE)
         self._programs: dict[tuple, Program] = {}
-        self._events: list[tuple[str, cl.Event]] = []
+        self._events: list[tuple[str, cl.Event | float]] = []
         self.record = False  # keep events, so that `collect` can say where the time went
 
     @property
@@ -169,12 +169,15 @@ class Device:
         """Add the time of all events since the last call to `stats`, each kernel by name."""
         self.finish()
         for name, event in self._events:
-            stats.add(name, (event.profile.end - event.profile.start) * 1e-9)
+            stats.add(name, event if isinstance(event, float) else _seconds(event))
         self._events.clear()
 
     def _note(self, name: str, event: cl.Event) -> None:
-        if self.record:
-            self._events.append((name, event))
+        if not self.record:
+            return
+        # a copy's event holds the host's array: a look at an image, band by band, would hold all of it
+        done = event.command_execution_status == self._cl.command_execution_status.COMPLETE
+        self._events.append((name, _seconds(event) if done else event))
 
 
 class Program:
@@ -262,6 +265,10 @@ class Buffers:
     def __exit__(self, *_: object) -> None:
         for buffer in self._held.values():
             buffer.release()
+
+
+def _seconds(event: cl.Event) -> float:
+    return (event.profile.end - event.profile.start) * 1e-9
 
 
 def _megabytes(size: int) -> int:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import weakref
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,22 @@ def test_kernels_are_timed_by_name():
         opened.collect(stats)
     assert set(stats.seconds) == {"upload", "patchmatch_pad"}
     assert all(seconds >= 0 for seconds in stats.seconds.values())
+
+
+def test_timing_holds_no_pixels():
+    opened = devices.Device(devices.choose())
+    opened.record = True
+    with devices.Buffers(opened, {"image": 4000}, 1 << 20, "a test") as buffers:
+        pixels = np.zeros(1000, np.float32)
+        held = [weakref.ref(pixels)]
+        opened.write(buffers["image"], pixels)
+        read = opened.read(buffers["image"], (1000,), np.float32)
+        held.append(weakref.ref(read))
+        del pixels, read
+        assert [array() for array in held] == [None, None]
+        stats = Stats()
+        opened.collect(stats)
+    assert set(stats.seconds) == {"upload", "download"}
 
 
 def test_the_default_budget_is_a_quarter_of_what_the_process_may_use():

@@ -194,3 +194,24 @@ def test_wide_grids_are_the_same_from_any_order_of_waves():
 def test_a_tile_smaller_than_a_patch_is_refused():
     with pytest.raises(ImageError, match="at least as wide as a patch, 16 px; it is 15"):
         Grid(15, 40, 16, 4, True, False)
+
+
+def test_lanes_do_not_show_in_labels_and_guides(device, narrow_device):
+    grid = Grid(150, 120, 16, 5, True, True)
+    labels = np.where(np.indices((45, 53))[1] < 26, 1, 2).astype(np.uint8)
+    plain = exemplar(grid, labels)
+    fine = quilting.folded(np.indices((45, 53)).sum(0) // 5 + 250)
+    found = quilting.Exemplar(plain.lab, plain.table, (fine, quilting.folded(labels)), labels)
+    random = np.random.default_rng(0)
+    keys = random.integers(0, len(plain.table.keys), grid.shape).astype(np.int32)
+    guide = random.integers(0, 3, (*grid.shape, quilting.GUIDE, quilting.GUIDE)).astype(np.uint16)
+    made = [
+        quilting.Quilt(d, found, grid, quilting.Demand(keys, guide), quilting.Rules(candidates=32), BUDGET).finished()
+        for d in (device, narrow_device)
+    ]
+    for name in ("offsets", "vertical", "horizontal"):
+        np.testing.assert_array_equal(getattr(made[0], name), getattr(made[1], name))
+
+
+def test_labels_past_the_bins_share_one_and_none_stays_apart():
+    assert quilting.folded(np.array([0, 1, 255, 256, 511])).tolist() == [0, 1, 255, 1, 1]

@@ -15,8 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
+import scipy.sparse as sparse
 from scipy.cluster.vq import kmeans2
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
 
 from ..session import Session
 from ..windows import Window
@@ -31,6 +33,7 @@ _PAD = 24  # px of mirror image around what is filtered
 _WAVES = (4.0, 8.0, 16.0)  # px, of the reduced image
 _SAMPLES = 8000  # pixels that the textons are learned from
 _BLOCK = 1 << 15
+_POOLED = 0.5  # scales of a superpixel: how far its neighbours' textons count
 
 Features = Callable[[np.ndarray], np.ndarray]
 """(n,) int: the group of every finest superpixel, 0 .. m - 1 -> (m, d) float64: the groups' features."""
@@ -45,7 +48,7 @@ def features_of(kind: str, superpixels: Superpixels, session: Session) -> Featur
         return _quadtree(small, superpixels)
     if kind == "gabor":
         return _gabor(small)
-    return _texton_histograms(small, session)
+    return _texton_histograms(small, superpixels, session)
 
 
 def grouped(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
@@ -187,11 +190,13 @@ def _quadtree(small: _Small, superpixels: Superpixels) -> Features:
     return features
 
 
-def _texton_histograms(small: _Small, session: Session) -> Features:
+def _texton_histograms(small: _Small, superpixels: Superpixels, session: Session) -> Features:
     """Square roots of texton histograms, (m, TEXTONS): Euclidean distances of them are Hellinger's.
 
-    Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and colour.
-    Not in the paper; better than its features on the ground truth (benchmarks/README.md).
+    Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and colour. A
+    finest superpixel counts those of its neighbours too, by a Gaussian of half its scale: alone it holds too few
+    pixels to tell what it is a part of. Not in the paper; better than its features on the ground truth
+    (benchmarks/README.md).
     """
     textons = _texton_map(small, session)
     count = int(textons.max()) + 1
@@ -200,12 +205,24 @@ def _texton_histograms(small: _Small, session: Session) -> Features:
     counts = table.reshape(small.count + 1, count)[1:].astype(np.float64)
     missed = np.flatnonzero(counts.sum(1) == 0)
     counts[missed, textons[small.places[missed, 0], small.places[missed, 1]]] = 1.0
+    counts = _neighbourly(superpixels.positions, _POOLED * superpixels.sigma) @ counts
 
     def features(groups: np.ndarray) -> np.ndarray:
         sums = grouped(counts, groups)
         return _UNIT * np.sqrt(sums / sums.sum(1, keepdims=True))
 
     return features
+
+
+def _neighbourly(positions: np.ndarray, sigma: float) -> sparse.csr_array:
+    """Gaussian weights between places that are near each other, (n, n); 1 for each itself."""
+    pairs = cKDTree(positions).sparse_distance_matrix(cKDTree(positions), 2.5 * sigma, output_type="coo_matrix")
+    weights = np.exp(-(pairs.data**2) / (2.0 * sigma**2))
+    apart = pairs.row != pairs.col
+    n = len(positions)
+    near = sparse.csr_array((weights[apart], (pairs.row[apart], pairs.col[apart])), shape=(n, n))
+    near.sort_indices()  # sums in one order
+    return near + sparse.eye_array(n, format="csr")
 
 
 def _texton_map(small: _Small, session: Session) -> np.ndarray:
@@ -220,30 +237,37 @@ def _texton_map(small: _Small, session: Session) -> np.ndarray:
 
     layers = [layer for found in session.spread(energies, _WAVES) for layer in found]
     layers += session.spread(spots, (1.4, 2.8, 5.6))
-    colour = [gaussian_filter(small.lab[..., c], 1.0) for c in range(3)]
-    values = np.stack([*layers, *colour], axis=-1).reshape(light.size, -1)
-    seen = small.ids.ravel() > 0
-    # a deviation of less than half a Lab unit is noise: it is not blown up
-    values = (values - values[seen].mean(0)) / np.maximum(values[seen].std(0), 0.5)
-    values[:, -3:] *= np.float32(math.sqrt(3.0))  # colour against 21 responses
-    centres = _centres(values[seen])
+    layers += [gaussian_filter(small.lab[..., c], 1.0) for c in range(3)]
+    seen = np.flatnonzero(small.ids.ravel())
+    weights = [1.0] * (len(layers) - 3) + [math.sqrt(3.0)] * 3  # colour against 21 responses
+    planes = [_standard(layer.ravel(), seen, weight) for layer, weight in zip(layers, weights, strict=True)]
+    if len(seen) > _SAMPLES:
+        seen = seen[np.random.default_rng(0).choice(len(seen), _SAMPLES, replace=False)]
+    centres = _centres(np.stack([plane[seen] for plane in planes], axis=1))
     squares = (centres**2).sum(1) / 2.0
 
     def nearest(first: int) -> np.ndarray:
-        return (values[first : first + _BLOCK] @ centres.T - squares).argmax(1)
+        block = np.stack([plane[first : first + _BLOCK] for plane in planes], axis=1)
+        return (block @ centres.T - squares).argmax(1)
 
     found = np.concatenate(list(session.spread(nearest, range(0, light.size, _BLOCK))))
     return found.reshape(light.shape)
 
 
-def _centres(values: np.ndarray) -> np.ndarray:
-    """k-means over a fixed sample, at most (TEXTONS, d) float32."""
-    random = np.random.default_rng(0)
-    sample = values if len(values) <= _SAMPLES else values[random.choice(len(values), _SAMPLES, replace=False)]
+def _standard(plane: np.ndarray, seen: np.ndarray, weight: float) -> np.ndarray:
+    """The values in units of their deviation, in place; less than half a Lab unit is noise and not blown up."""
+    mean, deviation = plane[seen].mean(dtype=np.float64), plane[seen].std(dtype=np.float64)
+    plane -= np.float32(mean)
+    plane *= np.float32(weight / max(deviation, 0.5))
+    return plane
+
+
+def _centres(sample: np.ndarray) -> np.ndarray:
+    """k-means over a sample (n, d), at most (TEXTONS, d) float32."""
     distinct = np.unique(np.rint(sample * 64.0) / 64.0, axis=0)
     if len(distinct) <= TEXTONS:
         return distinct.astype(np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a centre that nobody is near stays where it was: no harm
-        centres, _ = kmeans2(sample.astype(np.float64), TEXTONS, 20, minit="++", rng=random)
+        centres, _ = kmeans2(sample.astype(np.float64), TEXTONS, 20, minit="++", rng=np.random.default_rng(0))
     return centres[np.isfinite(centres).all(1)].astype(np.float32)

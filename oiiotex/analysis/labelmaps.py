@@ -7,7 +7,7 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
    ends the search. Here a `share` of them is enough (1: the paper).
 2. The scale at the end of the hierarchy is labelled too, where it is not reached otherwise (`coarsest`).
 3. The walk gets longer from level to level: what is left of the largest eigenvalue below 1 is `persistence` to the
-   power of the level, so that larger patterns come with fewer labels. At every level 0.95 is the paper.
+   power of the level, so that larger patterns come with fewer labels. The paper leaves 0.95 at every level.
 4. A node has at most n / 13 neighbours: the paper's 256 of n at fine scales would be all of them at coarse ones.
 5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of those
    that are nearest to them.
@@ -44,7 +44,7 @@ class Settings:
 
     cluster: str = "nmf"
     neighbours: int = NEIGHBOURS
-    persistence: float = 0.9
+    persistence: float = 0.95
     share: float = 0.5
     coarsest: bool = True
     tries: int = 0

@@ -63,10 +63,10 @@ class Label(Op):
         help="how alike ones are gathered; the last two need scikit-learn, and get the count from the first",
     )
     persistence: float = param(
-        0.9,
+        0.95,
         ge=0.01,
         le=0.999,
-        help="how short the random walk is: less gives fewer labels; level n takes its nth power. The paper: 0.95",
+        help="how short the random walk is: less gives fewer labels; level n takes its nth power",
     )
     share: float = param(
         0.5, ge=0.01, le=1, help="of the superpixels of the next scale that must hold two labels; the paper: 1"
@@ -127,7 +127,12 @@ class Label(Op):
             _write(beside, {name: bits for found in manifests.values() for name, bits in found.items()}, session)
         elif sum(len(n) + 14 for found in manifests.values() for n in found) > LARGE:
             log.warning("%s: the manifest is large: cryptomatte=FILE.json puts it beside the image", self.flag())
-        return part
+
+        def of_no_level(spec: oiio.ImageSpec) -> None:
+            for name in (RHO, COUNT, PARENTS):
+                spec.erase_attribute(name)
+
+        return part.respecced(of_no_level)
 
 
 def label_part(like: Part, maps: LabelMaps, n: int) -> Part:

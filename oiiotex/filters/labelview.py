@@ -17,7 +17,9 @@ from ..op import Op, Output, Reach, Space
 from ..params import image, param
 from ..session import Session
 from ..windows import Window
-from .label import PARENTS, RHO
+from .label import COUNT, PARENTS, RHO
+from .superpixel import COUNT as SUPERPIXELS
+from .superpixel import SCALE as SIGMA
 
 _GAP, TEXT, _NODE = 12, 16, 14  # px of the sheet
 PAPER, _INK = 0.93, 0.12
@@ -34,10 +36,10 @@ _BLIND = np.array([
 class LabelView(Op):
     """Show label maps to people: a contact sheet of all levels, with the tree of labels beside it.
 
-    Takes the image that --texlabel makes, best with keep=1: the photo, then for every level its labels in colours
-    that stay apart for colour-blind viewers too, over the photo's lightness and with their borders. The tree has the
-    coarsest labels at its top; a node is as wide as the label's share of the image. The result is an 8-bit sRGB image
-    for screens, made from every nth pixel: do not measure it.
+    Takes the image that --texlabel or --texsuperpixel makes, best with keep=1: the photo, then for every label part
+    (uint32, one channel) its labels in colours that stay apart for colour-blind viewers too, over the photo's lightness
+    and with their borders. The tree has the coarsest labels at its top; a node is as wide as the label's share of the
+    image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
     """
 
     name: ClassVar[str] = "labelview"
@@ -45,19 +47,17 @@ class LabelView(Op):
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", "an 8-bit sRGB picture"),)
 
-    source: Image = image(help="an image with label parts, as --texlabel makes it")
+    source: Image = image(help="an image with label parts, as --texlabel or --texsuperpixel:keep=1 makes it")
     side: int = param(384, ge=64, le=4096, unit="px", help="longer side of one panel")
     columns: int = param(3, ge=1, le=16, help="panels in a row")
     strength: float = param(0.65, ge=0, le=1, help="of the labels' colours over the photo")
 
     def compute(self, session: Session) -> Image:
         """The sheet."""
-        labels = [p for p in self.source.parts if p.name.startswith("label.")]
-        if not labels and self.source.first.spec.format == oiio.UINT32:
-            labels = [self.source.first]  # one level, which a format without part names has carried
+        labels = [p for p in self.source.parts if _holds_ids(p)]
         if not labels:
             raise ImageError(
-                f"{self.source.source} has no label parts: it takes what --texlabel makes"
+                f"{self.source.source} has no label parts: it takes what --texlabel or --texsuperpixel makes"
                 " (ops drop further parts, but with -a)"
             )
         photo = self.source.first if self.source.first not in labels else None
@@ -69,16 +69,29 @@ class LabelView(Op):
             lightness = picture @ np.array([0.2126, 0.7152, 0.0722])
             panels.append(("photo", picture))
         for part, ids in zip(labels, maps, strict=True):
-            scale = part.spec.get_float_attribute(RHO)
-            count = int(ids.max(initial=0))
-            title = f"{part.name}: {count} labels" + (f" at {scale:.0f} px" if scale else "")
-            panels.append((title, coloured(ids, lightness, self.strength)))
-        sheet = _sheet(panels, self.columns, _tree(labels, maps))
+            panels.append((_title(part, ids), coloured(ids, lightness, self.strength)))
+        # superpixels beside levels of labels have no place in their tree
+        levels = [n for n, part in enumerate(labels) if part.name.startswith("label.")] or list(range(len(labels)))
+        sheet = _sheet(panels, self.columns, _tree([labels[n] for n in levels], [maps[n] for n in levels]))
         spec = oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8)
         spec.attribute(TAG, "srgb_rec709_scene")
         spec.attribute("oiio:subimagename", "view")
         pixels = np.rint(np.clip(sheet, 0, 1) * 255).astype(np.uint8)
         return Image((from_pixels("view", pixels, spec, spec.format),), self.source.source)
+
+
+def _holds_ids(part: Part) -> bool:
+    """Whether it is a label map: of --texlabel, of --texsuperpixel, or one whose format carries no part names."""
+    return part.spec.format == oiio.UINT32 and part.spec.nchannels == 1
+
+
+def _title(part: Part, ids: np.ndarray) -> str:
+    """What a panel shows: how many labels there are, of which scale."""
+    of_labels = part.spec.get_int_attribute(COUNT), part.spec.get_float_attribute(RHO), "labels"
+    of_superpixels = part.spec.get_int_attribute(SUPERPIXELS), part.spec.get_float_attribute(SIGMA), "superpixels"
+    count, scale, what = of_superpixels if of_superpixels[0] else of_labels
+    # small labels may have no pixel among those that are shown
+    return f"{part.name}: {count or int(ids.max(initial=0))} {what}" + (f" at {scale:.0f} px" if scale else "")
 
 
 def sampled(part: Part, step: int) -> np.ndarray:
@@ -229,7 +242,7 @@ def _places(
     part: Part, ids: np.ndarray, above: dict[int, tuple[float, float]], width: float
 ) -> dict[int, tuple[float, float]]:
     """Left and right of every label: side by side within their parent, by area."""
-    counts = np.bincount(ids.ravel(), minlength=int(part.spec.get_int_attribute("oiiotex:labels")) + 1)[1:] + 1e-9
+    counts = np.bincount(ids.ravel(), minlength=int(part.spec.get_int_attribute(COUNT)) + 1)[1:] + 1e-9
     parents = np.array(_parents(part, len(counts))[: len(counts)])
     known = np.isin(parents, list(above))
     found = {}

@@ -93,11 +93,15 @@ class Superpixel(Op):
         log.info("%s: %d superpixels of scale %.1f px", self.flag(), count, sigma)
         runs = found.runs.relabelled(partition)
 
+        part = label_part(self.source.first, runs)
+
         def mark(spec: oiio.ImageSpec) -> None:
             spec.attribute(SCALE, float(sigma))
             spec.attribute(COUNT, count)
+            if self.keep:  # else it takes the photo's place, and name
+                spec.attribute("oiio:subimagename", part.name)
 
-        part = label_part(self.source.first, runs).respecced(mark)
+        part = part.respecced(mark)
         first, *others = self.source.parts
         parts = (first, part) if self.keep else (replace(part, name=first.name),)
         return Image((*parts, *others), self.source.source)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What --texlabel:cryptomatte= writes, as other programs find it; Blender's word is in test_cryptomatte_blender."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex.cryptomatte import hashed
+from tests.conftest import load, oiiotex, save
+from tests.test_labels import OIIOTOOL, ids_of, parts_of, quarters
+
+UNNAMED = ["--subimage", "cryptomatte", "--eraseattrib", "name", "--eraseattrib", "oiio:subimagename"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Labels of a picture with a hole: the manifest within all.exr, and beside apart.exr."""
+    made = tmp_path_factory.mktemp("cryptomatte")
+    alpha = np.ones((96, 96, 1))
+    alpha[20:50, 30:70] = 0
+    save(np.concatenate([quarters(96)[0] * alpha, alpha], -1), made / "photo.png")
+    (made / "sub").mkdir()
+    for choice, out in (("1", "all.exr"), ("sub/names.json", "sub/apart.exr")):
+        done = oiiotex("photo.png", f"--texlabel:keep=1:cryptomatte={choice}", "-o", out, cwd=made)
+        assert done.returncode == 0, done.stderr
+    return made
+
+
+def facts_of(path: Path) -> dict[str, dict[str, str]]:
+    """By layer what the metadata say of it."""
+    attributes = parts_of(path)["cryptomatte"].spec().extra_attribs
+    found: dict[str, dict[str, str]] = {}
+    for a in attributes:
+        if a.name.startswith("cryptomatte/"):
+            _, key, name = a.name.split("/")
+            found.setdefault(key, {})[name] = a.value
+    return {facts["name"]: facts for facts in found.values()}
+
+
+def test_a_manifest_beside_the_image_is_named_as_seen_from_it(folder):
+    within, apart = facts_of(folder / "all.exr"), facts_of(folder / "sub" / "apart.exr")
+    assert set(within) == set(apart)
+    assert all("manifest" in f and "manif_file" not in f for f in within.values())
+    assert all(f["manif_file"] == "names.json" and "manifest" not in f for f in apart.values())
+    beside = json.loads((folder / "sub" / "names.json").read_text())
+    joint = {name: bits for f in within.values() for name, bits in json.loads(f["manifest"]).items()}
+    assert beside == joint
+
+
+def test_the_manifest_has_every_label_and_no_other(folder):
+    labels = {n: p for n, p in parts_of(folder / "all.exr").items() if n.startswith("label.")}
+    layers = facts_of(folder / "all.exr")
+    assert len(layers) == len(labels) > 1
+    for n, part in enumerate(labels.values(), 1):
+        manifest = json.loads(layers[f"label{n}_"]["manifest"])
+        assert manifest == {
+            f"label.{n}/{i}": f"{hashed(f'label.{n}/{i}'):08x}" for i in range(1, ids_of(part).max() + 1)
+        }
+
+
+@pytest.mark.parametrize("file", ["all.exr", "sub/apart.exr"])
+def test_oiiotool_colours_every_layer_by_its_labels(folder, file):
+    parts = parts_of(folder / file)
+    number = str(list(parts).index("cryptomatte"))
+    for name in (n for n in parts if n.startswith("label.")):
+        layer = f"label{name.removeprefix('label.')}_"
+        words = [OIIOTOOL, file, "--subimage", number, "--cryptomatte-colors", layer, "-o", "colours.exr"]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        ids, colours = ids_of(parts[name]), load(folder / "colours.exr")[..., :3]
+        assert (ids == 0).any() and not colours[ids == 0].any()  # the hole has no coverage
+        pairs = np.unique(np.concatenate([colours.reshape(-1, 3), ids.reshape(-1, 1)], 1), axis=0)
+        assert len(pairs) == 1 + ids.max() == len(np.unique(pairs[:, :3], axis=0))
+
+
+def test_the_part_is_found_by_its_name_and_says_nothing_of_one_level(folder):
+    """Also before it was written."""
+    for words in (["all.exr"], ["photo.png", "--texlabel:keep=1:cryptomatte=1"]):
+        done = oiiotex(*words, "--subimage", "cryptomatte", "-o", "alone.exr", cwd=folder)
+        assert done.returncode == 0, done.stderr
+        spec = oiio.ImageBuf(str(folder / "alone.exr")).spec()
+        assert spec.channelnames[:4] == tuple(f"label1_00.{c}" for c in "RGBA")
+        assert spec.getattribute("oiiotex:rho") is None and spec.getattribute("oiiotex:parents") is None
+
+
+def test_superpixels_are_found_by_their_name(folder):
+    words = ["photo.png", "--texsuperpixel:count=40:keep=1", "--subimage", "superpixels", "-o", "cells.exr"]
+    done = oiiotex(*words, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert load(folder / "cells.exr").dtype == np.uint32
+
+
+def test_the_cryptomatte_alone_and_nameless_is_the_same_from_a_file_and_at_once(folder):
+    """As Blender wants it: it finds layers by names that begin channels, and puts a part's name before those."""
+    for words in (
+        ["photo.png", "--texlabel:cryptomatte=1", *UNNAMED, "-o", "once.exr"],
+        ["all.exr", *UNNAMED, "-o", "picks.exr"],
+    ):
+        done = oiiotex(*words, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(load(folder / "once.exr"), load(folder / "picks.exr"))
+    specs = [oiio.ImageBuf(str(folder / name)).spec() for name in ("once.exr", "picks.exr")]
+    facts = [{a.name: a.value for a in s.extra_attribs if a.name.startswith("cryptomatte/")} for s in specs]
+    assert facts[0] == facts[1] and len(facts[0]) == 4 * (specs[0].nchannels // 4)
+    assert not any(s.get_string_attribute("oiio:subimagename") for s in specs)
