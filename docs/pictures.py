@@ -97,18 +97,12 @@ def flattened_wall() -> None:
     write_jpeg(beside(pixels(photo), pixels(filters.flatten(photo)), gray), "flatten_wall.jpg")
 
 
-<<<<<<< HEAD
 def labelled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf] | None:
     """A test photo made small, with its label maps; None where there are no photos."""
-=======
-def test_photo(name: str) -> oiio.ImageBuf | None:
-    """One of the test photos, 8 bit; None with a word where they are not."""
->>>>>>> side-b
     path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
     if not path.is_file():
         print(f"no {path}: its picture stays as it is")
         return None
-<<<<<<< HEAD
     return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
 
 
@@ -176,7 +170,14 @@ def composites() -> None:
         made = filters.composite(photo, level=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
         rows.append(beside(halved(pixels(next(iter(photo.values())))), halved(pixels(made))))
     write_jpeg(_below(*rows), "composite.jpg")
-=======
+
+
+def test_photo(name: str) -> oiio.ImageBuf | None:
+    """One of the test photos, 8 bit; None with a word where they are not."""
+    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
+    if not path.is_file():
+        print(f"no {path}: its picture stays as it is")
+        return None
     return shrunk(oiio.ImageBuf(str(path)), 1024)
 
 
@@ -243,7 +244,6 @@ def borders(ids: np.ndarray) -> np.ndarray:
     edge[1:] |= ids[1:] != ids[:-1]
     edge[:, 1:] |= ids[:, 1:] != ids[:, :-1]
     return edge
->>>>>>> side-b
 
 
 def contact_sheets() -> None:
@@ -311,12 +311,9 @@ if __name__ == "__main__":
     quilts()
     demo_pictures()
     flattened_wall()
-<<<<<<< HEAD
     cut_labels()
     painted_meadow()
     composites()
-=======
     layered_textures()
     moved_borders()
->>>>>>> side-b
     contact_sheets()
