@@ -197,7 +197,7 @@ def test_what_is_wrong_is_said(palette, tmp_path):
     with pytest.raises(errors.ParameterError, match="below level=1"):
         filters.paint(photo(), ids_buffer(disc()), fine=ids_buffer(disc()), level=1, patch=16)
     (tmp_path / "bad.json").write_text('{"labels": 3}')
-    with pytest.raises(errors.ImageError, match="bad.json: no palette"):
+    with pytest.raises(errors.ImageError, match=r"bad\.json: no palette"):
         filters.paint(photo(), stray, table=tmp_path / "bad.json")
     facts["labels"][0]["id"] = 9
     (tmp_path / "more.json").write_text(json.dumps(facts))
