@@ -97,6 +97,81 @@ def flattened_wall() -> None:
     write_jpeg(beside(pixels(photo), pixels(filters.flatten(photo)), gray), "flatten_wall.jpg")
 
 
+def labelled_photo(name: str, side: int = 512) -> dict[str, oiio.ImageBuf] | None:
+    """A test photo made small, with its label maps; None where there are no photos."""
+    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
+    if not path.is_file():
+        print(f"no {path}: its picture stays as it is")
+        return None
+    return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
+
+
+def cut_labels() -> None:
+    """One label of a photo, and what --texcut makes of it, 2 x 2."""
+    rows = []
+    for name, level, label in (("flower_meadow_stones.jpg", -2, 1), ("fieldstone_wall_kodim01.jpg", -2, 1)):
+        photo = labelled_photo(name)
+        if photo is None:
+            return
+        first, *maps = photo.values()
+        ids = maps[level].get_pixels(oiio.UINT32)
+        label = int(np.bincount(ids.ravel())[1:].argsort()[-label] + 1)
+        tile = filters.cut(photo, label=label, level=len(maps) + 1 + level, size=(320, 320), seed=1)
+        shown = np.where(ids == label, pixels(first), pixels(first) // 4)
+        rows.append(beside(shown, halved(twice(pixels(tile)))))
+    write_jpeg(_below(*rows), "cut_labels.jpg")
+
+
+def _id_picture(ids: np.ndarray) -> oiio.ImageBuf:
+    made = oiio.ImageBuf(oiio.ImageSpec(ids.shape[1], ids.shape[0], 1, oiio.UINT32))
+    made.set_pixels(made.roi, np.ascontiguousarray(ids.astype(np.uint32))[..., None])
+    return made
+
+
+def _below(*panes: np.ndarray, gap: int = 8) -> np.ndarray:
+    """Pictures one below the other on white, left aligned."""
+    wide = max(pane.shape[1] for pane in panes)
+    fill = [((0, gap), (0, wide - pane.shape[1]), (0, 0)) for pane in panes]
+    return np.concatenate([np.pad(p, f, constant_values=255) for p, f in zip(panes, fill, strict=True)])
+
+
+def painted_meadow() -> None:
+    """A palette, a painting at one scale and at two, of a meadow."""
+    photo = labelled_photo("flower_meadow_stones.jpg", 640)
+    if photo is None:
+        return
+    first, *maps = photo.values()
+    level = len(maps) - 1
+    write_jpeg(beside(halved(pixels(first)), pixels(filters.palette(photo, level=level, side=64))), "palette.jpg")
+    y, x = np.mgrid[0:500, 0:700]
+    coarse, fine = (
+        1 + np.bincount(maps[n - 1].get_pixels(oiio.UINT32).ravel())[1:].argsort()[::-1] for n in (level, level - 1)
+    )
+    painting = np.where(((x - 350) / 220) ** 2 + ((y - 250) / 170) ** 2 < 1, coarse[1], coarse[0])
+    details = np.zeros(painting.shape, int)
+    details[60:170, 60:260] = fine[0]
+    details[(x - 350) ** 2 + (y - 250) ** 2 < 70**2] = fine[1]
+    once = filters.paint(photo, _id_picture(painting), level=level)
+    over = filters.paint(photo, _id_picture(painting), fine=_id_picture(details), level=level)
+    looks = np.array([[81, 94, 53], [93, 94, 77], [150, 150, 140], [60, 110, 40]], np.uint8)
+    plain = looks[np.where(painting == coarse[1], 1, 0)]
+    shown = looks[np.select([details == fine[0], details == fine[1], painting == coarse[1]], [2, 3, 1], 0)]
+    rows = [beside(halved(a), halved(pixels(b))) for a, b in ((plain, once), (shown, over))]
+    write_jpeg(_below(*rows), "paint.jpg")
+
+
+def composites() -> None:
+    """Photos, and larger textures made of them without a guide."""
+    rows = []
+    for name, below in (("flower_meadow_stones.jpg", 1), ("moss_grass_stones_ground.jpg", 2)):
+        photo = labelled_photo(name, 640)
+        if photo is None:
+            return
+        made = filters.composite(photo, level=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
+        rows.append(beside(halved(pixels(next(iter(photo.values())))), halved(pixels(made))))
+    write_jpeg(_below(*rows), "composite.jpg")
+
+
 def test_photo(name: str) -> oiio.ImageBuf | None:
     """One of the test photos, 8 bit; None with a word where they are not."""
     path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
@@ -236,6 +311,9 @@ if __name__ == "__main__":
     quilts()
     demo_pictures()
     flattened_wall()
+    cut_labels()
+    painted_meadow()
+    composites()
     layered_textures()
     moved_borders()
     contact_sheets()

@@ -16,6 +16,9 @@ from tests.conftest import oiiotex, save
 FOLDER = Path(__file__).parents[1] / "golden"
 
 
+_SYNTHESES = tuple(f"--tex{n}" for n in ("stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint"))
+
+
 @dataclass(frozen=True)
 class Case:
     """A picture, and what is done to it."""
@@ -23,16 +26,17 @@ class Case:
     picture: Callable[[], np.ndarray]
     words: tuple[str, ...]
     space: str = "srgb_rec709_scene"
+    second: Callable[[], np.ndarray] | None = None  # another image on the stack
 
     @property
     def synthesis(self) -> bool:
         """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
-        return self.words[0].startswith(("--texstationarize", "--texpatchmatch", "--texquilt"))
+        return self.words[-1].startswith(_SYNTHESES)
 
     @property
     def labels(self) -> bool:
         """Whether its result is ids or a mask: compared as they are or under other numbers, never by tolerance."""
-        return self.words[0].startswith(("--texsuperpixel", "--texlabel", "--texdecompose", "--texdominant"))
+        return self.words[-1].startswith(("--texsuperpixel", "--texlabel", "--texdecompose", "--texdominant"))
 
 
 def _with_hole() -> np.ndarray:
@@ -42,6 +46,11 @@ def _with_hole() -> np.ndarray:
     return np.concatenate([picture * alpha, alpha], -1)
 
 
+def _two_textures() -> np.ndarray:
+    return np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1)
+
+
+_LABELLED = "--texlabel:keep=1"
 CASES = {
     "stationarize_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarize:seed=1",)),
     "stationarize_pebbles_larger": Case(
@@ -66,9 +75,15 @@ CASES = {
     "superpixel_bricks": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:finest=6:sigma=12",)
     ),
-    "label_two_textures": Case(
-        lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texlabel",)
+    "label_two_textures": Case(_two_textures, ("--texlabel",)),
+    "composite_two_textures": Case(_two_textures, (_LABELLED, "--texcomposite:size=200x160:patch=16:seed=2")),
+    "palette_two_textures": Case(_two_textures, (_LABELLED, "--texpalette:side=40")),
+    "paint_two_textures": Case(
+        _two_textures,
+        (_LABELLED, "second.exr", "--texpaint:patch=16"),
+        second=lambda: 1.0 + (np.indices((120, 144)).sum(0) // 60 % 2)[..., None],
     ),
+    "cut_pebbles": Case(lambda: pictures.pebbles(96, 128, 2), ("--texcut:seed=1:patch=40:size=128x112",)),
     "quilt_pebbles": Case(
         lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tile=xy:seed=3:candidates=64",)
     ),
@@ -87,9 +102,11 @@ CASES = {
 def make(name: str, folder: Path) -> Path:
     """Run a case; a synthesis with its source map: it says which pixel was chosen, whatever the pixel looks like."""
     case = CASES[name]
-    first = case.words[0] + (":stmap=1" if case.synthesis else "")
+    *before, last = case.words
     save(case.picture(), folder / "in.exr", "half", case.space)
-    done = oiiotex("in.exr", first, *case.words[1:], "-o", f"{name}.exr", cwd=folder)
+    if case.second is not None:
+        save(case.second(), folder / "second.exr", "float")
+    done = oiiotex("in.exr", *before, last + (":stmap=1" if case.synthesis else ""), "-o", f"{name}.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / f"{name}.exr"
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from oiiotex.device import Buffers, Device
-from oiiotex.errors import ImageError
 from oiiotex.synthesis import patchmatch as pm
 from tests.reference import patchmatch as reference
 
@@ -120,12 +119,14 @@ def test_patches_that_are_not_allowed_are_never_matched(device):
     assert opaque[source_y, source_x].all()
 
 
-def test_an_exemplar_without_a_single_whole_patch_is_refused():
-    g = pm.Geometry(24, 20, 20, 20, 5, True, True)
-    opaque = np.ones((20, 20), bool)
-    opaque[::5, :] = False
-    with pytest.raises(ImageError, match="no 5x5 patch"):
-        pm.allowed_patches(opaque, g)
+def test_a_fair_share_is_one_of_the_pixels_that_may_be_used():
+    g = pm.Geometry(40, 40, 30, 20, 5, True, True)
+    exemplar = np.random.default_rng(0).integers(-300, 300, (20, 30, 3)).astype(np.int16)
+    usable = np.zeros((20, 30), bool)
+    usable[:, :10] = True
+    alone = pm.Geometry(40, 40, 10, 20, 5, True, True)
+    assert pm._penalty_unit(exemplar, g, usable) == pm._penalty_unit(exemplar[:, :10], alone)
+    assert pm._penalty_unit(exemplar, g, usable) < 0.5 * pm._penalty_unit(exemplar, g)
 
 
 def test_patchmatch_comes_close_to_the_exact_nearest_neighbours(device):

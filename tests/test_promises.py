@@ -24,7 +24,16 @@ SMALL = {"iterations": 4, "threshold": 0.9, "radius": 8}  # fewer rounds where b
 def settings(op: type[Op], **more: object) -> dict[str, object]:
     """Cheap parameters that the op has."""
     names = {p.name for p in op.parameters()}
-    return {name: value for name, value in {**SMALL, **more}.items() if name in names}
+    found = {name: value for name, value in {**SMALL, **more}.items() if name in names}
+    return {**found, "labels": quarters()} if op.name in LABELLED else found
+
+
+def quarters() -> oiio.ImageBuf:
+    """A label map for the photo: four labels, in four pieces."""
+    labels = oiio.ImageBuf(oiio.ImageSpec(72, 64, 1, oiio.UINT32))
+    y, x = np.indices((64, 72))
+    labels.set_pixels(labels.roi, (1 + x // 36 + 2 * (y // 32)).astype(np.uint32)[..., None])
+    return labels
 
 
 def buffer(pixels: np.ndarray, kind=oiio.FLOAT, space: str = "srgb_rec709_scene", names=None) -> oiio.ImageBuf:
@@ -53,6 +62,8 @@ def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
         labels = oiio.ImageBuf(spec)
         labels.set_pixels(labels.roi, (np.indices((64, 72)).sum(0) // 30 + 1).astype(np.uint32)[..., None])
         return [labels]
+    if op.name in PAINTINGS:
+        return [photo, quarters()]
     return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
 
 
@@ -74,6 +85,8 @@ MEASURES = ("stationarity", "lab", "dominant")  # their results are data in floa
 LABELS = ("superpixel", "label", "decompose")  # their results are ids
 VIEWS = ("labelview", "content")  # take label maps and draw them for people
 MASKS = ("dominant",)  # their results are 0 or 1
+LABELLED = ("composite", "palette", "paint")  # take a picture with its label maps
+PAINTINGS = ("paint",)  # and a painting of labels
 OWN_KIND = (*MEASURES, *LABELS)
 PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS]  # take pictures
 COLOUR = [op for op in PICTURES if op.space is Space.LAB]
@@ -106,8 +119,10 @@ def test_a_seed_is_a_promise(op):
 def test_threads_and_budget_do_not_show(op, tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     save(pixels(scramble(40, 48, buffer(PHOTO))), tmp_path / "st.exr", "float", "data")
-    modifiers = "".join(f":{k}={v}" for k, v in settings(op, seed=5).items())
-    inputs = ["photo.png", "st.exr"][: len(op.images())]
+    quarters().write(str(tmp_path / "labels.tif"))
+    given = settings(op, seed=5) | ({"labels": "labels.tif"} if op.name in LABELLED else {})
+    modifiers = "".join(f":{k}={v}" for k, v in given.items())
+    inputs = ["photo.png", "labels.tif" if op.name in PAINTINGS else "st.exr"][: len(op.images())]
     found = set()
     for n, more in enumerate((["--threads", "1"], ["--threads", "2"], ["--cache", "600"])):
         done = oiiotex(*inputs, f"{op.flag()}{modifiers}", *more, "-o", f"{n}.exr", cwd=tmp_path)
@@ -140,9 +155,12 @@ def test_any_window_is_the_whole_cropped(op, tile, tmp_path):
     assert out.open(str(tmp_path / "a.exr"), spec) and out.write_image(many.astype(np.float16)) and out.close()
     whole = None
     for threads in (1, 3):
-        st = from_buffer(scramble(40, 48, buffer(PHOTO)))
-        images = dict(zip((i.name for i in op.images()), (read(tmp_path / "a.exr"), st), strict=False))
-        part = op(**images, **settings(op)).compute(Session(threads=threads)).first
+        second = from_buffer(operands(op, buffer(PHOTO))[-1])
+        images = dict(zip((i.name for i in op.images()), (read(tmp_path / "a.exr"), second), strict=False))
+        given = settings(op)
+        if op.name in LABELLED:
+            given["labels"] = from_buffer(given["labels"])
+        part = op(**images, **given).compute(Session(threads=threads)).first
         if whole is None:
             whole = part.read(part.window)
         np.testing.assert_array_equal(part.read(part.window), whole)
@@ -326,14 +344,16 @@ def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
     assert "3000x2000" in line and "the budget is 64 MB" in line and " needs " in line
 
 
-@of([op for op in COLOUR if op.reach is Reach.CAUSAL])
+@of([op for op in COLOUR if op.reach is Reach.CAUSAL and op.name != "composite"])  # which holds the map that it grows
 def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
-    photo = from_buffer(buffer(PHOTO))
-    part = op(exemplar=photo, **settings(op, size=(65536, 200), candidates=8)).compute(Session(budget=32 << 20)).first
+    images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
+    images |= {"labels": from_buffer(quarters())} if op.name in LABELLED else {}
+    small = settings(op, size=(65536, 200), candidates=8) | images
+    part = op(**small).compute(Session(budget=32 << 20)).first
     assert part.read(Window(65000, 0, 65536, 32)).shape == (32, 536, 3)  # its floats alone would be 157 MB
     with pytest.raises(errors.DeviceError, match=r"65536x40000 .* needs \d+ MB, the budget is 32 MB"):
-        op(exemplar=photo, **settings(op, size=(65536, 40000))).compute(Session(budget=32 << 20))
+        op(**{**small, "size": (65536, 40000)}).compute(Session(budget=32 << 20))
 
 
 @of([op for op in COLOUR if op.reach is not Reach.POINT])

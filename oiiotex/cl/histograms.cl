@@ -46,8 +46,10 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
     for (int x = floor_int(centre_x - pitch_x) + 1; (float)x < centre_x + pitch_x; x++) {
       if (!wrap_x && (x < 0 || x >= width)) continue;
       float away_x = (float)x < centre_x ? centre_x - (float)x : (float)x - centre_x;
+      short value = row[3 * (x < 0 ? x + width : x >= width ? x - width : x)];
+      if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
       float weight = (1.0f - away_y / pitch_y) * (1.0f - away_x / pitch_x);
-      float t = place_in_bins(row[3 * (x < 0 ? x + width : x >= width ? x - width : x)], low[c], per_bin[c]);
+      float t = place_in_bins(value, low[c], per_bin[c]);
       int b = (int)t < BINS - 2 ? (int)t : BINS - 2;
       float upper = (t - (float)b) * weight;
       histogram[b] += weight - upper;

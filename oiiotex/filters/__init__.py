@@ -9,7 +9,9 @@ from collections.abc import Callable
 from typing import Any
 
 from ..op import Op
+from .composite import Composite
 from .content import Content
+from .cut import Cut
 from .decompose import Decompose
 from .dominant import Dominant
 from .flatten import Flatten
@@ -17,6 +19,8 @@ from .functions import function_of, result
 from .lab import Lab
 from .label import Label
 from .labelview import LabelView
+from .paint import Paint
+from .palette import Palette
 from .plugins import installed
 from .quilt import Quilting
 from .stationarity import Stationarity
@@ -25,14 +29,18 @@ from .superpixel import Superpixel
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Flatten, Stationarity,
-    Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Stationarize, PatchMatch, Quilting, Cut, Composite, Palette, Paint,
+    Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
 quilt = function_of(Quilting)
+cut = function_of(Cut)
+composite = function_of(Composite)
+palette = function_of(Palette)
+paint = function_of(Paint)
 flatten = function_of(Flatten)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)

@@ -115,11 +115,11 @@ def shown_pixels(pixels: np.ndarray, part: Part, session: Session) -> np.ndarray
     colour = np.nan_to_num(np.ascontiguousarray(values[..., three]))
     if space and not session.color.is_data(space):
         session.color.to_lab(space)(colour)
-        colour = _srgb(colour)
+        colour = srgb_of(colour)
     return np.clip(colour, 0, 1)
 
 
-def _srgb(lab: np.ndarray) -> np.ndarray:
+def srgb_of(lab: np.ndarray) -> np.ndarray:
     """Lab (D65) as sRGB whatever spaces the user's config has: this is only to look at."""
     f = (lab[..., :1] + 16) / 116 + np.stack([lab[..., 1] / 500, np.zeros_like(lab[..., 1]), -lab[..., 2] / 200], -1)
     xyz = np.where(f > 6 / 29, f**3, (f - 4 / 29) * 3 * (6 / 29) ** 2) * [0.95047, 1.0, 1.08883]

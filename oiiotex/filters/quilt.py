@@ -25,10 +25,10 @@ from ..synthesis.plans import MOST_PATCH, Grid, Plan, Renderer
 from ..synthesis.quilting import GRID, Demand, Exemplar, Quilt, Rules, folded
 from ..windows import Window
 from ..writing import write
-from .guides import keys_in, labels_met, meaning_of, wishes_of
+from .guides import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label import RHO
-from .sources import LABEL, LABELS, LEVEL, MASK, label_part, label_parts, source_pixels
-from .stationarize import both, source_coordinates, st_spec, tile_spec
+from .sources import LABEL, LABELS, LEVEL, MASK, both, label_part, label_parts, source_pixels
+from .stationarize import source_coordinates, st_spec, tile_spec
 
 log = logging.getLogger("oiiotex")
 
@@ -179,12 +179,22 @@ class Quilting(Op):
             rules,
             session.budget,
             held=pixels * self.exemplar.first.pixel_bytes,
+            plan=self._begun(grid, demand, session),
             report=session.advance,
         )
         if self.plan is not None:
-            made.finished().save(self.plan, (spec.width, spec.height))
-            session.written.add(os.path.realpath(self.plan))
+            self._save(made.finished(), demand, session)
         return made.sources, grid
+
+    def _begun(self, grid: Grid, demand: Demand, session: Session) -> Plan | None:
+        """A plan to begin with, for filters that stand on this one."""
+        return None
+
+    def _save(self, plan: Plan, demand: Demand, session: Session) -> None:
+        """Write the plan where it is asked for."""
+        spec = self.exemplar.first.spec
+        plan.save(self.plan, (spec.width, spec.height))
+        session.written.add(os.path.realpath(self.plan))
 
     def _sides(self, part: Part | None, ids: np.ndarray | None, allowed: np.ndarray | None) -> tuple[int, int]:
         """Side of a patch and overlap, such that there is a patch at all, and of a guide's labels several."""
@@ -214,7 +224,7 @@ class Quilting(Op):
 
     def _guided_side(self, ids: np.ndarray, patch: int) -> int:
         """Halved until there are several places to take each of the guide's labels from: else the few would repeat."""
-        meaning = meaning_of(self.guide.first, self.table, np.flatnonzero(np.bincount(ids.ravel())))
+        meaning = self._meaning(np.flatnonzero(np.bincount(ids.ravel())))
         wanted = labels_met(self.guide.first, meaning)
         while patch > _LEAST_GUIDED:
             block = patch - patch // 4
@@ -228,7 +238,7 @@ class Quilting(Op):
         if self.guide is None:
             return Demand(np.zeros(grid.shape, np.int32))
         there = np.flatnonzero(np.bincount(ids.ravel()))
-        meaning = meaning_of(self.guide.first, self.table, there)
+        meaning = self._meaning(there)
         wishes = wishes_of(self.guide.first, meaning, grid, session)
         keys, replaced = keys_in(table, wishes.keys)
         if replaced:
@@ -236,6 +246,10 @@ class Quilting(Op):
             more = f" and {len(replaced) - 5} more" if len(replaced) > 5 else ""
             log.warning("%s: keys that no patch has are replaced by the nearest: %s%s", self.flag(), named, more)
         return Demand(keys, wishes.wanted)
+
+    def _meaning(self, there: np.ndarray) -> Meaning:
+        """What the guide's ids or colours mean, of a label map that has the ids `there`."""
+        return meaning_of(self.guide.first, self.table, there)
 
     def _finer(self, part: Part | None) -> tuple[np.ndarray, ...]:
         """Label maps of the levels below that of the part."""

@@ -3,12 +3,17 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from ..color import as_float
 from ..errors import ImageError, ParameterError
 from ..images import Image, Part, channels_of, dtype_of
+from ..op import Op
 from ..tiles import bands
+
+log = logging.getLogger("oiiotex")
 
 MASK = "where pixels may come from: above one half of the first channel's range; of ids: all but 0"
 LABELS = "label maps of the exemplar, where they are not parts of it"
@@ -88,3 +93,24 @@ def mask_pixels(part: Part) -> np.ndarray:
     found = np.concatenate([part.read(window)[..., channel] for window in bands(part)])
     ids = part.exact or found.dtype == np.uint32
     return found != 0 if ids else as_float(found) > 0.5
+
+
+def both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
+    """Where both say yes; None: everywhere."""
+    return opaque if allowed is None else allowed if opaque is None else opaque & allowed
+
+
+def ruled_out(opaque: np.ndarray | None, allowed: np.ndarray | None) -> str:
+    """What the pixels are that may not be used, for messages."""
+    why = ["transparent pixels"] if opaque is not None or allowed is None else []
+    return " and of ".join([*why, *(["pixels outside the mask or label"] if allowed is not None else [])])
+
+
+def say_what_stays(op: Op) -> None:
+    """Warn, in one line, of the exemplar's parts that do not come along; labels, masks and maps of ids are no loss."""
+    exemplar: Image = getattr(op, op.images()[0].name)
+    given = (getattr(op, i.attribute) for i in op.optional_images())
+    used = {id(part) for image in given if image is not None for part in image.parts}
+    lost = [p.name for p in exemplar.parts[1:] if not (p.exact or p.name.startswith("label.") or id(p) in used)]
+    if lost:
+        log.warning("%s: of %s only the first part is used, not %s", op.flag(), exemplar.source, ", ".join(lost))

@@ -23,7 +23,7 @@ from ..synthesis.patchmatch import match_patches, unpack
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
 from ..windows import Window
 from ..writing import write
-from .sources import LABEL, LABELS, LEVEL, MASK, source_pixels
+from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
 
 log = logging.getLogger("oiiotex")
 
@@ -88,8 +88,7 @@ class _PatchSynthesis(Op):
 
     def compute(self, session: Session) -> Image:
         """The tile, followed by the part 'st' where it is asked for."""
-        if isinstance(self.stmap, Path) and os.path.realpath(self.stmap) == os.path.realpath(self.exemplar.source):
-            raise ParameterError(f"stmap={self.stmap} would overwrite the photo")
+        refuse_overwriting(self.exemplar, stmap=self.stmap)
         source = self.exemplar.first
         width, height = self.size or Size(source.spec.width, source.spec.height)
         with session.stats.time("read and colour"):
@@ -105,27 +104,13 @@ class _PatchSynthesis(Op):
             recipe,
             session.budget - pixels.nbytes,
             session.advance,
+            ruled_out(working.opaque, allowed),
         )
         device.collect(session.stats)
         if session.measure:
             with session.stats.time("measure"):
                 self._report(working, made, recipe, session)
-        whole = Window(0, 0, width, height)
-
-        def copied(window: Window) -> np.ndarray:
-            return pixels[unpack(made.source[window.inside(whole)])]
-
-        def coordinates(window: Window) -> np.ndarray:
-            return source_coordinates(*unpack(made.source[window.inside(whole)]), source.spec)
-
-        tile = Part(source.name, tile_spec(source.spec, self, width, height), copied, source.spec.format, ready=True)
-        st = Part("st", st_spec(width, height), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True, exact=True)
-        if isinstance(self.stmap, Path):
-            write(Image((st,), str(self.stmap)), self.stmap, st.spec.format)
-            session.written.add(os.path.realpath(self.stmap))
-        for part in self.exemplar.parts[1:]:
-            log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, self.exemplar.source)
-        return Image((tile, st) if self.stmap is True else (tile,), self.exemplar.source)
+        return tile_image(self, self.exemplar, pixels, made.source, session)
 
     def _report(self, working: Working, made: Synthesis, recipe: Recipe, session: Session) -> None:
         """Log the three measures before and after."""
@@ -197,9 +182,31 @@ class PatchMatch(_PatchSynthesis):
         return self._recipe(width, height, None, self.contrast, False)
 
 
-def both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
-    """Where both say yes; None: everywhere."""
-    return opaque if allowed is None else allowed if opaque is None else opaque & allowed
+def refuse_overwriting(exemplar: Image, **paths: object) -> None:
+    """Refuse a file of ours that is the photo itself, by the modifier that names it."""
+    for name, path in paths.items():
+        if isinstance(path, Path) and os.path.realpath(path) == os.path.realpath(exemplar.source):
+            raise ParameterError(f"{name}={path} would overwrite the photo")
+
+
+def tile_image(op: Op, exemplar: Image, pixels: np.ndarray, places: np.ndarray, session: Session) -> Image:
+    """The exemplar's pixels at packed places (y << 16 | x), whole; `op.stmap` asks for the places themselves."""
+    source, whole = exemplar.first, Window(0, 0, places.shape[1], places.shape[0])
+
+    def copied(window: Window) -> np.ndarray:
+        return pixels[unpack(places[window.inside(whole)])]
+
+    def coordinates(window: Window) -> np.ndarray:
+        return source_coordinates(*unpack(places[window.inside(whole)]), source.spec)
+
+    size = whole.width, whole.height
+    tile = Part(source.name, tile_spec(source.spec, op, *size), copied, source.spec.format, ready=True)
+    st = Part("st", st_spec(*size), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True, exact=True)
+    if isinstance(op.stmap, Path):
+        write(Image((st,), str(op.stmap)), op.stmap, st.spec.format)
+        session.written.add(os.path.realpath(op.stmap))
+    say_what_stays(op)
+    return Image((tile, st) if op.stmap is True else (tile,), exemplar.source)
 
 
 def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
@@ -216,7 +223,10 @@ def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np
 def tile_spec(spec: oiio.ImageSpec, op: Op, width: int, height: int) -> oiio.ImageSpec:
     """Of a result that is copied from an image with that spec."""
     new = derived_spec(spec, width, height)
-    new.attribute("wrapmodes", ",".join("periodic" if a in op.tile else "black" for a in "xy"))
+    new.attribute(
+        "wrapmodes",
+        ",".join("periodic" if a in getattr(op, "tile", "none").replace("none", "") else "black" for a in "xy"),
+    )
     return new
 
 

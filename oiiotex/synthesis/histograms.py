@@ -16,11 +16,12 @@ from ..device import Buffers, Device
 
 BINS = 64
 INVERSE = 2048  # samples of an inverse cumulative
+OUTSIDE = np.int16(-32768)  # a value that no histogram counts; the grid of Lab ends far from it
 _CELLS_PER_SIGMA = 2.5
 
 
 def value_counts(image: np.ndarray, first: int, entries: int) -> np.ndarray:
-    """How often each value occurs, per channel: (3, entries) int64, entry i for value first + i."""
+    """How often each value occurs in (..., 3) int16, per channel: (3, entries) int64, entry i for value first + i."""
     flat = image.reshape(-1, 3)
     return np.stack([np.bincount(flat[:, c] - np.int32(first), minlength=entries) for c in range(3)])
 
@@ -123,7 +124,10 @@ class Projection:
         ]
 
     def project(self, image: str, matched: str, strength: float = 1.0) -> None:
-        """Write to buffer `matched` what lies `strength` times the way from buffer `image` to its projection."""
+        """Write to buffer `matched` what lies `strength` times the way from buffer `image` to its projection.
+
+        Pixels of value `OUTSIDE` belong to no histogram; what is written for them means nothing.
+        """
         cells, b = self._cells, self._buffers
         size = (cells.width, cells.height, cells.x, cells.y, *self._wrap)
         self._run("gather", (cells.x, cells.y, 3), b[image], b["grid"], *self._bins, *size)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..device import Buffers, Device
-from ..errors import ImageError
 
 JUMPS = (4, 2, 1)
 SEARCHES = 6  # windows of random search, from the whole exemplar down to about 2 px
@@ -114,26 +113,14 @@ class Geometry:
 
 
 def allowed_patches(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray:
-    """Which patches lie fully inside `allowed` (height, width) bool: (exemplar_rows, exemplar_columns) bool.
-
-    Raises
-    ------
-    ImageError
-        None does.
-    """
+    """Which patches lie fully inside `allowed` (height, width) bool: (exemplar_rows, exemplar_columns) bool."""
     if allowed is None:
         return np.ones((geometry.exemplar_rows, geometry.exemplar_columns), bool)
     patch = geometry.patch
     sums = np.zeros((allowed.shape[0] + 1, allowed.shape[1] + 1), np.int64)
     sums[1:, 1:] = allowed.cumsum(0).cumsum(1)
     inside = sums[patch:, patch:] - sums[:-patch, patch:] - sums[patch:, :-patch] + sums[:-patch, :-patch]
-    whole = inside == patch * patch
-    if not whole.any():
-        size = f"{geometry.exemplar_width}x{geometry.exemplar_height}"
-        raise ImageError(
-            f"no {patch}x{patch} patch of the exemplar, {size} px on this level, is free of transparent pixels"
-        )
-    return whole
+    return inside == patch * patch
 
 
 def random_field(geometry: Geometry, allowed: np.ndarray, seed: int) -> np.ndarray:
@@ -226,6 +213,8 @@ class Matcher:
     seed : int
     searches : int
         How many of the `SEARCHES` windows are searched, the narrowest ones.
+    usable : (exemplar_height, exemplar_width) bool or None
+        Pixels of the exemplar among which use is evened out; None: all.
     """
 
     def __init__(
@@ -239,10 +228,11 @@ class Matcher:
         uniformity: float,
         seed: int,
         searches: int = SEARCHES,
+        usable: np.ndarray | None = None,
     ):
         self._device, self._buffers, self.geometry, self._seed = device, buffers, geometry, seed
         self._run = device.program("patchmatch", PATCH=geometry.patch)
-        self._penalty_weight = uniformity * _penalty_unit(exemplar, geometry)
+        self._penalty_weight = uniformity * _penalty_unit(exemplar, geometry, usable)
         device.write(buffers["exemplar"], exemplar)
         device.write(buffers["field"], field)
         device.write(buffers["allowed"], allowed.view(np.uint8))
@@ -324,16 +314,17 @@ class Matcher:
         self._run("penalty", size, b["uses"], b["allowed"], b["penalty"], *size, float(self._penalty_weight))
 
 
-def _penalty_unit(exemplar: np.ndarray, geometry: Geometry) -> float:
+def _penalty_unit(exemplar: np.ndarray, geometry: Geometry, usable: np.ndarray | None = None) -> float:
     """What one use too many costs: 121 Var(e) / (121 omega_best) per doubly summed count (MJH17 eq. 6).
 
     omega_best = max(1, |T| / |S|) N with pixel counts |T|, |S| of target and exemplar and N = patch^2. The mean use of
-    a patch's pixels is the doubly summed count / N, so a patch used ideally pays N Var(e).
+    a patch's pixels is the doubly summed count / N, so a patch used ideally pays N Var(e). Where only some pixels may
+    be used, these are the exemplar: a fair share among all would punish a small label for being small.
     """
+    pixels = exemplar.reshape(-1, 3) if usable is None else exemplar[usable]
     n = geometry.patch**2
-    share = geometry.width * geometry.height / (geometry.exemplar_width * geometry.exemplar_height)
-    best = max(1.0, share) * n
-    variance = float(exemplar.reshape(-1, 3).var(axis=0, dtype=np.float64).sum())
+    best = max(1.0, geometry.width * geometry.height / len(pixels)) * n
+    variance = float(pixels.var(axis=0, dtype=np.float64).sum())
     return n * variance / (best * n)
 
 

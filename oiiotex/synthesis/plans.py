@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -115,6 +115,8 @@ class Plan:
         Pixel (x, y) of a patch shows where x >= vertical[y] and y >= horizontal[x].
     """
 
+    ARRAYS: ClassVar[tuple[str, ...]] = ("facts", "offsets", "vertical", "horizontal")
+
     grid: Grid
     offsets: np.ndarray
     vertical: np.ndarray
@@ -135,12 +137,14 @@ class Plan:
         exemplar : (int, int)
             Width and height of the exemplar that it speaks of.
         """
+        with temporary_beside(path) as temporary, open(temporary, "wb") as file:
+            np.savez_compressed(file, **self.arrays(exemplar))
+
+    def arrays(self, exemplar: tuple[int, int]) -> dict[str, np.ndarray]:
+        """What a file holds, by name."""
         g = self.grid
         facts = np.array([_VERSION, g.width, g.height, g.patch, g.overlap, g.wrap_x, g.wrap_y, *exemplar], np.int64)
-        with temporary_beside(path) as temporary, open(temporary, "wb") as file:
-            np.savez_compressed(
-                file, facts=facts, offsets=self.offsets, vertical=self.vertical, horizontal=self.horizontal
-            )
+        return {"facts": facts, "offsets": self.offsets, "vertical": self.vertical, "horizontal": self.horizontal}
 
     @classmethod
     def load(cls, path: Path) -> tuple[Plan, tuple[int, int]]:
@@ -153,10 +157,15 @@ class Plan:
         """
         try:
             with np.load(path, allow_pickle=False) as held:
-                facts, offsets = held["facts"], held["offsets"]
-                vertical, horizontal = held["vertical"], held["horizontal"]
+                arrays = {name: held[name] for name in cls.ARRAYS}
         except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
             raise ImageError(f"{path}: no plan can be read: {error}") from error
+        return cls.of(arrays, path)
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray], path: Path) -> tuple[Plan, tuple[int, int]]:
+        """As `load`, from a file's arrays."""
+        facts, offsets, vertical, horizontal = (arrays[name] for name in cls.ARRAYS)
         if facts.shape != (9,) or facts[0] != _VERSION:
             raise ImageError(f"{path} is a plan of another version")
         width, height, patch, overlap, wrap_x, wrap_y, *exemplar = map(int, facts[1:])

@@ -7,6 +7,8 @@ Departures from the paper, all measured in benchmarks/README.md:
   with a weight that fades: this keeps the contrast of detail where the photo's slow drift is taken away.
 - The projection goes `OVERSHOOT` times the way: PatchMatch pulls part of the drift back in each iteration.
 - The last vote picks one exemplar pixel for each pixel instead of a mean, which would blur.
+- Pixels of the exemplar may be ruled out (alpha, a mask, a label: LSA16 §5.2). Then the exemplar is what is left: only
+  this is in histograms, in the fair share of uniformity, and in the means of coarse levels.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import numpy as np
 from ..device import Buffers, Device
 from ..errors import ImageError
 from ..images import resized
-from .histograms import Cells, Projection, apply_table, matching_table, value_counts
+from .histograms import OUTSIDE, Cells, Projection, apply_table, matching_table, value_counts
 from .patchmatch import SEARCHES, Geometry, Matcher, allowed_patches, random_field, to_grid, upsample_field
 
 SCALE = 1.3  # between pyramid levels (section 4.2)
@@ -29,6 +31,7 @@ FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
 FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
+ENOUGH = 0.25  # of the finest level's share of whole patches: what a coarse level must have to be of use
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +58,8 @@ class Recipe:
     flat : bool
         Match to the projected exemplar with constant weight; else to the exemplar with a weight that fades to 0 over
         the coarsest level, as in the paper.
+    coarsest : float
+        Scale of the coarsest level at least; the paper's 1/4.
     """
 
     width: int
@@ -68,6 +73,7 @@ class Recipe:
     uniformity: float
     contrast: float
     flat: bool
+    coarsest: float = 0.25
 
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""
@@ -82,9 +88,9 @@ class Synthesis:
     field: np.ndarray
 
 
-def level_scales(width: int, height: int) -> list[float]:
+def level_scales(width: int, height: int, least: float = 0.25) -> list[float]:
     """Scales of the pyramid levels relative to the tile, coarse to fine, about SCALE apart; the last is 1."""
-    coarsest = min(1.0, max(0.25, COARSEST / min(width, height)))
+    coarsest = min(1.0, max(least, COARSEST / min(width, height)))
     steps = math.ceil(math.log(1.0 / coarsest) / math.log(SCALE) - 0.5)
     return [coarsest ** (1.0 - level / steps) for level in range(steps)] + [1.0]
 
@@ -116,10 +122,11 @@ def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometr
 def synthesize(
     device: Device,
     exemplar: np.ndarray,
-    opaque: np.ndarray | None,
+    allowed: np.ndarray | None,
     recipe: Recipe,
     budget: int,
     progress: Callable[[int, int], None],
+    ruled_out: str = "transparent pixels",
 ) -> Synthesis:
     """Run MJH17 algorithm 1.
 
@@ -128,13 +135,15 @@ def synthesize(
     device : Device
     exemplar : (height, width, 3) float32
         CIE Lab.
-    opaque : (height, width) bool or None
+    allowed : (height, width) bool or None
         Pixels that may be used; None: all.
     recipe : Recipe
     budget : int
         Bytes for everything that is held at a time.
     progress : callable
         Called with (iterations done, iterations in all); may raise to stop.
+    ruled_out : str
+        What the pixels are that may not be used, for the error's text.
 
     Raises
     ------
@@ -143,26 +152,27 @@ def synthesize(
     DeviceError
         It does not fit the budget.
     """
-    scales = level_scales(recipe.width, recipe.height)
+    scales = level_scales(recipe.width, recipe.height, recipe.coarsest)
     geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
-    if opaque is not None:  # what is transparent must not bleed into the coarse levels
-        exemplar = np.where(opaque[..., None], exemplar, exemplar[opaque].mean(axis=0) if opaque.any() else 0)
+    start = first_level(allowed, geometries, ruled_out)
+    scales, geometries = scales[start:], geometries[start:]
     total = recipe.iterations + FINE_ITERATIONS * (len(scales) - 1)
     what = f"a tile of {recipe.width}x{recipe.height} from an exemplar of {exemplar.shape[1]}x{exemplar.shape[0]}"
     done, field, coarser = 0, None, None
     with Buffers(device, _layout(recipe, geometries, scales), budget, what, held=2 * exemplar.nbytes) as buffers:
         for geometry, scale in zip(geometries, scales, strict=True):
-            image = to_grid(resized(exemplar, geometry.exemplar_width, geometry.exemplar_height), recipe.patch)
-            allowed = allowed_patches(_coarse_mask(opaque, geometry), geometry)
+            image = to_grid(_coarse_image(exemplar, allowed, geometry), recipe.patch)
+            usable = coarse_mask(allowed, geometry)
+            patches = allowed_patches(usable, geometry)
             if field is None:
-                field = random_field(geometry, allowed, recipe.seed)
+                field = random_field(geometry, patches, recipe.seed)
             else:
-                field = upsample_field(field, coarser, geometry, allowed, recipe.seed)
+                field = upsample_field(field, coarser, geometry, patches, recipe.seed)
             searches = SEARCHES if done == 0 else FINE_SEARCHES
             matcher = Matcher(
-                device, buffers, geometry, image, allowed, field, recipe.uniformity, recipe.seed, searches
+                device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable
             )
-            level = _Level(device, buffers, matcher, image, recipe, scale)
+            level = _Level(device, buffers, matcher, image, usable, recipe, scale)
             coarsest = done == 0
             for _ in range(recipe.iterations if coarsest else FINE_ITERATIONS):
                 last = done == total - 1
@@ -173,21 +183,53 @@ def synthesize(
         return Synthesis(matcher.pick(), field)
 
 
+def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str) -> int:
+    """The level to start on: the coarsest with about as many whole patches, for its size, as the finest.
+
+    A mask shrinks with every level while patches stay as large. On a level too coarse for it there is no whole patch,
+    or a few from its thickest spots alone: the texture would start as copies of these, and finer levels, which search
+    near by, would not leave them.
+
+    Raises
+    ------
+    ImageError
+        The finest has none.
+    """
+    if allowed is None:
+        return 0
+    finest = geometries[-1]
+    share = allowed_patches(allowed, finest).mean()
+    if share == 0:
+        size = f"{finest.exemplar_width}x{finest.exemplar_height}"
+        raise ImageError(
+            f"no {finest.patch}x{finest.patch} patch of the exemplar of {size} px is free of {ruled_out}:"
+            " a smaller patch= may fit"
+        )
+
+    def serves(geometry: Geometry) -> bool:
+        return bool(allowed_patches(coarse_mask(allowed, geometry), geometry).mean() >= ENOUGH * share)
+
+    return next(n for n, geometry in enumerate(geometries) if geometry is finest or serves(geometry))
+
+
 class _Level:
     """One pyramid level: the body of algorithm 1's inner loop."""
 
     def __init__(
-        self, device: Device, buffers: Buffers, matcher: Matcher, exemplar: np.ndarray, recipe: Recipe, scale: float
-    ):
+        self, device: Device, buffers: Buffers, matcher: Matcher, exemplar: np.ndarray, usable: np.ndarray | None,
+        recipe: Recipe, scale: float,
+    ):  # fmt: skip
         self._device, self._buffers, self._matcher, self._recipe = device, buffers, matcher, recipe
         g = self._geometry = matcher.geometry
-        values = exemplar.reshape(-1, 3)
+        self._usable = usable
+        values = self._counted(exemplar)
         self._low, self._high = values.min(axis=0), values.max(axis=0)
         self._first = int(self._low.min())
         self._entries = int(self._high.max()) - self._first + 1
         sigma = None if recipe.sigma is None else recipe.sigma * scale
         if recipe.contrast > 0:
-            self._goal = value_counts(self._goal_image(exemplar, sigma), self._first, self._entries)
+            goal = self._counted(self._goal_image(exemplar, sigma))
+            self._goal = value_counts(goal, self._first, self._entries)
         self._projection = None
         if sigma is not None:
             self._projection = self._projected(g.width, g.height, sigma, g.wrap_x, g.wrap_y)
@@ -200,9 +242,16 @@ class _Level:
         """The image whose histogram is aimed at."""
         if not self._recipe.flat or sigma is None:
             return exemplar
-        g = self._geometry
-        self._projected(g.exemplar_width, g.exemplar_height, sigma, False, False).project("exemplar", "matched")
+        g, source = self._geometry, "exemplar"
+        if self._usable is not None:
+            source = "image"  # which nothing has been voted into yet
+            self._device.write(self._buffers[source], np.where(self._usable[..., None], exemplar, OUTSIDE))
+        self._projected(g.exemplar_width, g.exemplar_height, sigma, False, False).project(source, "matched")
         return self._device.read(self._buffers["matched"], exemplar.shape, np.int16)
+
+    def _counted(self, exemplar: np.ndarray) -> np.ndarray:
+        """Its pixels that may be used, (n, 3)."""
+        return exemplar.reshape(-1, 3) if self._usable is None else exemplar[self._usable]
 
     def iterate(self, iteration: int, passes: int) -> None:
         """vote, matchHistogram, project, patchMatch: the source's own pixels have the last word (section 4.2)."""
@@ -238,13 +287,23 @@ def _layout(recipe: Recipe, geometries: list[Geometry], scales: list[float]) -> 
     return layout
 
 
-def _coarse_mask(opaque: np.ndarray | None, geometry: Geometry) -> np.ndarray | None:
+def coarse_mask(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray | None:
     """The mask on a level: a coarse pixel is usable where all the pixels under it are."""
-    if opaque is None:
+    if allowed is None:
         return None
 
     def shrink(mask: np.ndarray, n: int, axis: int) -> np.ndarray:
         first = np.arange(n) * mask.shape[axis] // n
         return np.logical_and.reduceat(mask, first, axis=axis)
 
-    return shrink(shrink(opaque, geometry.exemplar_height, 0), geometry.exemplar_width, 1)
+    return shrink(shrink(allowed, geometry.exemplar_height, 0), geometry.exemplar_width, 1)
+
+
+def _coarse_image(exemplar: np.ndarray, allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray:
+    """The exemplar on a level: means of the pixels that may be used, so that the others do not bleed in."""
+    size = (geometry.exemplar_width, geometry.exemplar_height)
+    if allowed is None:
+        return resized(exemplar, *size)
+    weight = resized(allowed[..., None].astype(np.float32), *size)
+    sums = resized(np.where(allowed[..., None], exemplar, np.float32(0)), *size)
+    return np.where(weight > 0, sums / np.maximum(weight, np.float32(1e-6)), np.float32(0))

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texpaint: a painting of labels becomes a texture, LSA16 section 6.2, figure 15."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+
+from ..color import working_values
+from ..errors import ImageError, ParameterError
+from ..images import Image, Part
+from ..op import Op, Output, Reach, Space
+from ..params import Size, image, param
+from ..session import Session
+from ..synthesis.layers import TILE, Layers
+from ..synthesis.patchmatch import to_grid
+from ..synthesis.plans import MOST_PATCH, NONE, Grid, Plan
+from ..synthesis.quilting import Demand
+from ..windows import Window
+from .guides import Meaning
+from .paintings import brushes_of, painted_labels, read_begun, save_painting
+from .quilt import Quilting
+from .sources import LABELS, label_parts
+from .stationarize import refuse_overwriting
+
+log = logging.getLogger("oiiotex")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paint(Op):
+    """Turn a painting of labels into a texture, at one scale or at two.
+
+    What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (--texquilt). A second
+    painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
+    stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
+    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what --texpalette wrote: which colour is which
+    label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
+    labels did not change, so that pixels elsewhere are the same to the bit.
+    """
+
+    name: ClassVar[str] = "paint"
+    copies: ClassVar[bool] = True
+    reach: ClassVar[Reach] = Reach.CAUSAL
+    space: ClassVar[Space] = Space.LAB
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("paint", "pixels copied from the photo, all channels together, in its own colour space and type"),
+        Output(
+            "st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them"
+        ),
+    )
+
+    exemplar: Image = image(help="the photo, with label maps as --texlabel:keep=1 makes them")
+    painting: Image = image(help="ids of labels, or colours that table gives a meaning; of any size")
+    fine: Image | None = image(None, help="a painting of labels of the next finer level that is laid over it")
+    labels: Image | None = image(None, help=LABELS)
+    level: int | None = param(
+        None, ge=1, help="which label map is painted: label.N; the table's, else the coarsest, when left out"
+    )
+    table: Path | None = param(None, help="JSON of --texpalette: which label each colour of the paintings means")
+    size: Size | None = param(None, ge=8, le=1 << 22, unit="px", help="of the result; the painting's when left out")
+    tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the result tiles")
+    patch: int | None = param(None, ge=8, le=MOST_PATCH, unit="px", help="side of a patch, as of --texquilt")
+    candidates: int = param(256, ge=1, le=65536, help="patches that are tried in a place, at most")
+    reuse: float = param(2.0, ge=1, le=1e9, help="no region is used more often than this times its fair share")
+    finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
+    guidance: float = param(1.0, ge=0, le=100, help="weight of the painted labels inside a patch, beside colour")
+    plan: Path | None = param(None, help="what was painted, and with which patches, goes to this file (.npz)")
+    before: Path | None = param(None, help="such a file: what is painted as it was keeps its patches")
+    keep: bool = param(False, help="label parts of the exemplar follow, made from the same sources")
+    stmap: bool | Path = param(False, help="1: source coordinates as part 'st' of the result; a file name: there")
+    seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
+    data: bool = param(False, help="the channels are no colours: compare them as they are")
+
+    def compute(self, session: Session) -> Image:
+        """The texture, followed by what else is asked for."""
+        refuse_overwriting(self.exemplar, stmap=self.stmap, plan=self.plan)
+        if self.before is not None and self.fine is None and "fine_keys" in read_begun(self.before)[1]:
+            log.info("%s: %s has a fine painting, which is not laid over this one", self.flag(), self.before)
+        brushes = brushes_of(self.table)
+        parts = label_parts(self.exemplar, self.labels)
+        level = self.level or (brushes.level if brushes else None) or max(parts)
+        counted, steps = _counting(session)
+        base = self._layer(level, self.painting, self.size, brushes.coarse if brushes else None, "")
+        sources, grid = base.sewn(counted)
+        finest = None
+        if self.fine is not None:
+            if level - 1 not in parts:
+                raise ParameterError(f"fine paints labels of the level below level={level}, which the exemplar has not")
+            ids = parts[level - 1].pixels()[..., 0]
+            painted = painted_labels(self.fine, brushes.fine if brushes else None, ids, Size(grid.width, grid.height))
+            guide = Image((_overpainted(sources, ids, painted, grid),), self.fine.source)
+            finest = self._layer(level - 1, guide, Size(grid.width, grid.height), None, "fine_")
+            over, _ = finest.sewn(_later(session, steps))
+            sources = self._laid(sources, over, painted, grid, finest, session)
+        if self.plan is not None:
+            save_painting(self.plan, self.exemplar, {"": base.kept, **({"fine_": finest.kept} if finest else {})})
+            session.written.add(os.path.realpath(self.plan))
+        return base.image(sources, grid, session)
+
+    def _layer(
+        self, level: int, guide: Image, size: Size | None, brushes: dict[int, int] | None, prefix: str
+    ) -> _Layer:
+        values = self.values()
+        for name in ("table", "before", "level", "size", "plan"):
+            del values[name]
+        layer = _Layer(
+            exemplar=self.exemplar, labels=self.labels, guide=guide, level=level, size=size, plan=self.plan, **values
+        )
+        begun = read_begun(self.before, prefix) if self.before is not None else None
+        layer.begin(brushes, begun if begun and begun[1] else None, self.before)
+        return layer
+
+    def _laid(
+        self,
+        coarse: Callable[[Window], np.ndarray],
+        fine: Callable[[Window], np.ndarray],
+        painted: Callable[[Window], np.ndarray],
+        grid: Grid,
+        layer: _Layer,
+        session: Session,
+    ) -> Callable[[Window], np.ndarray]:
+        working = working_values(self.exemplar, None if self.data else session.color, session.autocc)
+        layers = Layers(
+            to_grid(working.values, 11), coarse, lambda w: (painted(w) > 0, fine(w)),
+            Window(0, 0, grid.width, grid.height), min(TILE // 4, layer.side // 4),
+        )  # fmt: skip
+        return lambda window: layers.sources(window, session.cache)
+
+
+class _Layer(Quilting):
+    """Quilting in the name of --texpaint: it begins with a plan, and colours mean what the palette says."""
+
+    name: ClassVar[str] = "paint"
+
+    def begin(
+        self, brushes: dict[int, int] | None, begun: tuple[Plan, dict[str, np.ndarray]] | None, path: Path | None
+    ) -> None:
+        """Colours -> labels; a plan and what it was asked for; where they come from."""
+        for name, value in (("brushes", brushes), ("begun", begun), ("begun_in", path), ("kept", None), ("side", 0)):
+            object.__setattr__(self, name, value)
+        if begun is not None and self.patch is None:  # an edit changes no patch's size
+            object.__setattr__(self, "patch", begun[0].grid.patch)
+            object.__setattr__(self, "overlap", begun[0].grid.overlap)
+
+    def sewn(self, session: Session) -> tuple[Callable[[Window], np.ndarray], Grid]:
+        """Sources of any window, and the grid."""
+        sources, grid = self._sewn(session)
+        object.__setattr__(self, "side", grid.patch)
+        return sources, grid
+
+    def image(self, sources: Callable[[Window], np.ndarray], grid: Grid, session: Session) -> Image:
+        """The result."""
+        return self._image(sources, grid, session)
+
+    def _meaning(self, there: np.ndarray) -> Meaning:
+        if not (there > 0).any():
+            raise ImageError("the label map has no label to paint with")
+        if self.brushes is None or self.guide.first.spec.nchannels == 1:
+            return super()._meaning(there)
+        codes = np.array(sorted(self.brushes), np.int64)
+        labels = np.array([self.brushes[int(code)] for code in codes], np.int64)
+        missing = sorted(set(labels.tolist()) - set(there.tolist()))
+        if missing:
+            raise ImageError(f"the table names label {missing[0]}, which the exemplar's label map has not")
+        return Meaning(codes, np.stack([labels, labels], 1), np.ones(len(codes), bool), True)
+
+    def _begun(self, grid: Grid, demand: Demand, session: Session) -> Plan | None:
+        if self.begun is None:
+            return None
+        plan, wishes = self.begun
+        if plan.grid != grid:
+            g = plan.grid
+            raise ImageError(
+                f"before={self.begun_in} is of {g.width}x{g.height} in patches of {g.patch} px, this is"
+                f" {grid.width}x{grid.height} in patches of {grid.patch} px: size, tile and patch must be the same"
+            )
+        changed = wishes["keys"] != demand.keys
+        if demand.guide is not None:
+            changed |= (wishes["guide"] != demand.guide).any((2, 3))
+        log.info("%s: %d of %d patches change", self.flag(), np.count_nonzero(changed), changed.size)
+        return Plan(grid, np.where(changed, NONE, plan.offsets), plan.vertical.copy(), plan.horizontal.copy())
+
+    def _save(self, plan: Plan, demand: Demand, session: Session) -> None:
+        object.__setattr__(self, "kept", (plan, demand))
+
+
+def _overpainted(
+    sources: Callable[[Window], np.ndarray], ids: np.ndarray, painted: Callable[[Window], np.ndarray], grid: Grid
+) -> Part:
+    """Labels of the finer level: those painted, else those that the coarse layer has brought."""
+    spec = oiio.ImageSpec(grid.width, grid.height, 1, oiio.UINT32)
+    spec.channelnames = ("id",)
+    flat = ids.ravel()
+
+    def fetch(window: Window) -> np.ndarray:
+        chosen = painted(window)
+        return np.where(chosen > 0, chosen, flat[sources(window)]).astype(np.uint32)[..., None]
+
+    return Part("fine", spec, fetch, spec.format, exact=True)
+
+
+def _counting(session: Session) -> tuple[Session, list[int]]:
+    """The same session, which notes how far it came."""
+    session.device  # noqa: B018 - opened once, for all
+    counted, steps = copy.copy(session), [0]
+
+    def progress(done: int, total: int) -> bool | None:
+        steps[0] = done
+        return None if session.progress is None else session.progress(done, total)
+
+    counted.progress = progress
+    return counted, steps
+
+
+def _later(session: Session, steps: list[int]) -> Session:
+    """The same session, whose progress goes on from where it stands."""
+    later = copy.copy(session)
+    if session.progress is not None:
+        later.progress = lambda done, total: session.progress(done + steps[0], total + steps[0])
+    return later

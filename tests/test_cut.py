@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Graph-cut textures: seams against every labelling there is, search against the plain sum, the whole on pictures."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.session import Session
+from oiiotex.synthesis import graphcut as gc
+from oiiotex.synthesis import seams
+from oiiotex.synthesis.patchmatch import unpack
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+from tests.test_promises import buffer, pixels
+
+PHOTO = pictures.pebbles(96, 112, seed=4)
+
+
+def random_source(height: int = 20, width: int = 24, seed: int = 0) -> seams.Source:
+    return seams.Source(np.random.default_rng(seed).integers(-300, 900, (height, width, 3)).astype(np.int16))
+
+
+def plain_cost(lab: np.ndarray, a: tuple, b: tuple, step: tuple) -> int:
+    """M(s, t, A, B) of KSE03 eq. 2 for patches that put a at s and b at t, without the code under test."""
+
+    def at(p, dy=0, dx=0):
+        y, x = min(max(p[0] + dy, 0), len(lab) - 1), min(max(p[1] + dx, 0), lab.shape[1] - 1)
+        return lab[y, x].astype(float)
+
+    if (a[0] + step[0], a[1] + step[1]) == tuple(b):
+        return 0
+    a_s, a_t, b_s, b_t = at(a), at(a, *step), at(b, -step[0], -step[1]), at(b)
+    norm = np.linalg.norm
+    gradient = norm(a_s - a_t) + norm(a_s - a_t) + norm(b_s - b_t) + norm(b_s - b_t)
+    return max(1, min(seams.MOST_COST, round(64 * (norm(a_s - b_s) + norm(a_t - b_t)) / (gradient + 8))))
+
+
+def test_costs_are_equation_2():
+    source, random = random_source(), np.random.default_rng(1)
+    a, b = (np.stack([random.integers(-2, 22, 200), random.integers(-2, 26, 200)]) for _ in range(2))
+    for step in seams.STEPS:
+        b[:, :20] = a[:, :20] + step[:, None]  # the same patch
+        found = source.costs(a, b, step)
+        expected = [plain_cost(source.lab, a[:, n], b[:, n], tuple(step)) for n in range(200)]
+        np.testing.assert_array_equal(found, expected)
+        assert (found[:20] == 0).all()
+
+
+def with_seam_nodes(lab, places, filled, patch, covers, taken) -> float:
+    """What a labelling costs in the graph of KSE03 figure 5, seam nodes where old seams are."""
+    total = 0
+    height, width = filled.shape
+    there = filled | taken
+    for y, x, (dy, dx) in itertools.product(range(height), range(width), ((0, 1), (1, 0))):
+        v, u = y + dy, x + dx
+        if v >= height or u >= width or not (there[y, x] and there[v, u]):
+            continue
+        old = [tuple(int(n) for n in places[:, r, c]) for r, c in ((y, x), (v, u))]
+        new = [tuple(int(n) for n in patch[:, r, c]) for r, c in ((y, x), (v, u))]
+        s_new, t_new = taken[y, x], taken[v, u]
+        both_old = plain_cost(lab, old[0], old[1], (dy, dx))
+        if_t, if_s = plain_cost(lab, old[0], new[1], (dy, dx)), plain_cost(lab, new[0], old[1], (dy, dx))
+        if not s_new and not t_new and covers[y, x] and covers[v, u]:
+            # the seam node goes with the old: arc to the new patch; or with the new: both arcs to its pixels
+            total += min(both_old, if_t + if_s)
+        else:
+            total += ((both_old, if_t), (if_s, 0))[int(s_new)][int(t_new)]
+    return total
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_cut_is_the_cheapest_of_all(seed):
+    source, random = random_source(seed=seed), np.random.default_rng(seed)
+    shape = (3, 4)
+    offset_a, offset_b = random.integers(0, 16, 2), random.integers(0, 16, 2)
+    index = np.indices(shape)
+    places = index + offset_a[:, None, None]
+    places[:, :, 2:] += 3  # an old seam
+    patch = index + offset_b[:, None, None]
+    filled = random.random(shape) < 0.8
+    covers = random.random(shape) < 0.85
+    taken = seams.cut(source, places, filled, patch, covers)
+    free = np.argwhere(filled & covers)
+    best, found = np.inf, []
+    for choice in itertools.product((False, True), repeat=len(free)):
+        tried = covers & ~filled
+        tried[tuple(free.T)] = choice
+        cost = with_seam_nodes(source.lab, places, filled, patch, covers, tried)
+        found += [(cost, tried)]
+        best = min(best, cost)
+    assert with_seam_nodes(source.lab, places, filled, patch, covers, taken) == best
+    # of several, the one with the most new pixels, so that libraries cannot differ
+    assert taken.sum() == max(tried.sum() for cost, tried in found if cost == best)
+    assert (taken[covers & ~filled]).all() and not taken[~covers].any()
+
+
+def test_seam_costs_are_those_of_the_edges():
+    source = random_source()
+    places = np.indices((6, 7))
+    places[:, 3:, 2:] += 4
+    right, below = seams.seam_costs(source, places, np.ones((6, 7), bool))
+    assert right.shape == (6, 6) and below.shape == (5, 7)
+    assert np.count_nonzero(right) == 3 and np.count_nonzero(below) == 5
+    for y, x in np.argwhere(right):
+        assert right[y, x] == plain_cost(source.lab, places[:, y, x], places[:, y, x + 1], (0, 1))
+
+
+def test_the_search_is_the_plain_sum_of_squares():
+    source, random = random_source(18, 23), np.random.default_rng(2)
+    allowed = random.random((18, 23)) < 0.8
+    search = gc.Search(source, allowed, 5)
+    seen, new = random.random((5, 5)) < 0.6, random.random((5, 5)) < 0.5
+    lab = random.integers(-70, 220, (5, 5, 3))
+    cost, gain = search._sums(lab, seen, new)
+    exemplar = source.lab.astype(int) // gc._UNIT
+    assert cost.shape == gain.shape == (22, 27)
+    apart, count = np.zeros(cost.shape), np.zeros(cost.shape)
+    expected = np.zeros(cost.shape)
+    for y, x in np.ndindex(cost.shape):
+        for v, u in np.ndindex(5, 5):
+            p, q = y - 4 + v, x - 4 + u
+            if 0 <= p < 18 and 0 <= q < 23 and allowed[p, q]:
+                expected[y, x] += new[v, u]
+                apart[y, x] += seen[v, u] * ((exemplar[p, q] - lab[v, u]) ** 2).sum()
+                count[y, x] += seen[v, u]
+    np.testing.assert_array_equal(gain, expected)
+    many = count > 0.5 * seen.sum()
+    usual = np.rint(np.median(apart[many] / count[many]))
+    np.testing.assert_allclose(cost, (apart + usual * (seen.sum() - count)) / seen.sum(), rtol=1e-12)
+
+
+def layout(**more: object) -> gc.Layout:
+    given = {"width": 90, "height": 70, "wrap_x": True, "wrap_y": True, "patch": 32, "passes": 0, "seed": 0}
+    return gc.Layout(**{**given, **more})
+
+
+@pytest.mark.parametrize("shape", [(90, 70), (31, 200), (20, 20), (5, 6)])
+@pytest.mark.parametrize("wrap", [(True, True), (False, True), (False, False)])
+def test_sites_cover_everything(shape, wrap):
+    found = layout(width=shape[0], height=shape[1], wrap_x=wrap[0], wrap_y=wrap[1])
+    covered = np.zeros((shape[1], shape[0]), bool)
+    for y, x in found.sites():
+        rows, columns = np.arange(y, y + 32), np.arange(x, x + 32)
+        rows = rows % shape[1] if wrap[1] else rows[(rows >= 0) & (rows < shape[1])]
+        columns = columns % shape[0] if wrap[0] else columns[(columns >= 0) & (columns < shape[0])]
+        covered[np.ix_(rows, columns)] = True
+    assert covered.all()
+
+
+def total_cost(places: np.ndarray, lab: np.ndarray, wrap: bool = True) -> int:
+    source, at = seams.Source(gc.to_grid(lab, 11)), np.stack(unpack(places))
+    if wrap:
+        at = np.pad(at, ((0, 0), (0, 1), (0, 1)), mode="wrap")
+    return sum(int(c.sum()) for c in seams.seam_costs(source, at, np.ones(at.shape[1:], bool)))
+
+
+def test_refinement_never_makes_seams_worse_and_mostly_better():
+    lab = (PHOTO * 90 - 10).astype(np.float32)
+    gains = []
+    for seed in range(3):
+        costs = [
+            total_cost(gc.graph_cut(lab, None, layout(passes=n, seed=seed), lambda *_: None), lab) for n in range(4)
+        ]
+        assert costs == sorted(costs, reverse=True)
+        gains.append(costs[0] - costs[-1])
+    assert sum(gain > 0 for gain in gains) >= 2
+
+
+def test_seams_cost_less_than_straight_ones():
+    lab = (PHOTO * 90 - 10).astype(np.float32)
+    cut = gc.graph_cut(lab, None, layout(), lambda *_: None)
+    y, x = np.indices((70, 90))
+    corners = np.random.default_rng(0).integers(0, 60, (2, 4, 5))
+    butted = (corners[0][y // 21, x // 21] + y % 21) << 16 | (corners[1][y // 21, x // 21] + x % 21)
+    assert total_cost(cut, lab) < 0.5 * total_cost(butted, lab)
+
+
+def test_a_torus_has_no_border():
+    """Rolled by half, what was the border is a seam like any other."""
+    lab = (PHOTO * 90 - 10).astype(np.float32)
+    source = seams.Source(gc.to_grid(lab, 11))
+
+    def across(tiling: bool) -> float:
+        places = gc.graph_cut(lab, None, layout(wrap_x=tiling, wrap_y=tiling, seed=3), lambda *_: None)
+        pair = np.stack(unpack(places[:, [-1, 0]]))
+        return float(seams.seam_costs(source, pair, np.ones(pair.shape[1:], bool))[0].mean())
+
+    assert across(True) < 0.5 * across(False)
+
+
+@pytest.mark.parametrize("size", [(40, 36), (150, 100)])
+@pytest.mark.parametrize("tile", ["xy", "none", "x"])
+def test_only_allowed_pixels_are_used_and_what_the_others_look_like_is_not_looked_at(size, tile):
+    mask = (np.indices((96, 112)).sum(0) % 37 < 14)[..., None] * 1.0  # thin: no patch lies inside
+    other = np.random.default_rng(0).random(PHOTO.shape)
+    made = []
+    for photo in (PHOTO, np.where(mask > 0, PHOTO, other)):
+        photo = buffer(np.concatenate([photo, mask], -1), names=("R", "G", "B", "id"))
+        made.append(pixels(filters.cut(photo, mask=buffer(mask), size=size, tile=tile, passes=1, patch=24)))
+    assert made[0].shape == (size[1], size[0], 4) and (made[0][..., 3] == 1).all()
+    np.testing.assert_array_equal(made[0], made[1])
+
+
+def test_one_label_of_a_photo(tmp_path):
+    """End to end: labels found, one taken, source coordinates beside it; each pixel has that label."""
+    left, right = pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)
+    save(np.concatenate([left, right], 1), tmp_path / "photo.png")
+    words = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "-o", "labelled.exr")
+    assert oiiotex(*words, cwd=tmp_path).returncode == 0
+    done = oiiotex("labelled.exr", "--texcut:label=2:size=100x80:stmap=1:patch=32", "-o", "cut.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    last = oiio.ImageBuf(str(tmp_path / "labelled.exr")).nsubimages - 1
+    labels = load(tmp_path / "labelled.exr", last)[..., 0]
+    st = load(tmp_path / "cut.exr", 1)
+    at = (st * (128, 96)).astype(int)
+    assert st.shape == (80, 100, 2) and (labels[at[..., 1], at[..., 0]] == 2).all()
+    np.testing.assert_array_equal(load(tmp_path / "cut.exr"), load(tmp_path / "labelled.exr")[at[..., 1], at[..., 0]])
+
+
+def test_exemplars_that_are_searched_reduced(tmp_path):
+    wide = np.tile(PHOTO, (1, 6, 1))[:, :600]
+    made = pixels(filters.cut(buffer(wide), size=(90, 80), patch=32, passes=1))
+    assert gc.search_factor(wide.shape) == 4 and made.shape == (80, 90, 3)
+    mask = np.zeros((96, 600, 1))
+    mask[41, 301] = 1  # a single pixel, which the reduced exemplar misses
+    made = pixels(filters.cut(buffer(wide), mask=buffer(mask), size=(20, 20), patch=8, passes=1))
+    assert (made == wide[41, 301].astype(np.float32)).all()
+
+
+def test_an_exemplar_smaller_than_a_patch_and_a_tile_smaller_than_one():
+    small = buffer(PHOTO[:9, :7])
+    assert pixels(filters.cut(small, size=(30, 20), patch=16)).shape == (20, 30, 3)
+    assert pixels(filters.cut(buffer(PHOTO), size=(5, 6), patch=64)).shape == (6, 5, 3)
+
+
+def test_what_is_wrong_is_said(tmp_path):
+    save(PHOTO, tmp_path / "photo.png")
+    with pytest.raises(errors.ImageError, match=r"cutting 16000x16000 from 112x96 needs \d+ MB"):
+        filters.cut(buffer(PHOTO), size=(16000, 16000), session=Session(budget=1 << 28))
+    with pytest.raises(errors.ImageError, match="is free of transparent pixels"):
+        filters.cut(buffer(np.zeros((20, 20, 4)), names=tuple("RGBA")))
+    with pytest.raises(errors.ParameterError, match="patch=3"):
+        filters.cut(buffer(PHOTO), patch=3)
+    photo = tmp_path / "photo.png"
+    done = oiiotex(photo, "--iscolorspace", "sRGB", f"--texcut:stmap={photo}", "-o", tmp_path / "a.exr")
+    assert done.returncode == 1 and "would overwrite the photo" in done.stderr

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PatchMatch restricted to a mask or a label: which level it starts on, what it counts, what it says."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.device import Buffers
+from oiiotex.synthesis import stationarize as st
+from oiiotex.synthesis.patchmatch import Matcher, allowed_patches, random_field
+from tests import pictures
+from tests.test_promises import buffer, pixels
+
+PHOTO = pictures.bricks(160, 192, seed=4)
+
+
+def recipe(**more: object) -> st.Recipe:
+    given = {"width": 160, "height": 160, "wrap_x": True, "wrap_y": True, "sigma": 12.0, "patch": 7}
+    given |= {"iterations": 2, "seed": 0, "uniformity": 0.01, "contrast": 1.0, "flat": True}
+    return st.Recipe(**{**given, **more})
+
+
+def stripes(width: int, pitch: int = 40) -> np.ndarray:
+    """A mask of vertical stripes that coarse levels lose."""
+    return np.indices((160, 192))[1] % pitch < width
+
+
+def test_a_thin_mask_starts_where_it_has_whole_patches():
+    scales = st.level_scales(160, 160)
+    geometries = [st.geometry_at(recipe(), PHOTO.shape, scale) for scale in scales]
+    starts = [
+        st.first_level(mask, geometries, "x") for mask in (None, stripes(40), stripes(15), stripes(10), stripes(7))
+    ]
+    assert starts[:2] == [0, 0] and starts == sorted(starts) and starts[-1] == len(scales) - 1
+    for mask, start in zip((stripes(15), stripes(10)), starts[2:4], strict=True):
+        assert start > 0
+        found = [allowed_patches(st.coarse_mask(mask, g), g).mean() for g in geometries]
+        assert all(share < st.ENOUGH * found[-1] for share in found[:start]) and found[start] >= st.ENOUGH * found[-1]
+
+
+@pytest.mark.parametrize("op", ["stationarize", "patchmatch"])
+@pytest.mark.parametrize("width", [8, 13, 24])
+def test_only_pixels_of_a_thin_mask_are_copied(op, width):
+    mask = stripes(width)
+    made = getattr(filters, op)(
+        buffer(np.concatenate([PHOTO, mask[..., None]], -1), names=("R", "G", "B", "id")),
+        mask=buffer(mask[..., None] * 1.0), patch=7, iterations=2, stmap=True, size=(150, 140),
+    )  # fmt: skip
+    tile = pixels(next(iter(made.values())))
+    assert tile.shape[:2] == (140, 150) and (tile[..., 3] == 1).all()
+    places = pixels(made["st"])
+    x, y = (np.floor(places[..., k] * n).astype(int) for k, n in ((0, 192), (1, 160)))
+    # parts of the mask that are wide enough for patches are used, not one place over and over
+    assert len(np.unique(x[mask[y, x]] // 40)) == 5
+
+
+def test_pixels_outside_are_in_no_histogram(device):
+    """Two gray levels at equal shares inside, the mean of both wherever it is not allowed."""
+    mask = np.zeros((64, 80), bool)
+    mask[:, :20] = True
+    exemplar = np.where(np.indices((64, 80)).sum(0)[..., None] // 4 % 2 == 0, 400, 100) * np.ones(3)
+    exemplar = np.where(mask[..., None], exemplar, 250).astype(np.int16)
+    given = recipe(width=64, height=64, sigma=8.0, patch=5)
+    geometry = st.geometry_at(given, exemplar.shape, 1.0)
+    patches = allowed_patches(mask, geometry)
+    with Buffers(device, st._layout(given, [geometry], [1.0]), 1 << 30, "test") as buffers:
+        field = random_field(geometry, patches, 0)
+        matcher = Matcher(device, buffers, geometry, exemplar, patches, field, 0.0, 0, usable=mask)
+        level = st._Level(device, buffers, matcher, exemplar, mask, given, 1.0)
+        goal, low = level._goal, level._first
+    assert goal.sum(axis=1).tolist() == [mask.sum()] * 3
+    values = low + np.arange(goal.shape[1])
+    # nothing of the gray between them: the two levels stay apart in the goal, at about equal shares
+    assert goal[:, (values > 180) & (values < 320)].sum() < 0.02 * goal.sum()
+    assert abs(goal[:, values >= 320].sum() / goal.sum() - 0.5) < 0.05
+
+
+def test_colours_outside_do_not_show():
+    mask = stripes(24)
+    other = np.random.default_rng(0).random(PHOTO.shape)
+    photos = [PHOTO, np.where(mask[..., None], PHOTO, other), np.where(mask[..., None], PHOTO, 50)]
+    tiles = [
+        pixels(filters.stationarize(buffer(p), mask=buffer(mask[..., None] * 1.0), iterations=2, patch=7))
+        for p in photos
+    ]
+    np.testing.assert_array_equal(tiles[0], tiles[1])
+    np.testing.assert_array_equal(tiles[0], tiles[2])
+
+
+def test_coarse_levels_are_means_of_allowed_pixels_alone():
+    mask = stripes(20)
+    values = np.where(mask[..., None], np.float32(40), np.float32(90)) * np.ones(3, np.float32)
+    geometry = st.geometry_at(recipe(), values.shape, 0.37)
+    coarse = st._coarse_image(values, mask, geometry)
+    np.testing.assert_allclose(coarse[st.coarse_mask(mask, geometry)], 40, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("mask", "alpha", "said"),
+    [
+        (stripes(6), None, "is free of pixels outside the mask or label: a smaller patch= may fit"),
+        (None, stripes(6), "is free of transparent pixels"),
+        (stripes(20), stripes(20, 33), "is free of transparent pixels and of pixels outside the mask or label"),
+    ],
+)
+def test_a_mask_without_a_whole_patch_is_refused_and_named(mask, alpha, said):
+    photo = PHOTO if alpha is None else np.concatenate([PHOTO, alpha[..., None]], -1)
+    given = {} if mask is None else {"mask": buffer(mask[..., None] * 1.0)}
+    with pytest.raises(errors.ImageError, match="no 21x21 patch of the exemplar of 192x160 px " + said):
+        filters.patchmatch(buffer(photo, names=tuple("RGBA")[: photo.shape[2]]), patch=21, **given)
+
+
+def test_parts_that_stay_are_said_in_one_line_and_labels_are_not(caplog):
+    ids = oiio.ImageBuf(oiio.ImageSpec(192, 160, 1, oiio.UINT32))
+    ids.set_pixels(ids.roi, (1 + stripes(96, 192)).astype(np.uint32)[..., None])
+    parts = {"photo": buffer(PHOTO), "label.1": ids, "m": buffer(stripes(30)[..., None] * 1.0)}
+    more = {"depth": buffer(PHOTO), "normals": buffer(PHOTO)}
+    with caplog.at_level(logging.WARNING, "oiiotex"):
+        filters.patchmatch(parts, mask="m", label=1, iterations=1)
+        assert not caplog.records
+        filters.patchmatch({**parts, **more}, mask="m", label=1, iterations=1)
+    assert [r.getMessage() for r in caplog.records] == [
+        "--texpatchmatch: of photo only the first part is used, not depth, normals"
+    ]
