@@ -139,6 +139,8 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
             spec = oiio.ImageSpec(level.spec)
             _set_types(spec, part, how)
             _set_tiles(spec, part, how, out, tiled)
+            if n > 0 and out.format_name() == "openexr":  # OpenImageIO opens all parts as the first
+                spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(found[0][0])
             if several and not re.fullmatch(r"part\d+", part.name):  # OpenImageIO numbers the nameless
                 spec.attribute("oiio:subimagename", part.name)
             if several and n > 0 and shared is not None:

@@ -69,6 +69,21 @@ def test_parts_of_an_exr_keep_their_names_and_windows(tmp_path):
     assert_same(image.part("st"), parts[1].pixels())
 
 
+@pytest.mark.parametrize("tiled", [True, False], ids=["first tiled", "second tiled"])
+def test_parts_of_an_exr_are_all_tiled_or_none(tmp_path, tiled):
+    """As where labels follow a photo from a tiled TIFF."""
+    tile = {"tile_width": 16, "tile_height": 16}
+    parts = (
+        part_of("photo", "half", 50, 40, 3, **(tile if tiled else {})),
+        part_of("label.1", "uint", 50, 40, 1, **({} if tiled else tile)),
+    )
+    write(Image(parts), tmp_path / "a.exr")
+    made = read(tmp_path / "a.exr").parts
+    assert [p.spec.tile_width for p in made] == [16 * tiled] * 2
+    for part, before in zip(made, parts, strict=True):
+        assert_same(part, before.pixels())
+
+
 def test_parts_of_an_exr_may_have_a_pixel_aspect_ratio(tmp_path):
     tile = part_of("tile", "half", 4, 5, 3, PixelAspectRatio=2.0)
     st = part_of("st", "float", 4, 5, 2)
