@@ -349,11 +349,11 @@ def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
     images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
     images |= {"labels": from_buffer(quarters())} if op.name in LABELLED else {}
-    small = settings(op, size=(65536, 200), candidates=8) | images
-    part = op(**small).compute(Session(budget=32 << 20)).first
-    assert part.read(Window(65000, 0, 65536, 32)).shape == (32, 536, 3)  # its floats alone would be 157 MB
-    with pytest.raises(errors.DeviceError, match=r"65536x40000 .* needs \d+ MB, the budget is 32 MB"):
-        op(**{**small, "size": (65536, 40000)}).compute(Session(budget=32 << 20))
+    small = settings(op, size=(24576, 60), candidates=4) | images
+    part = op(**small).compute(Session(budget=12 << 20)).first
+    assert part.read(Window(24000, 0, 24576, 32)).shape == (32, 576, 3)  # its floats alone would be 17 MB
+    with pytest.raises(errors.DeviceError, match=r"65536x40000 .* needs \d+ MB, the budget is 12 MB"):
+        op(**{**small, "size": (65536, 40000)}).compute(Session(budget=12 << 20))
 
 
 @of([op for op in COLOUR if op.reach is not Reach.POINT])
