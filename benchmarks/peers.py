@@ -10,10 +10,12 @@ Python packages run under the interpreter that $PEERS_PYTHON names, by default t
     /tmp/peers/bin/pip install resynthesizer PyPatchMatch img2texture numpy pillow
     PEERS_PYTHON=/tmp/peers/bin/python python -m benchmarks.speed
 
-`pip install gmic` does for G'MIC where there is no `gmic` program; the program is preferred.
+`pip install gmic` does for G'MIC where there is no `gmic` program; the program is preferred. gimp-texturize is a
+plug-in of GIMP 2.10 (`apt-get install gimp-texturize`), run by `gimp-console`; Embark's texture-synthesis comes by
+`cargo install texture-synthesis-cli`.
 
-Only gmic-matchpatch synthesizes an image of the size asked for, and its result does not tile. The others keep the size
-of the photo, except img2texture, which gives up the fifth of each side that it blends.
+`SYNTHESIZERS` make an image of the size asked for, which does not tile. The others keep the size of the photo, except
+img2texture, which gives up the fifth of each side that it blends.
 """
 
 from __future__ import annotations
@@ -73,6 +75,36 @@ for y, x in ((h // 2 + h // 4, w // 4), (h // 4, w // 2 + w // 4)):
     hole[y - r : y + r, x - r : x + r] = 255
 image = inpaint(image, hole, patch_size=3)
 Image.fromarray(np.roll(image, (-(h // 2) - h // 4, -(w // 2) - w // 4), (0, 1))).save(out)
+"""
+
+# The photo stands beside the place to fill, and under the photo, too, there is something to fill: the image is a
+# rectangle. What is under the photo is thrown away.
+_RESYNTHESIZE = """
+import sys
+import numpy as np
+from PIL import Image
+from resynthesizer import getDefaultParams, resynthesize
+
+photo, out, width, height = *sys.argv[1:3], *map(int, sys.argv[3:])
+image = np.asarray(Image.open(photo).convert("RGB"))
+h, w = image.shape[:2]
+canvas = np.zeros((max(h, height), w + width, 3), np.uint8)
+hole = np.full(canvas.shape[:2], 255, np.uint8)
+canvas[:h, :w], hole[:h, :w] = image, 0
+how = getDefaultParams()
+how.isMakeSeamlesslyTileableHorizontally = how.isMakeSeamlesslyTileableVertically = how.matchContextType = 0
+Image.fromarray(np.asarray(resynthesize(Image.fromarray(canvas), Image.fromarray(hole), how))[:height, w:]).save(out)
+"""
+
+# overlap of 100 px; not tileable
+_TEXTURIZE = """
+(let* ((photo (car (gimp-file-load RUN-NONINTERACTIVE "{photo}" "{photo}")))
+       (layer (car (gimp-image-get-active-layer photo))))
+  (gimp-plugin-texturize RUN-NONINTERACTIVE photo layer {width} {height} 100 0)
+  (let* ((made (aref (cadr (gimp-image-list)) 0))
+         (layer (car (gimp-image-get-active-layer made))))
+    (file-png-save RUN-NONINTERACTIVE made layer "{out}" "{out}" 0 6 0 0 0 0 0))
+  (gimp-quit 0))
 """
 
 
@@ -189,3 +221,35 @@ PEERS: tuple[Tool, ...] = (
         lambda photo, out, size: [interpreter(), "-m", "img2texture", str(photo), str(out)],
     ),
 )
+
+SYNTHESIZERS: tuple[Tool, ...] = (
+    PEERS[0],
+    Tool(
+        "resynthesizer",
+        "pip install resynthesizer numpy pillow",
+        lambda: _has_modules("resynthesizer", "numpy", "PIL"),
+        lambda photo, out, size: [interpreter(), "-c", _RESYNTHESIZE, str(photo), str(out), *map(str, size)],
+    ),
+    Tool(
+        "gimp-texturize",
+        "apt-get install gimp-texturize",
+        lambda: which("gimp-console") is not None,
+        lambda photo, out, size: [
+            *("gimp-console", "-i", "-d", "-f", "-b"),
+            _TEXTURIZE.format(photo=photo, out=out, width=size[0], height=size[1]).replace("\n", " "),
+        ],
+    ),
+    Tool(
+        "embark",
+        "cargo install texture-synthesis-cli",
+        lambda: which("texture-synthesis") is not None,
+        lambda photo, out, size: [
+            *("texture-synthesis", "--out-size", f"{size[0]}x{size[1]}", "-o", str(out), "generate", str(photo))
+        ],
+    ),
+)
+
+CROPS = {  # 256 x 256 px of photos from there on; the last is ugly: its stones are nearly as large as the crop
+    "clover_lawn": (384, 384), "castle_brick_broken": (384, 300), "roof_slates": (300, 400),
+    "pebbles_beach_shadow": (200, 150),
+}  # fmt: skip

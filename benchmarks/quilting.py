@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""--texquilt: how fast, how wide, how good. `python -m benchmarks.quilting [speed wide guided quality fidelity]`.
+"""--texquilt: how fast, how wide, how good. `python -m benchmarks.quilting [NAME ...]`.
 
 speed: 1024 x 1024 from a 256 x 256 crop, the whole command, beside the peers that synthesize (benchmarks/peers.py).
 wide: CPU seconds per output megapixel from 4096 to 65536 columns.
 guided: LSA16 figure 12: an exemplar of 2560 x 1920 and a guide to 16638 x 11776, written as tiled EXR with zip.
 quality: seams, verbatim copies and the most repeated region on test photos.
-fidelity: how much of a guide is found again in the labels of the sources, on six photos.
+patches: the same on three photos that are smooth between large edges, by the side of a patch.
+peers: 1024 x 1024 from 256 x 256 crops of four photos, beside all the tools that synthesize and are installed: time,
+verbatim copies and the most repeated region, by where the exemplar has each block of the result (benchmarks/copies.py).
+fidelity: how much of a guide is found again, on six photos: in the labels of the sources, and in what the result looks
+like (benchmarks/relabel.py).
 """
 
 from __future__ import annotations
@@ -25,14 +29,17 @@ from oiiotex.files import read
 from oiiotex.synthesis.patchmatch import hash_at
 from oiiotex.synthesis.plans import Plan
 
-from .peers import PEERS, ToolError
+from .copies import copies, most_shown
+from .peers import CROPS, PEERS, SYNTHESIZERS, ToolError
+from .relabel import far_from_borders, relabelled
 
-PHOTOS = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
+PHOTOS = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).resolve() / "photos"
 PHOTOS_SEEN = (
     "bark_flaky", "castle_brick_broken", "clover_lawn", "drone_forest_canopy", "fabric_gingham_weave", "onyx_veins",
     "flower_meadow_stones", "pebbles_beach_shadow", "roof_slates", "rust_barrel_side", "stained_plaster_wall",
     "stone_breccia",
 )  # fmt: skip
+SMOOTH = ("pebbles_beach_shadow", "onyx_veins", "flower_meadow_stones")
 SIX = ("flower_meadow_stones", "stone_breccia", "moss_grass_stones_ground", "rust_barrel_side",
        "drone_track_grass_soil", "stained_plaster_wall")  # fmt: skip
 SPACE = ("--iscolorspace", "srgb_rec709_scene")
@@ -123,30 +130,90 @@ def sources(path: Path, photo: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.floor(st[..., 1] * spec.height).astype(int), np.floor(st[..., 0] * spec.width).astype(int)
 
 
+def most_used(path: Path) -> tuple[Plan, float]:
+    """A plan, and how often its most used region stands in it over its fair share; `reuse` caps that."""
+    plan, (width, height) = Plan.load(path)
+    step = plan.grid.step
+    blocks = (plan.offsets >> 16) // step * 10000 + (plan.offsets & 0xFFFF) // step
+    there = -(-(height - plan.grid.patch + 1) // step) * -(-(width - plan.grid.patch + 1) // step)
+    return plan, np.unique(blocks, return_counts=True)[1].max() / (blocks.size / there)
+
+
+def seams(stmap: Path, photo: Path) -> tuple[float, float]:
+    """Mean squared jump at seams over that inside patches; the share of pixels with both neighbours of the photo."""
+    y, x = sources(stmap, photo)
+    gray = read(photo).first.pixels().astype(float).mean(-1)[y, x]
+    across = (np.diff(y, axis=1) == 0) & (np.diff(x, axis=1) == 1)
+    down = (np.diff(y, axis=0) == 1) & (np.diff(x, axis=0) == 0)
+    jumps = [(np.diff(gray, axis=1) ** 2, across), (np.diff(gray, axis=0) ** 2, down)]
+    return np.mean([j[~whole].mean() / j[whole].mean() for j, whole in jumps]), (across[:-1] & down[:, :-1]).mean()
+
+
 def quality(folder: Path) -> None:
     """Numbers for twelve photos at their defaults."""
     print(f"{'photo':24} {'patch':>5} {'seams':>6} {'verbatim':>8} {'most/fair':>9}")
     for name in PHOTOS_SEEN:
         photo = PHOTOS / f"{name}.jpg"
         oiiotex(photo, *SPACE, "--texquilt:size=1400x1000:seed=1:stmap=st.exr:plan=p.npz", "-o", "a.png", cwd=folder)
-        y, x = sources(folder / "st.exr", photo)
-        gray = read(photo).first.pixels().astype(float).mean(-1)[y, x]
-        across = (np.diff(y, axis=1) == 0) & (np.diff(x, axis=1) == 1)
-        down = (np.diff(y, axis=0) == 1) & (np.diff(x, axis=0) == 0)
-        jumps = [(np.diff(gray, axis=1) ** 2, across), (np.diff(gray, axis=0) ** 2, down)]
-        seam = np.mean([j[~whole].mean() / j[whole].mean() for j, whole in jumps])
-        plan, (width, height) = Plan.load(folder / "p.npz")
-        step = plan.grid.step
-        blocks = (plan.offsets >> 16) // step * 10000 + (plan.offsets & 0xFFFF) // step
-        there = -(-(height - plan.grid.patch + 1) // step) * -(-(width - plan.grid.patch + 1) // step)
-        most = np.unique(blocks, return_counts=True)[1].max() / (blocks.size / there)
-        share = (across[:-1] & down[:, :-1]).mean()
+        seam, share = seams(folder / "st.exr", photo)
+        plan, most = most_used(folder / "p.npz")
         print(f"{name:24} {plan.grid.patch:5} {seam:6.2f} {share:8.3f} {most:9.2f}")
 
 
+def patches(folder: Path) -> None:
+    """Seams of photos that are smooth between large edges, by the patch."""
+    print(f"{'photo':24} {'patch':>5} {'seams':>6} {'verbatim':>8} {'most/fair':>9}")
+    for name in SMOOTH:
+        for patch in (64, 128, 192, 256):
+            quilt = f"--texquilt:size=1400x1000:seed=1:patch={patch}:stmap=st.exr:plan=p.npz"
+            oiiotex(PHOTOS / f"{name}.jpg", *SPACE, quilt, "-o", "a.png", cwd=folder)
+            seam, share = seams(folder / "st.exr", PHOTOS / f"{name}.jpg")
+            print(f"{name:24} {patch:5} {seam:6.2f} {share:8.3f} {most_used(folder / 'p.npz')[1]:9.2f}", flush=True)
+
+
+def peers(folder: Path) -> None:
+    """Each tool once per photo, in turn. Ours: `by the plan` is what `reuse` caps, `by sources` the true `/ fair`."""
+    for tool in SYNTHESIZERS:
+        if not tool.available():
+            print(f"{tool.name} is not installed: {tool.install}")
+    print(f"{'crop of':21} {'tool':16} {'wall s':>6} {'exact':>6} {'near':>6} {'shown':>6} {'/ fair':>6}")
+    for name, (x, y) in CROPS.items():
+        crop = folder / f"{name}.png"
+        oiiotex(PHOTOS / f"{name}.jpg", "--crop", f"256x256+{x}+{y}", "--fullpixels", "-o", crop, cwd=folder)
+        seen = read(crop).first.pixels()[..., :3]
+        walls, more = {}, {}
+        for patch in ("", ":patch=96"):
+            quilt, out = f"--texquilt:size=1024x1024:seed=1{patch}", folder / f"{name}_oiiotex{patch}.png"
+            # kernels are compiled here
+            oiiotex(crop, *SPACE, f"{quilt}:plan=p.npz:stmap=st.exr", "-o", "a.png", cwd=folder)
+            plan, most = most_used(folder / "p.npz")
+            down, right = sources(folder / "st.exr", crop)
+            true = most_shown(down * seen.shape[1] + right, seen.shape[:2])[1]
+            more[out] = f"  patch {plan.grid.patch}: {most:.2f} by the plan, {true:.2f} by sources"
+            walls[out] = oiiotex(crop, *SPACE, quilt, "-o", out, cwd=folder)[0]
+        for tool in SYNTHESIZERS:
+            if tool.available():
+                out = folder / f"{name}_{tool.name}.png"
+                try:
+                    walls[out] = tool.run(crop, out, (1024, 1024))
+                except ToolError as error:
+                    print(name, tool.name, error)
+        for out, wall in walls.items():
+            found = copies(read(out).first.pixels()[..., :3], seen)
+            tool = out.stem.removeprefix(f"{name}_")
+            print(f"{name:21} {tool:16} {wall:6.1f} {found.exact:6.3f} {found.near:6.3f} {found.shown:6.1f}"
+                  f" {found.over_fair:6.2f}{more.get(out, '')}", flush=True)  # fmt: skip
+
+
 def fidelity(folder: Path) -> None:
-    """The label of the source of every pixel against the guide."""
-    print(f"{'photo':26} {'level':>5} {'labels':>6} {'patch':>5} {'all':>6} {'> patch/2 from a border':>23}")
+    """The guide against the label of every pixel's source, and against what the result is by its own looks.
+
+    `looks`: of the pixels further from a border of the guide than a superpixel is wide (rho), those whose superpixel
+    has the guide's label by the exemplar's features (benchmarks/relabel.py), for 1, 3, 5 neighbours; `ceiling`: the
+    same for the exemplar, whose superpixels are labelled by its others, against its own labels, all its pixels.
+    """
+    print(f"{'photo':26} {'level':>5} {'labels':>6} {'patch':>5} {'all':>6} {'> patch/2 from a border':>23} {'rho':>6}"
+          f" {'far':>5}  looks, for 1, 3, 5  ceiling, for 1, 3, 5")  # fmt: skip
     for name in SIX:
         photo = PHOTOS / f"{name}.jpg"
         oiiotex(photo, *SPACE, "--texlabel:keep=1:json=l.json", "-o", "labels.exr", cwd=folder)
@@ -157,21 +224,29 @@ def fidelity(folder: Path) -> None:
         guide = regions(ids, 175, 250, 3)
         save_ids(guide, folder / "guide.tif")
         quilt = f"--texquilt:guide=guide.tif:level={level}:size=2000x1400:stmap=st.exr:plan=p.npz"
-        oiiotex("labels.exr", quilt, "-o", "a.png", cwd=folder)
+        oiiotex("labels.exr", quilt, "-o", "a.exr", cwd=folder)
         patch = Plan.load(folder / "p.npz")[0].grid.patch
         full = guide.repeat(8, 0).repeat(8, 1)
-        right = ids[sources(folder / "st.exr", photo)] == full
+        y, x = sources(folder / "st.exr", photo)
+        right = ids[y, x] == full
         inside, far = np.ones(full.shape, bool), patch // 2
         for dy in (-far, 0, far):
             for dx in (-far, 0, far):
                 inside &= np.roll(full, (dy, dx), (0, 1)) == full
-        labels = len(levels[level - 1]["labels"])
-        print(f"{name:26} {level:5} {labels:6} {patch:5} {right.mean():6.3f} {right[inside].mean():12.3f}")
+        labels, rho = len(levels[level - 1]["labels"]), levels[level - 1]["rho"]
+        print(f"{name:26} {level:5} {labels:6} {patch:5} {right.mean():6.3f} {right[inside].mean():12.3f}", end="")
+        seen = read(photo).first.pixels()[..., :3]
+        found = relabelled(seen, ids.astype(np.int64), seen[y, x], rho)
+        away = far_from_borders(full, rho)
+        looks = [(looked == full)[away].mean() for looked in found.made.values()]
+        ceiling = [(looked == ids).mean() for looked in found.exemplar.values()]
+        print(f"{'':11} {rho:6.1f} {away.mean():5.2f}  {' '.join(f'{v:.3f}' for v in looks)}"
+              f"     {' '.join(f'{v:.3f}' for v in ceiling)}", flush=True)  # fmt: skip
 
 
 def main() -> None:
     """Those that are named, or all."""
-    found = {f.__name__: f for f in (speed, wide, guided, quality, fidelity)}
+    found = {f.__name__: f for f in (speed, wide, guided, quality, patches, peers, fidelity)}
     for name in sys.argv[1:] or found:
         with tempfile.TemporaryDirectory() as folder:
             found[name](Path(folder))

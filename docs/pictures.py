@@ -12,6 +12,7 @@ import OpenImageIO as oiio
 from scipy import ndimage
 from scipy.cluster.vq import kmeans2
 
+from benchmarks.peers import CROPS, SYNTHESIZERS
 from docs.demo import gravel, save, stained
 from oiiotex import filters
 from oiiotex.filters.labelview import distinct_colours
@@ -22,11 +23,11 @@ PER_SHEET = 6
 LAYERED = (("rust_barrel_side.jpg", 3), ("moss_grass_stones_ground.jpg", 4), ("sandstone_wall_cracked.jpg", 3))
 
 
-def write_jpeg(pixels: np.ndarray, name: str) -> None:
+def write_jpeg(pixels: np.ndarray, name: str, quality: int = 75) -> None:
     """Save a picture small enough for a repository."""
     buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8))
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
-    buffer.specmod().attribute("Compression", "jpeg:75")
+    buffer.specmod().attribute("Compression", f"jpeg:{quality}")
     FOLDER.mkdir(exist_ok=True)
     if not buffer.write(str(FOLDER / name)):
         raise SystemExit(buffer.geterror())
@@ -307,8 +308,32 @@ def quilts() -> None:
     write_jpeg(beside(*panes), "content.jpg")
 
 
+def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
+    """Crops of photos, what the peers that are installed synthesize, --texquilt and its patch=96; at half the size."""
+    tools = [tool for tool in SYNTHESIZERS if tool.available()]
+    print("beside quilts:", ", ".join(tool.name for tool in tools) or "no peer, the picture stays as it is")
+    rows = []
+    for name, (x, y) in CROPS.items():
+        photo = test_photo(f"{name}.jpg")
+        if photo is None or not tools:
+            return
+        crop = np.ascontiguousarray(pixels(photo)[y : y + 256, x : x + 256])
+        panes = [halved(crop)]
+        with tempfile.TemporaryDirectory() as folder:
+            save(crop, Path(folder) / "crop.png")
+            for tool in tools:
+                tool.run(Path(folder) / "crop.png", Path(folder) / "peer.png", size)
+                panes.append(halved(pixels(oiio.ImageBuf(f"{folder}/peer.png"))))
+            exemplar = shrunk(oiio.ImageBuf(f"{folder}/crop.png"), 256)
+            exemplar.read(force=True)
+            panes += [halved(pixels(filters.quilt(exemplar, size=size, patch=p, seed=1))) for p in (None, 96)]
+        rows.append(np.pad(beside(*panes), ((0, 8), (0, 0), (0, 0)), constant_values=255))
+    write_jpeg(np.concatenate(rows), "quilt_peers.jpg", quality=60)
+
+
 if __name__ == "__main__":
     quilts()
+    quilts_beside_peers()
     demo_pictures()
     flattened_wall()
     cut_labels()
