@@ -20,6 +20,12 @@ from oiiotex.filters.labelview import distinct_colours
 FOLDER = Path(__file__).parent / "pictures"
 SIDE = 192  # px, longer side of a photo on a contact sheet
 PER_SHEET = 6
+MODES = ("diffusion", "euclidean", "spectral")
+COLUMNS = (
+    "stained_plaster_wall.jpg", "castle_brick_broken.jpg", "chalkboard_scratched.jpg", "rust_barrel_side.jpg",
+    "sail_cloth_stained.jpg", "rebar_concrete_decayed.jpg",
+)  # fmt: skip
+DECOMPOSED = ("drone_track_grass_soil.jpg", "moss_grass_stones_ground.jpg", "castle_brick_broken.jpg")
 LAYERED = (("rust_barrel_side.jpg", 3), ("moss_grass_stones_ground.jpg", 4), ("sandstone_wall_cracked.jpg", 3))
 
 
@@ -275,6 +281,86 @@ def labelled(name: str, side: int) -> dict[str, oiio.ImageBuf] | None:
     return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
 
 
+def kept_alone(photo: oiio.ImageBuf, **values: object) -> np.ndarray:
+    """What a mask leaves of a photo, on white; all white where it is rejected."""
+    mask = filters.dominant(photo, **values).get_pixels(oiio.FLOAT)
+    return np.where(mask > 0.5, pixels(photo), 255).astype(np.uint8)
+
+
+def dominant_columns() -> None:
+    """LDR09 figure 6: photos, what is dominant in them, the same by eq. 7, the larger half of a normalised cut."""
+    panes = []
+    for name in COLUMNS:
+        photo = test_photo(name)
+        if photo is None:
+            return
+        photo = shrunk(photo, 160)
+        panes.append(beside(pixels(photo), *(kept_alone(photo, mode=m) for m in MODES)))
+    pairs = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
+    write_jpeg(stacked(pairs), "dominant_columns.jpg")
+
+
+def stacked(rows: list[np.ndarray], gap: int = 10) -> np.ndarray:
+    """Pictures one below the other on white, left aligned."""
+    width = max(row.shape[1] for row in rows)
+    return np.concatenate([np.pad(r, ((0, gap), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows])
+
+
+def painted_wall(side: int = 160) -> np.ndarray:
+    """LDR09 figure 8: paint that is plain at the left and ever more spotted to the right."""
+    y, x = np.mgrid[0:side, 0 : side * 3 // 2]
+    spots = ndimage.gaussian_filter(np.random.default_rng(3).normal(0, 1, y.shape), 2.5, mode="wrap")
+    spots = (spots / spots.std() > 2.6 - 2.2 * x / x.max())[..., None] * 1.0
+    spots = ndimage.gaussian_filter(spots, (0.6, 0.6, 0))
+    return np.rint(255 * (np.array([0.75, 0.7, 0.6]) * (1 - spots) + np.array([0.35, 0.2, 0.12]) * spots)).astype(
+        np.uint8
+    )
+
+
+def dominant_failures() -> None:
+    """LDR09 figure 8: a smooth transition, and cracks of all directions and widths."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(painted_wall(), Path(folder) / "paint.png")
+        photos = [oiio.ImageBuf(f"{folder}/paint.png"), test_photo("sandstone_wall_cracked.jpg")]
+        if photos[1] is None:
+            return
+        panes = [beside(pixels(p), kept_alone(p)) for p in (shrunk(photo, 240) for photo in photos)]
+    write_jpeg(beside(*panes, gap=24), "dominant_failures.jpg")
+
+
+def clean_quilt(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None:
+    """A photo, its dominant texture, a quilt of that alone, a quilt of the whole; how the texture was found."""
+    photo = test_photo(name)
+    if photo is None:
+        return
+    photo = shrunk(photo, side)
+    with tempfile.TemporaryDirectory() as folder:
+        parts = filters.dominant(photo, keep=True, chart=Path(folder) / "chart.png")
+        write_jpeg(pixels(oiio.ImageBuf(f"{folder}/chart.png")), "dominant_chart.jpg")
+    mask = parts["dominant"]
+    quilts = [filters.quilt(photo, size=(side, side), patch=48, seed=1, **m) for m in ({"mask": mask}, {})]
+    left = np.where(mask.get_pixels(oiio.FLOAT) > 0.5, pixels(photo), 255).astype(np.uint8)
+    write_jpeg(halved(beside(pixels(photo), left, *(pixels(q) for q in quilts))), "dominant_quilt.jpg")
+
+
+def decompositions() -> None:
+    """Photos, their subtextures, and those that plain comparison finds."""
+    colours = distinct_colours()
+    rows = []
+    for name in DECOMPOSED:
+        photo = test_photo(name)
+        if photo is None:
+            return
+        photo = shrunk(photo, 512)
+        row = [small(pixels(photo), SIDE)]
+        for values in ({}, {"shift": 0.0}):
+            ids = filters.decompose(photo, **values).get_pixels(oiio.UINT32)[..., 0].astype(int)
+            print(f"{name} {values}: {ids.max()} subtextures")
+            row.append(np.rint(255 * colours[(small(ids, SIDE) - 1) % len(colours)]).astype(np.uint8))
+        rows.append(beside(*row))
+    write_jpeg(stacked(rows), "decompose.jpg")
+
+
 def quilts() -> None:
     """Test photos and what is quilted from them; a guide and its quilt; the content of a photo."""
     panes = []
@@ -332,6 +418,10 @@ def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
 
 
 if __name__ == "__main__":
+    dominant_columns()
+    dominant_failures()
+    clean_quilt()
+    decompositions()
     quilts()
     quilts_beside_peers()
     demo_pictures()

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
+import functools
 import json
-import subprocess
-import sys
 
 import numpy as np
 import OpenImageIO as oiio
@@ -15,6 +14,7 @@ from benchmarks.dominant import composite, seen_as
 from oiiotex import errors, filters
 from oiiotex.analysis import diffusion, texels
 from oiiotex.analysis.labpixels import LabPixels
+from oiiotex.filters import dominantchart
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import load, oiiotex, save
@@ -32,6 +32,12 @@ def pixels_of(lab: np.ndarray, seen: np.ndarray | None = None) -> LabPixels:
 def mask_of(picture: np.ndarray, names: tuple[str, ...] = (), **values: object) -> np.ndarray:
     made = filters.dominant(buffer(picture, names), **values)
     return made.get_pixels(oiio.FLOAT)[..., 0]
+
+
+@functools.cache
+def composite_mask(n: int) -> np.ndarray:
+    """Of one composite, at the filter's defaults."""
+    return mask_of(composite(n)[1])
 
 
 def some_lab(seed: int = 0, height: int = 17, width: int = 14) -> np.ndarray:
@@ -153,8 +159,8 @@ def test_the_mask_is_the_centres_dilated_by_a_patch():
 def test_outliers_are_left_out():
     ious, precisions = [], []
     for n in DRAWN:
-        _, picture, truth = composite(n)
-        mask = mask_of(picture) > 0
+        truth = composite(n)[2]
+        mask = composite_mask(n) > 0
         ious.append((mask & truth).sum() / (mask | truth).sum())
         precisions.append((mask & truth).sum() / mask.sum())
     assert np.mean(ious) > 0.9 and min(ious) > 0.8 and np.mean(precisions) > 0.93
@@ -164,7 +170,7 @@ def test_a_wider_step_of_texels_agrees():
     same = []
     for n in DRAWN:
         _, picture, _ = composite(n)
-        same.append((mask_of(picture) == mask_of(picture, step=2)).mean())
+        same.append((composite_mask(n) == mask_of(picture, step=2)).mean())
     assert np.mean(same) > 0.9
 
 
@@ -190,10 +196,70 @@ def test_parts_attributes_and_json(tmp_path):
     assert (mask[..., 0][types[..., 0] == 1] == 1).all()
 
 
+def test_the_chart_draws_the_curve_the_types_and_the_thresholds(tmp_path):
+    _, picture, _ = composite(3)
+    filters.dominant(buffer(picture, ()), step=3, chart=tmp_path / "chart.png")
+    drawn = load(tmp_path / "chart.png")
+    assert drawn.shape == (dominantchart.HEIGHT, 2 * dominantchart.WIDTH, 3)
+    found = diffusion.dominant_texture(seen_as(picture, Session()), Session(), step=3)
+    panel = dominantchart.heat_panel(found)
+    rows, columns = panel.place(found.heat, np.log10(found.density))
+    assert np.diff(columns)[np.diff(found.heat) > 0].min() >= 0 and np.diff(rows)[np.diff(found.density) > 0].max() <= 0
+    kinds = np.unique(found.types)
+    assert len(kinds) > 1 and diffusion.DOMINANT in kinds
+    for kind in kinds:
+        assert (
+            panel.pixels[rows[found.types == kind], columns[found.types == kind]] == dominantchart.COLOURS[kind]
+        ).all(-1).mean() > 0.3
+    warmest = columns[found.types == diffusion.DOMINANT]
+    _, line = panel.place(np.array(found.rounds[-1].heat), np.array(0.0))
+    assert warmest.min() >= line and (columns < line).any()
+    curve = dominantchart.curve_panel(found)
+    at = curve.place(*found.kernel.curve.T)
+    assert (curve.pixels[at] < 0.8).any(-1).all()  # ink or tangent under every point
+
+
+def test_the_chart_of_what_has_no_curve(tmp_path):
+    for picture in (np.full((20, 20, 3), 0.4), np.random.default_rng(0).random((40, 40, 3)), np.zeros((1, 1, 3))):
+        filters.dominant(buffer(picture, ()), chart=tmp_path / "chart.png")
+        assert load(tmp_path / "chart.png").shape[1] == 2 * dominantchart.WIDTH
+
+
+@pytest.mark.parametrize("modifier", ["chart", "json"])
+def test_the_photo_is_not_overwritten(tmp_path, fails, modifier):
+    path = save(np.zeros((9, 9, 3)), tmp_path / "p.png")
+    before = path.read_bytes()
+    assert "would overwrite the photo" in fails("p.png", f"--texdominant:{modifier}=p.png")
+    assert path.read_bytes() == before
+
+
+def test_a_quilt_from_the_mask_takes_no_other_pixel(tmp_path):
+    """The issue's command: the photo and its mask in one image, straight into the synthesis."""
+    save(composite(3)[1], tmp_path / "wall.png")
+    chain = ("--texdominant:keep=1:step=2", "--texquilt:mask=dominant:size=160x120:patch=16:stmap=1")
+    done = oiiotex("wall.png", "-d", "float", chain[0], "-o", "parts.exr", chain[1], "-o", "clean.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    mask, clean, st = load(tmp_path / "parts.exr", 1), load(tmp_path / "clean.exr", 0), load(tmp_path / "clean.exr", 1)
+    assert clean.shape == (120, 160, 3) and 0.3 < mask.mean() < 0.9
+    column, row = ((st[..., n] * size).astype(int) for n, size in ((0, 125), (1, 94)))
+    assert (mask[row, column] == 1).all()
+    photo = load(tmp_path / "wall.png").astype(np.float64)
+    assert len(np.unique(row * 125 + column)) > 1000
+    assert np.abs(photo[row, column] / 255 - clean).max() < 1e-3
+
+
+def test_a_rejected_photo_cannot_be_quilted(tmp_path):
+    save(np.random.default_rng(0).random((60, 60, 3)), tmp_path / "noise.png")
+    chain = ("--texdominant:keep=1", "--texquilt:mask=dominant:size=64x64")
+    done = oiiotex("noise.png", *chain, "-o", "clean.exr", cwd=tmp_path)
+    warning, error = done.stderr.strip().splitlines()
+    assert done.returncode == 1 and "noise.png has no dominant texture" in warning
+    assert error.startswith("oiiotex ERROR: --texquilt") and "the mask leaves no pixel of noise.png" in error
+    assert not (tmp_path / "clean.exr").exists()
+
+
 @pytest.mark.parametrize("mode", ["euclidean", "spectral"])
 def test_comparison_modes_make_masks(mode):
-    if mode == "spectral":
-        pytest.importorskip("sklearn")
     _, picture, _ = composite(3)
     mask = mask_of(picture, mode=mode, step=3)
     assert set(np.unique(mask)) <= {0, 1}
@@ -201,12 +267,12 @@ def test_comparison_modes_make_masks(mode):
         assert 0.4 < mask.mean() <= 1
 
 
-def test_without_scikit_learn_there_is_a_clear_error(tmp_path):
-    save(composite(3)[1], tmp_path / "wall.png")
-    code = "import sys; sys.modules['sklearn.cluster'] = None; from oiiotex.cli.main import main; sys.exit(main())"
-    words = [sys.executable, "-c", code, "wall.png", "--texdominant:mode=spectral:step=4", "-o", "m.exr"]
-    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 1 and "pip install oiiotex[cluster]" in done.stderr
+def test_a_normalised_cut_parts_two_textures():
+    """One that fills 70 % of the picture and one of other colours: the larger half is the first, but for a border."""
+    picture = pictures.moss(60, 80, 3)
+    picture[:, 56:] = [0.8, 0.3, 0.1] * (0.5 + 0.5 * picture[:, 56:, 1:2])
+    mask = mask_of(picture, mode="spectral", step=2, patch=5)
+    assert mask[:, :52].mean() > 0.95 and mask[:, 60:].mean() < 0.05
 
 
 # --- bad input ---
@@ -261,4 +327,4 @@ def test_pictures_seen_directly_are_those_of_the_filter():
     _, picture, _ = composite(0)
     pixels = seen_as(picture, Session())
     found = diffusion.dominant_texture(pixels, Session())
-    np.testing.assert_array_equal(diffusion.dominant_mask(found, pixels.seen), mask_of(picture) > 0)
+    np.testing.assert_array_equal(diffusion.dominant_mask(found, pixels.seen), composite_mask(0) > 0)

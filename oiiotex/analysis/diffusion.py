@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter
 from scipy.signal import find_peaks
-from scipy.sparse import csr_array, csr_matrix, diags_array
+from scipy.sparse import csr_array, diags_array
 from threadpoolctl import threadpool_limits
 
 from ..session import Session
@@ -26,7 +26,9 @@ from .texels import (
     neighbour_squares,
     neighbour_weights,
     patch_size,
+    squared_distances,
     texels_of,
+    weights_of,
 )
 
 DOMINANT, SMALL, BRIDGE, SCATTERED = range(4)  # texel types 0, I, II, III: LDR09 section 4
@@ -38,6 +40,8 @@ _WIDER = (4.0, 16.0)  # kernel sizes that are tried, too, before an image is rej
 _BINS, _SMOOTH, _PROMINENCE = 64, 2.0, 0.03
 _DEPTH = 12.0  # decades of heat below the hottest texel that are told apart
 _LOW = 0.2  # quantile of density where it has no valley
+_BLOCK = 1024  # texels that are looked at together
+_EVEN = 0.1  # of the mean weight, added to all before a normalised cut
 _MOST_KEPT = 0.75  # of the texels that are left, the hottest
 
 
@@ -156,7 +160,9 @@ def dominant_texture(
         with session.stats.time("heat"):
             weights = neighbour_weights(squares, kernel.size, euclidean)
             if mode == "spectral":
-                found = Dominant(texels, larger_half(weights), density, np.zeros(texels.count), kernel)
+                found = Dominant(
+                    texels, larger_half(texels, chosen, kernel, session), density, np.zeros(texels.count), kernel
+                )
             else:
                 found = _classified(texels, kernel, density, weights, rule)
             if found.rejected and mode == "diffusion" and rule != "paper":
@@ -314,26 +320,32 @@ def _valleys(counts: np.ndarray, prominence: float) -> tuple[np.ndarray, np.ndar
     return found, facts["prominences"]
 
 
-def larger_half(weights: csr_array) -> np.ndarray:
+def larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, session: Session) -> np.ndarray:
     """The larger of two segments of a normalised cut as Type 0, the other as Type I (LDR09 section 7.4).
 
-    Raises
-    ------
-    ParameterError
-        There is no scikit-learn.
+    Of the landmarks, whose every pair is weighed; the other texels get the mean of the landmarks' eigenvector, by
+    their weights. A tenth of the mean weight is added to all, or one patch alone would be the smaller segment.
     """
-    from ..errors import ParameterError
+    squares = squared_distances(texels.values[chosen], texels.values[chosen])
+    weights = weights_of(squares, kernel.landmark_size, False).astype(np.float64)
+    weights += _EVEN * weights.mean()
+    total = weights.sum(1)
+    vector = np.linalg.eigh(weights / np.sqrt(np.outer(total, total)))[1][:, -2] / np.sqrt(total)
+    order = np.argsort(vector, kind="stable")
+    weights, held = weights[np.ix_(order, order)], total[order].cumsum()[:-1]
+    inside = np.diag(weights.cumsum(0).cumsum(1))[:-1]  # of weights, among the first n
+    cut = (held - inside) / held + (held - inside) / (total.sum() - held)
+    best = int(cut.argmin())
+    split = (vector[order[best]] + vector[order[best + 1]]) / 2
+    marks = texels.values[chosen]
 
-    try:
-        from sklearn.cluster import SpectralClustering
-    except ImportError:
-        raise ParameterError("mode=spectral needs scikit-learn: pip install oiiotex[cluster]") from None
-    cut = SpectralClustering(2, affinity="precomputed", random_state=0, assign_labels="cluster_qr")
-    narrow = csr_matrix(weights.astype(np.float64))  # scikit-learn takes neither sparse arrays nor wide indices
-    narrow.indices, narrow.indptr = narrow.indices.astype(np.int32), narrow.indptr.astype(np.int32)
-    halves = cut.fit_predict(narrow)
-    larger = int((halves == 1).sum() > (halves == 0).sum())
-    return np.where(halves == larger, DOMINANT, SMALL).astype(np.int8)
+    def above(first: int) -> np.ndarray:
+        near = weights_of(squared_distances(texels.values[first : first + _BLOCK], marks), kernel.landmark_size, False)
+        near = near + np.float32(1e-12)
+        return (near @ vector) / near.sum(1, dtype=np.float64) > split
+
+    halves = np.concatenate(list(session.spread(above, range(0, texels.count, _BLOCK))))
+    return np.where(halves == (2 * halves.sum() > len(halves)), DOMINANT, SMALL).astype(np.int8)
 
 
 # --- what pixels get ---

@@ -23,6 +23,8 @@ ENERGY = 0.999  # of the texels that the principal components keep: LDR09 sectio
 LANDMARKS = 0.7  # N' = N^0.7: LDR09 section 6.2
 LEAST_PATCH, MOST_PATCH = 5, 25  # px
 _BLOCK = 1024  # texels whose distances are looked at together
+_ROWS = 256  # texels whose neighbours are looked for together: what is found on the way stays in the cache
+_EVERY = 16  # of a row's distances, from which the k smallest of all are estimated
 _COVARIANCE = 4096  # texels that the components are learned from
 _CURVE = 96  # kernel sizes that are tried
 _STRONG = 0.7  # of the strongest response: a longer period that reaches it goes first
@@ -215,21 +217,36 @@ def neighbour_count(count: int) -> int:
 def neighbour_squares(texels: Texels, session: Session) -> csr_array:
     """Squared distances to the k nearest, itself among them (LDR09 section 6.3), rows of k entries each.
 
-    The paper's neighbours are approximate; these are exact: distances are products of blocks.
+    The paper's neighbours are approximate; these are exact. Distances are one product of blocks, in which the squares
+    are two further dimensions. Of every `_EVERY`th of a row, one is found that k of all should not exceed; only those
+    that do not are sorted, unless they are fewer than k.
     """
     count = texels.count
     k = neighbour_count(count)
+    norms = (texels.values * texels.values).sum(1)[:, None]
+    ones = np.ones_like(norms)
+    left = np.concatenate([texels.values * np.float32(-2), norms, ones], 1)
+    right = np.concatenate([texels.values, ones, norms], 1).T.copy()
+    expected = k / _EVERY
+    rank = min(int(expected + 3 * math.sqrt(expected)) + 2, -(-count // _EVERY) - 1)
 
     def nearest(first: int) -> tuple[np.ndarray, np.ndarray]:
-        squares = squared_distances(texels.values[first : first + _BLOCK], texels.values)
+        squares = left[first : first + _ROWS] @ right
         here = np.arange(len(squares))
         squares[here, first + here] = 0
-        found = np.argpartition(squares, k - 1, axis=1)[:, :k].astype(np.int32)
-        return found, np.take_along_axis(squares, found, 1)
+        bound = np.partition(squares[:, ::_EVERY], rank, axis=1)[:, rank]
+        within = squares <= bound[:, None]
+        found = np.empty((len(squares), k), np.int32)
+        for n, row in enumerate(squares):
+            near = np.flatnonzero(within[n])
+            if len(near) < k:
+                near = np.arange(count)
+            found[n] = near[np.argpartition(row[near], k - 1)[:k]]
+        return found, np.maximum(np.take_along_axis(squares, found, 1), 0)
 
-    pieces = list(session.spread(nearest, range(0, count, _BLOCK)))
+    pieces = list(session.spread(nearest, range(0, count, _ROWS)))
     columns, values = (np.concatenate(p).ravel() for p in zip(*pieces, strict=True))
-    return csr_array((values, columns, np.arange(0, count * k + 1, k)), shape=(count, count))
+    return csr_array((values, columns, np.arange(0, count * k + 1, k, dtype=np.int32)), shape=(count, count))
 
 
 def landmark_squares(texels: Texels, chosen: np.ndarray, session: Session) -> csr_array:

@@ -20,6 +20,8 @@ from ..params import image, param
 from ..session import Session
 from ..windows import Window
 from ..working import lens_of
+from ..writing import write
+from .dominantchart import diagnostics
 from .label import write_json
 
 if TYPE_CHECKING:
@@ -68,13 +70,16 @@ class Dominant(Op):
     mode: str = param(
         "diffusion",
         choices=("diffusion", "euclidean", "spectral"),
-        help="euclidean: the paper's eq. 7; spectral: the larger half of a normalised cut, needs scikit-learn",
+        help="euclidean: the paper's eq. 7; spectral: the larger half of a normalised cut",
     )
     strict: bool = param(False, help="a photo without a dominant texture is an error")
     keep: bool = param(False, help="the photo stays the first part, the mask follows it")
     types: bool = param(False, help="a further part: 1 to 4 for patches of type 0 to III around a pixel, 0 where none")
     score: bool = param(False, help="a further part: density, and the decimal logarithm of heat")
     json: Path | None = param(None, help="the kernel's curve, thresholds, rounds and shares go to this file")
+    chart: Path | None = param(
+        None, help="a picture of the kernel's curve, and of density over heat with their thresholds, goes to this file"
+    )
     data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     def compute(self, session: Session) -> Image:
@@ -83,8 +88,9 @@ class Dominant(Op):
         from ..analysis.labpixels import lab_pixels, reduction
         from ..analysis.texels import MOST_PATCH, memory_needed
 
-        if self.json is not None and os.path.realpath(self.json) == os.path.realpath(self.source.source):
-            raise ParameterError(f"{self.json} would overwrite the photo")
+        for path in (self.json, self.chart):
+            if path is not None and os.path.realpath(path) == os.path.realpath(self.source.source):
+                raise ParameterError(f"{path} would overwrite the photo")
         first, *others = self.source.parts
         width, height = first.window.width, first.window.height
         factor = reduction(width, height, WORKING_PIXELS)
@@ -119,6 +125,9 @@ class Dominant(Op):
             parts.append(_part(first, "score", ("density", "heat"), np.stack(both, -1), pixels))
         if self.json is not None:
             write_json(self.json, summary(found, factor), session)
+        if self.chart is not None:
+            write(diagnostics(found), self.chart, oiio.TypeDesc(oiio.UINT8))
+            session.written.add(os.path.realpath(self.chart))
         session.advance(6, 6)
         return Image((*((first,) if self.keep else ()), *parts, *others), self.source.source)
 
