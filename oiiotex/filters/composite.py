@@ -19,8 +19,9 @@ from ..session import Session
 from ..synthesis.labelgrowth import cell_side, grow_labels
 from ..synthesis.plans import MOST_PATCH
 from .label import RHO
-from .quilt import Quilting
+from .sewing import Sewing, sewn_whole
 from .sources import LABELS, label_part
+from .stationarize import refuse_overwriting
 
 log = logging.getLogger("oiiotex")
 
@@ -77,13 +78,9 @@ class Composite(Op):
         size = self.size or Size(2 * spec.width, 2 * spec.height)
         found = label_part(self.exemplar, self.labels, self.level)
         grown, steps = self._grown(found, size, session)
-        quilting = _Filling(
-            guide=Image((grown,), "the grown label map"),
-            size=size,
-            **{i.name: getattr(self, i.name) for i in (*self.images(), *self.optional_images())},
-            **{name: value for name, value in self.values().items() if name not in ("size", "tries", "grown")},
-        )
-        made = quilting.compute(_later(session, steps))
+        refuse_overwriting(self.exemplar, self.stmap, self.plan)
+        sewing = Sewing.of(self, guide=Image((grown,), "the grown label map"), size=size)
+        made = sewn_whole(self, sewing, _later(session, steps))
         return Image((*made.parts, grown), made.source) if self.grown else made
 
     def _grown(self, found: Part, size: Size, session: Session) -> tuple[Part, int]:
@@ -115,12 +112,6 @@ class Composite(Op):
         spec.attribute("oiio:subimagename", "grown")
         part = from_pixels("grown", np.ascontiguousarray(made.ids[..., None]), spec, spec.format)
         return replace(part, exact=True), steps
-
-
-class _Filling(Quilting):
-    """Quilting in the name of --texcomposite."""
-
-    name: ClassVar[str] = "composite"
 
 
 def _later(session: Session, steps: int) -> Session:

@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import OpenImageIO as oiio
@@ -22,12 +22,12 @@ from ..params import Size, image, param
 from ..session import Session
 from ..synthesis.layers import TILE, Layers
 from ..synthesis.patchmatch import to_grid
-from ..synthesis.plans import MOST_PATCH, NONE, Grid, Plan
-from ..synthesis.quilting import Demand
+from ..synthesis.plans import MOST_PATCH
+from ..synthesis.quilting import Quilt
 from ..windows import Window
-from .guides import Meaning
+from .guides import Meaning, meaning_of
 from .paintings import brushes_of, painted_labels, read_begun, save_painting
-from .quilt import Quilting
+from .sewing import Sewing, Sources, sewn_image
 from .sources import LABELS, label_parts
 from .stationarize import refuse_overwriting
 
@@ -82,127 +82,71 @@ class Paint(Op):
     def compute(self, session: Session) -> Image:
         """The texture, followed by what else is asked for."""
         refuse_overwriting(self.exemplar, stmap=self.stmap, plan=self.plan)
-        if self.before is not None and self.fine is None and "fine_keys" in read_begun(self.before)[1]:
+        if self.before is not None and self.fine is None and read_begun(self.before).fine:
             log.info("%s: %s has a fine painting, which is not laid over this one", self.flag(), self.before)
         brushes = brushes_of(self.table)
         parts = label_parts(self.exemplar, self.labels)
         level = self.level or (brushes.level if brushes else None) or max(parts)
         counted, steps = _counting(session)
-        base = self._layer(level, self.painting, self.size, brushes.coarse if brushes else None, "")
-        sources, grid = base.sewn(counted)
-        finest = None
+        base = self._sewing(level, self.painting, self.size, brushes.coarse if brushes else None, "").quilt(counted)
+        layers, sources = {"": base}, base.sources
         if self.fine is not None:
             if level - 1 not in parts:
                 raise ParameterError(f"fine paints labels of the level below level={level}, which the exemplar has not")
             ids = parts[level - 1].pixels()[..., 0]
-            painted = painted_labels(self.fine, brushes.fine if brushes else None, ids, Size(grid.width, grid.height))
-            guide = Image((_overpainted(sources, ids, painted, grid),), self.fine.source)
-            finest = self._layer(level - 1, guide, Size(grid.width, grid.height), None, "fine_")
-            over, _ = finest.sewn(_later(session, steps))
-            sources = self._laid(sources, over, painted, grid, finest, session)
+            size = Size(base.grid.width, base.grid.height)
+            painted = painted_labels(self.fine, brushes.fine if brushes else None, ids, size)
+            guide = Image((_overpainted(base, ids, painted),), self.fine.source)
+            over = self._sewing(level - 1, guide, size, None, "fine_").quilt(_later(session, steps))
+            layers["fine_"], sources = over, self._laid(base, over, painted, session)
         if self.plan is not None:
-            save_painting(self.plan, self.exemplar, {"": base.kept, **({"fine_": finest.kept} if finest else {})})
+            save_painting(self.plan, self.exemplar, layers)
             session.written.add(os.path.realpath(self.plan))
-        return base.image(sources, grid, session)
+        return sewn_image(self, sources, base.grid, session)
 
-    def _layer(
+    def _sewing(
         self, level: int, guide: Image, size: Size | None, brushes: dict[int, int] | None, prefix: str
-    ) -> _Layer:
-        values = self.values()
-        for name in ("table", "before", "level", "size", "plan"):
-            del values[name]
-        layer = _Layer(
-            exemplar=self.exemplar, labels=self.labels, guide=guide, level=level, size=size, plan=self.plan, **values
-        )
-        begun = read_begun(self.before, prefix) if self.before is not None else None
-        layer.begin(brushes, begun if begun and begun[1] else None, self.before)
-        return layer
+    ) -> Sewing:
+        """Of one layer: what its colours mean, and what it begins with."""
+        begun = None if self.before is None else read_begun(self.before, prefix)
+        said: dict[str, Any] = {"guide": guide, "level": level, "size": size, "begun": begun}
+        if begun is not None and self.patch is None:  # an edit changes no patch's size
+            said |= {"patch": begun.plan.grid.patch, "overlap": begun.plan.grid.overlap}
+        return Sewing.of(self, meaning=lambda there: _meaning(guide.first, brushes, there), **said)
 
-    def _laid(
-        self,
-        coarse: Callable[[Window], np.ndarray],
-        fine: Callable[[Window], np.ndarray],
-        painted: Callable[[Window], np.ndarray],
-        grid: Grid,
-        layer: _Layer,
-        session: Session,
-    ) -> Callable[[Window], np.ndarray]:
+    def _laid(self, base: Quilt, over: Quilt, painted: Callable[[Window], np.ndarray], session: Session) -> Sources:
+        """The fine layer over the coarse one."""
         working = working_values(self.exemplar, None if self.data else session.color, session.autocc)
         layers = Layers(
-            to_grid(working.values, 11), coarse, lambda w: (painted(w) > 0, fine(w)),
-            Window(0, 0, grid.width, grid.height), min(TILE // 4, layer.side // 4),
+            to_grid(working.values, 11), base.sources, lambda w: (painted(w) > 0, over.sources(w)),
+            Window(0, 0, base.grid.width, base.grid.height), min(TILE // 4, over.grid.patch // 4),
         )  # fmt: skip
         return lambda window: layers.sources(window, session.cache)
 
 
-class _Layer(Quilting):
-    """Quilting in the name of --texpaint: it begins with a plan, and colours mean what the palette says."""
-
-    name: ClassVar[str] = "paint"
-
-    def begin(
-        self, brushes: dict[int, int] | None, begun: tuple[Plan, dict[str, np.ndarray]] | None, path: Path | None
-    ) -> None:
-        """Colours -> labels; a plan and what it was asked for; where they come from."""
-        for name, value in (("brushes", brushes), ("begun", begun), ("begun_in", path), ("kept", None), ("side", 0)):
-            object.__setattr__(self, name, value)
-        if begun is not None and self.patch is None:  # an edit changes no patch's size
-            object.__setattr__(self, "patch", begun[0].grid.patch)
-            object.__setattr__(self, "overlap", begun[0].grid.overlap)
-
-    def sewn(self, session: Session) -> tuple[Callable[[Window], np.ndarray], Grid]:
-        """Sources of any window, and the grid."""
-        sources, grid = self._sewn(session)
-        object.__setattr__(self, "side", grid.patch)
-        return sources, grid
-
-    def image(self, sources: Callable[[Window], np.ndarray], grid: Grid, session: Session) -> Image:
-        """The result."""
-        return self._image(sources, grid, session)
-
-    def _meaning(self, there: np.ndarray) -> Meaning:
-        if not (there > 0).any():
-            raise ImageError("the label map has no label to paint with")
-        if self.brushes is None or self.guide.first.spec.nchannels == 1:
-            return super()._meaning(there)
-        codes = np.array(sorted(self.brushes), np.int64)
-        labels = np.array([self.brushes[int(code)] for code in codes], np.int64)
-        missing = sorted(set(labels.tolist()) - set(there.tolist()))
-        if missing:
-            raise ImageError(f"the table names label {missing[0]}, which the exemplar's label map has not")
-        return Meaning(codes, np.stack([labels, labels], 1), np.ones(len(codes), bool), True)
-
-    def _begun(self, grid: Grid, demand: Demand, session: Session) -> Plan | None:
-        if self.begun is None:
-            return None
-        plan, wishes = self.begun
-        if plan.grid != grid:
-            g = plan.grid
-            raise ImageError(
-                f"before={self.begun_in} is of {g.width}x{g.height} in patches of {g.patch} px, this is"
-                f" {grid.width}x{grid.height} in patches of {grid.patch} px: size, tile and patch must be the same"
-            )
-        changed = wishes["keys"] != demand.keys
-        if demand.guide is not None:
-            changed |= (wishes["guide"] != demand.guide).any((2, 3))
-        log.info("%s: %d of %d patches change", self.flag(), np.count_nonzero(changed), changed.size)
-        return Plan(grid, np.where(changed, NONE, plan.offsets), plan.vertical.copy(), plan.horizontal.copy())
-
-    def _save(self, plan: Plan, demand: Demand, session: Session) -> None:
-        object.__setattr__(self, "kept", (plan, demand))
+def _meaning(guide: Part, brushes: dict[int, int] | None, there: np.ndarray) -> Meaning:
+    """What a painting means of a label map that has the ids `there`: colours by the brushes, ids by themselves."""
+    if not (there > 0).any():
+        raise ImageError("the label map has no label to paint with")
+    if brushes is None or guide.spec.nchannels == 1:
+        return meaning_of(guide, None, there)
+    codes = np.array(sorted(brushes), np.int64)
+    labels = np.array([brushes[int(code)] for code in codes], np.int64)
+    missing = sorted(set(labels.tolist()) - set(there.tolist()))
+    if missing:
+        raise ImageError(f"the table names label {missing[0]}, which the exemplar's label map has not")
+    return Meaning(codes, np.stack([labels, labels], 1), np.ones(len(codes), bool), True)
 
 
-def _overpainted(
-    sources: Callable[[Window], np.ndarray], ids: np.ndarray, painted: Callable[[Window], np.ndarray], grid: Grid
-) -> Part:
+def _overpainted(base: Quilt, ids: np.ndarray, painted: Callable[[Window], np.ndarray]) -> Part:
     """Labels of the finer level: those painted, else those that the coarse layer has brought."""
-    spec = oiio.ImageSpec(grid.width, grid.height, 1, oiio.UINT32)
+    spec = oiio.ImageSpec(base.grid.width, base.grid.height, 1, oiio.UINT32)
     spec.channelnames = ("id",)
     flat = ids.ravel()
 
     def fetch(window: Window) -> np.ndarray:
         chosen = painted(window)
-        return np.where(chosen > 0, chosen, flat[sources(window)]).astype(np.uint32)[..., None]
+        return np.where(chosen > 0, chosen, flat[base.sources(window)]).astype(np.uint32)[..., None]
 
     return Part("fine", spec, fetch, spec.format, exact=True)
 

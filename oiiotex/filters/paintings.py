@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +15,12 @@ from ..color import as_float
 from ..errors import ImageError, ParameterError
 from ..images import Image, channels_of
 from ..params import Size
-from ..synthesis.plans import Plan
-from ..synthesis.quilting import Demand
+from ..synthesis.plans import NONE, Grid, Plan
+from ..synthesis.quilting import Demand, Quilt
 from ..temporary import temporary_beside
 from ..windows import Window
+
+log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True)
@@ -108,19 +111,62 @@ def painted_labels(
     return read
 
 
-def save_painting(path: Path, exemplar: Image, layers: dict[str, tuple[Plan, Demand]]) -> None:
+def save_painting(path: Path, exemplar: Image, layers: dict[str, Quilt]) -> None:
     """Plans and what was asked for, by prefix; the first is a plan as --texquilt:render=1 reads it."""
     spec = exemplar.first.spec
     held: dict[str, np.ndarray] = {}
-    for prefix, (plan, demand) in layers.items():
-        held |= {f"{prefix}{name}": array for name, array in plan.arrays((spec.width, spec.height)).items()}
-        held[f"{prefix}keys"], held[f"{prefix}guide"] = demand.keys, demand.guide
+    for prefix, layer in layers.items():
+        arrays = layer.finished().arrays((spec.width, spec.height))
+        held |= {f"{prefix}{name}": array for name, array in arrays.items()}
+        held[f"{prefix}keys"], held[f"{prefix}guide"] = layer.demand.keys, layer.demand.guide
     with temporary_beside(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, **held)
 
 
-def read_begun(path: Path, prefix: str = "") -> tuple[Plan, dict[str, np.ndarray]]:
-    """A painting's plan and what was asked for; nothing asked where there is no such layer.
+@dataclass(frozen=True)
+class Begun:
+    """A layer of a painting to begin with.
+
+    Attributes
+    ----------
+    plan : Plan
+    demand : Demand
+        What it was asked for.
+    path : Path
+        Where it was read, for messages.
+    fine : bool
+        The painting has a fine layer.
+    """
+
+    plan: Plan
+    demand: Demand
+    path: Path
+    fine: bool
+
+    def kept(self, grid: Grid, demand: Demand, flag: str) -> Plan:
+        """The plan without the patches of which something else is asked now.
+
+        Raises
+        ------
+        ImageError
+            The grid is another one.
+        """
+        g = self.plan.grid
+        if g != grid:
+            raise ImageError(
+                f"before={self.path} is of {g.width}x{g.height} in patches of {g.patch} px, this is"
+                f" {grid.width}x{grid.height} in patches of {grid.patch} px: size, tile and patch must be the same"
+            )
+        changed = self.demand.keys != demand.keys
+        if demand.guide is not None:
+            changed |= (self.demand.guide != demand.guide).any((2, 3))
+        log.info("%s: %d of %d patches change", flag, np.count_nonzero(changed), changed.size)
+        offsets = np.where(changed, NONE, self.plan.offsets)
+        return Plan(grid, offsets, self.plan.vertical.copy(), self.plan.horizontal.copy())
+
+
+def read_begun(path: Path, prefix: str = "") -> Begun | None:
+    """A painting's layer; None where there is no such one.
 
     Raises
     ------
@@ -132,12 +178,11 @@ def read_begun(path: Path, prefix: str = "") -> tuple[Plan, dict[str, np.ndarray
         if "keys" not in held:
             raise ImageError(f"before={path} is no plan of --texpaint: it does not say what was painted")
         if f"{prefix}keys" not in held:
-            return plan, {}
+            return None
         if prefix:
             plan, _ = Plan.of({name: held[f"{prefix}{name}"] for name in Plan.ARRAYS}, path)
-        wishes = {name: held[f"{prefix}{name}"] for name in ("keys", "guide")}
-        if not prefix and "fine_keys" in held:
-            wishes["fine_keys"] = held["fine_keys"]
-    if wishes["keys"].shape != plan.grid.shape or wishes["guide"].shape[:2] != plan.grid.shape:
+        demand = Demand(held[f"{prefix}keys"], held[f"{prefix}guide"])
+        fine = "fine_keys" in held
+    if demand.keys.shape != plan.grid.shape or demand.guide.shape[:2] != plan.grid.shape:
         raise ImageError(f"{path} is no whole plan")
-    return plan, wishes
+    return Begun(plan, demand, path, fine)

@@ -182,11 +182,11 @@ class PatchMatch(_PatchSynthesis):
         return self._recipe(width, height, None, self.contrast, False)
 
 
-def refuse_overwriting(exemplar: Image, **paths: object) -> None:
-    """Refuse a file of ours that is the photo itself, by the modifier that names it."""
-    for name, path in paths.items():
+def refuse_overwriting(exemplar: Image, *paths: object, **named: object) -> None:
+    """Refuse a file of ours that is the photo itself; it is called by its modifier where that is given."""
+    for path, said in (*((p, f"{p}") for p in paths), *((p, f"{name}={p}") for name, p in named.items())):
         if isinstance(path, Path) and os.path.realpath(path) == os.path.realpath(exemplar.source):
-            raise ParameterError(f"{name}={path} would overwrite the photo")
+            raise ParameterError(f"{said} would overwrite the photo")
 
 
 def tile_image(op: Op, exemplar: Image, pixels: np.ndarray, places: np.ndarray, session: Session) -> Image:
