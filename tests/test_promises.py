@@ -352,7 +352,7 @@ def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     small = settings(op, size=(24576, 60), candidates=4) | images
     part = op(**small).compute(Session(budget=12 << 20)).first
     assert part.read(Window(24000, 0, 24576, 32)).shape == (32, 576, 3)  # its floats alone would be 17 MB
-    with pytest.raises(errors.DeviceError, match=r"65536x40000 .* needs \d+ MB, the budget is 12 MB"):
+    with pytest.raises(errors.ImageError, match=r"65536x40000 .* needs \d+ MB of memory; the budget is 12 MB"):
         op(**{**small, "size": (65536, 40000)}).compute(Session(budget=12 << 20))
 
 

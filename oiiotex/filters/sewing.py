@@ -30,7 +30,7 @@ from ..params import Size
 from ..session import Session
 from ..synthesis.patchmatch import to_grid
 from ..synthesis.plans import Grid
-from ..synthesis.quilting import GRID, Demand, Exemplar, Quilt, Rules, folded
+from ..synthesis.quilting import GRID, Demand, Exemplar, Quilt, Rules, cell_memory, folded
 from ..windows import Window
 from ..writing import write
 from .guides import Meaning, keys_in, labels_met, meaning_of, wishes_of
@@ -111,6 +111,10 @@ class Sewing:
             part = self._label_map()
             ids = None if part is None else part.pixels()[..., 0]
             grid = self._grid(part, ids, allowed)
+            patches = (
+                f"quilting {grid.width}x{grid.height} in {grid.shape[0] * grid.shape[1]} patches of {grid.patch} px"
+            )
+            session.require(cell_memory(grid, self.guide is not None), patches)
             keyed = ids if self.guide is not None else np.ones((height, width), np.uint8)
             table = content_table(*window_keys(keyed, grid.patch, allowed), grid.patch, grid.step)
             demand = self._demand(grid, keyed, table, session)

@@ -117,6 +117,12 @@ def reduced(lab: np.ndarray) -> np.ndarray:
     return ((squares.sum((1, 3), np.int32) + _COARSE**2 // 2) >> 4).astype(np.int16)
 
 
+def cell_memory(grid: Grid, guided: bool) -> int:
+    """Bytes of what grows with the number of patches: to be asked before anything is worked out for them."""
+    cells = math.prod(grid.shape)
+    return cells * (4 + 4 + 2 * GUIDE**2 * guided) + sum(plan_bytes(grid, 0).values())
+
+
 def layout(exemplar: Exemplar, grid: Grid, rules: Rules, guided: bool, pixels: int) -> dict[str, int]:
     """Device memory of a `Quilt`, in bytes by name; `pixels`: of the largest window that is made at once."""
     cells, wave = math.prod(grid.shape), min(grid.shape[0], (grid.shape[1] + 1) // 2)
