@@ -111,15 +111,13 @@ class Sewing:
             part = self._label_map()
             ids = None if part is None else part.pixels()[..., 0]
             grid = self._grid(part, ids, allowed)
-            patches = (
-                f"quilting {grid.width}x{grid.height} in {grid.shape[0] * grid.shape[1]} patches of {grid.patch} px"
-            )
-            session.require(cell_memory(grid, self.guide is not None), patches)
+            rows, columns = grid.shape
+            what = f"quilting {grid.width}x{grid.height} in {rows * columns} patches of {grid.patch} px"
+            session.require(cell_memory(grid, self.guide is not None), what)
             keyed = ids if self.guide is not None else np.ones((height, width), np.uint8)
             table = content_table(*window_keys(keyed, grid.patch, allowed), grid.patch, grid.step)
             demand = self._demand(grid, keyed, table, session)
         exemplar = Exemplar(lab, table, self._finer(part), keyed if demand.guide is not None else None)
-        rows, columns = grid.shape
         log.info("%s: %d x %d patches of %d px that overlap by %d", self.flag, columns, rows, grid.patch, grid.overlap)
         return Quilt(
             session.device, exemplar, grid, demand, self._rules(grid.patch), session.budget,
