@@ -66,6 +66,18 @@ def test_levels_of_a_loop_do_not_end():
     assert levels.admissible[number[0, 5]] == ((number[0, 5], 0),)  # never come to: 5 - 1 is not admissible either
 
 
+def test_a_loop_is_come_to_while_its_levels_are_admissible():
+    """An exemplar before a loop is left two levels early, or it would never be left."""
+    levels = unrolled(graph_of("ab", ("a", "b", 1), ("b", "b", 1)), 5)
+    number = {at: n for n, at in enumerate(levels.stacks)}
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 4]]] == [(1, 3)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[1, 4]]] == [(1, 3)]
+    far = unrolled(graph_of("ab", ("a", "b", 2), ("b", "b", 2)), 6)
+    number = {at: n for n, at in enumerate(far.stacks)}
+    assert [far.stacks[n] for n, _ in far.admissible[number[0, 6]]] == [(1, 4)]
+    assert [far.stacks[n] for n, _ in far.admissible[number[0, 5]]] == [(0, 5), (1, 3)]
+
+
 def test_levels_that_are_not_reached_take_no_part():
     levels = unrolled(graph_of("abc", ("a", "b", 2), ("b", "c", 0)), 5)
     assert {k for i, k in levels.stacks if i == 2} == set(range(6))

@@ -40,42 +40,47 @@ class Levels:
 
 def unrolled(graph: Graph, finest: int) -> Levels:
     """All levels that are reached from the root's coarsest by refining (red edges) and replacing (black edges)."""
-    first = (graph.root, 0)
+    first, last = (graph.root, 0), [finest - n for n in _left_out(graph)]
     order, waiting = {first: 0}, [first]
     while waiting:
         at = waiting.pop(0)
         exemplar, level = at
-        for to in [*((t, k) for t, k, _ in _admissible(graph, at, finest)), (exemplar, min(level + 1, finest))]:
+        for to in [*((t, k) for t, k, _ in _admissible(graph, at, last)), (exemplar, min(level + 1, finest))]:
             if to not in order:
                 order[to] = len(order)
                 waiting.append(to)
     stacks = tuple(order)
-    admissible = tuple(tuple((order[t, k], r) for t, k, r in _admissible(graph, at, finest)) for at in stacks)
+    admissible = tuple(tuple((order[t, k], r) for t, k, r in _admissible(graph, at, last)) for at in stacks)
     finer = tuple(order[exemplar, min(level + 1, finest)] for exemplar, level in stacks)
     return Levels(finest, stacks, admissible, finer)
 
 
-def _admissible(graph: Graph, at: tuple[int, int], finest: int) -> list[tuple[int, int, int]]:
-    """A(E_k^i) as (exemplar, level, r): HRRG08 section 3.3; the level itself where nothing else is admissible."""
+def _admissible(graph: Graph, at: tuple[int, int], last: list[int]) -> list[tuple[int, int, int]]:
+    """A(E_k^i) as (exemplar, level, r): HRRG08 section 3.3; the level itself where nothing else is admissible.
+
+    `last` says the finest level of each exemplar that may be used.
+    """
     exemplar, level = at
-    found = [(exemplar, level, 0)] if _may_be_used(graph, exemplar, level, finest) else []
+    found = [(exemplar, level, 0)] if level <= last[exemplar] else []
     for source, destination, r in graph.edges:
         to = (destination, level - r, r)
-        if (
-            source == exemplar
-            and level >= r
-            and _may_be_used(graph, destination, level - r, finest)
-            and to not in found
-        ):
+        if source == exemplar and r <= level <= last[destination] + r and to not in found:
             found.append(to)
     return found or [(exemplar, level, 0)]
 
 
-def _may_be_used(graph: Graph, exemplar: int, level: int, finest: int) -> bool:
-    """The finest levels lead nowhere, so that synthesis goes on to the next exemplar; in loops it takes two of them.
+def _left_out(graph: Graph) -> tuple[int, ...]:
+    """How many of each exemplar's finest levels lead nowhere, so that synthesis goes on to the next exemplar.
 
-    Departure from HRRG08, where the finest level of every exemplar is left out: an exemplar that no edge leaves is
-    the end of the way, and its own pixels are what is wanted there.
+    Departure from HRRG08, where it is one of every exemplar: none where no edge leaves an exemplar, because its own
+    pixels are what is wanted there; two in loops, which keep their contrast better. An exemplar before another must be
+    left while levels of that one are admissible.
     """
-    out = 0 if not graph.leads_on(exemplar) else 2 if graph.in_loop(exemplar) else 1
-    return level <= finest - out
+    count = range(len(graph.names))
+    least = [0 if not graph.leads_on(n) else 2 if graph.in_loop(n) else 1 for n in count]
+    found = list(least)
+    for _ in count:
+        for n in count:
+            onward = [found[j] + 1 - r for i, j, r in graph.edges if i == n]
+            found[n] = max(least[n], min(onward, default=0))
+    return tuple(found)
