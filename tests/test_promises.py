@@ -319,7 +319,7 @@ def test_what_streams_needs_memory_for_its_statistics_alone(op):
         apply(op, buffer(PHOTO), Session(budget=1 << 19), sigma=1)
 
 
-@of([op for op in COLOUR if "size" in {p.name for p in op.parameters()}])
+@of([op for op in COLOUR if op.reach is Reach.GLOBAL and "size" in {p.name for p in op.parameters()}])
 def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
     line = fails(photo, f"{op.flag()}:size=3000x2000", "--cache", "64")
     assert "3000x2000" in line and "the budget is 64 MB" in line and " needs " in line

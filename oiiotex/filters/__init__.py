@@ -18,14 +18,27 @@ from .plugins import installed
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
+from .synth import Synth
 from .warp import Warp
 
-_OURS: tuple[type[Op], ...] = (Stationarize, PatchMatch, Flatten, Stationarity, Superpixel, Label, LabelView, Lab, Warp)
+_OURS: tuple[type[Op], ...] = (
+    Stationarize,
+    PatchMatch,
+    Flatten,
+    Stationarity,
+    Synth,
+    Superpixel,
+    Label,
+    LabelView,
+    Lab,
+    Warp,
+)
 FILTERS = (*_OURS, *installed(_OURS))
 
 stationarize = function_of(Stationarize)
 patchmatch = function_of(PatchMatch)
 flatten = function_of(Flatten)
+synth = function_of(Synth)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)

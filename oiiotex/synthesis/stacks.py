@@ -94,7 +94,7 @@ def load_exemplars(
     found = []
     for image, factor in zip(images, factors, strict=True):
         own = lens if image is images[root] else _fitting(image, images[root], lens, config, autocc)
-        found.append(_cut(image, factor, side, own, lens))
+        found.append(_cut(image, factor, side, own, lens, np.dtype(dtype_of(images[root].first.spec))))
     return tuple(found), lens
 
 
@@ -119,7 +119,7 @@ def _fitting(image: Image, root: Image, lens: Lens, config: ColorConfig | None, 
     return own
 
 
-def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens) -> Exemplar:
+def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens, kind: np.dtype) -> Exemplar:
     part = image.first
     width, height = _scaled_size(image, factor)
     place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
@@ -138,6 +138,8 @@ def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens) -> Exemp
     pixels = np.ascontiguousarray(pixels)
     if own.space != root.space and own.space is not None:
         pixels = root.replaced(pixels, values.copy(), opaque)
+    if pixels.dtype != kind:
+        pixels = in_type(as_float(pixels), kind)
     return Exemplar(image.source, pixels, np.ascontiguousarray(values, np.float32), opaque, place, factor)
 
 
