@@ -62,20 +62,17 @@ def test_levels_of_a_loop_do_not_end():
     levels = unrolled(graph_of("a", ("a", "a", 1)), 5)
     assert len(levels.stacks) == 6
     number = {at: n for n, at in enumerate(levels.stacks)}
-    assert levels.admissible[number[0, 4]] == ((number[0, 3], 1),)  # two levels lead on
-    assert levels.admissible[number[0, 5]] == ((number[0, 5], 0),)  # never come to: 5 - 1 is not admissible either
+    assert levels.admissible[number[0, 4]] == ((number[0, 4], 0), (number[0, 3], 1))
+    assert levels.admissible[number[0, 5]] == ((number[0, 4], 1),)
 
 
-def test_a_loop_is_come_to_while_its_levels_are_admissible():
-    """An exemplar before a loop is left two levels early, or it would never be left."""
-    levels = unrolled(graph_of("ab", ("a", "b", 1), ("b", "b", 1)), 5)
+def test_an_exemplar_is_left_while_the_next_ones_levels_are_admissible():
+    """Before an edge with r = 0 into a loop, two levels lead on: at the last one nothing would be admissible."""
+    levels = unrolled(graph_of("ab", ("a", "b", 0), ("b", "b", 1)), 5)
     number = {at: n for n, at in enumerate(levels.stacks)}
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 4]]] == [(1, 3)]
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[1, 4]]] == [(1, 3)]
-    far = unrolled(graph_of("ab", ("a", "b", 2), ("b", "b", 2)), 6)
-    number = {at: n for n, at in enumerate(far.stacks)}
-    assert [far.stacks[n] for n, _ in far.admissible[number[0, 6]]] == [(1, 4)]
-    assert [far.stacks[n] for n, _ in far.admissible[number[0, 5]]] == [(0, 5), (1, 3)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 4]]] == [(1, 4)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 3]]] == [(0, 3), (1, 3)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[1, 5]]] == [(1, 4)]
 
 
 def test_levels_that_are_not_reached_take_no_part():
@@ -248,3 +245,20 @@ def test_a_second_run_takes_candidates_from_the_cache_and_survives_a_spoiled_one
         lambda done, total: None, tmp_path / "c",
     )  # fmt: skip
     assert len(list((tmp_path / "c").iterdir())) == 2
+
+
+def test_in_a_loop_only_texels_with_detail_to_come_are_jumped_to(device):
+    flat = np.full((64, 64, 3), 0.5)
+    flat[16:48, 16:48] = pictures.moss(32, 32, 1)  # detail in a quarter of it
+    plain = stacks_of(graph_of("a", ("a", "a", 1)), exemplar_of(flat))
+    lively = candidates.lively_texels(plain.levels, plain.planes, [0])
+    assert candidates.lively_texels(plain.levels, plain.planes, []).all() and not lively.all()
+    finest = plain.levels.stacks.index((0, 6))
+    made = analyse(
+        device, Stacks(plain.levels, plain.planes, plain.usable, lively), 16, True, BUDGET, lambda d, t: None, None
+    )
+    y, x = np.divmod(made.links[finest] & 4095, 64)
+    assert ((y >= 12) & (y < 52) & (x >= 12) & (x < 52)).all()
+    without = analyse(device, plain, 16, True, BUDGET, lambda d, t: None, None)
+    y, x = np.divmod(without.links[finest] & 4095, 64)
+    assert ((y < 12) | (y >= 52)).any()

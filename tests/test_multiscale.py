@@ -8,9 +8,9 @@ import pytest
 
 from oiiotex.device import Device, choose
 from oiiotex.errors import DeviceError, ParameterError
-from oiiotex.synthesis.candidates import analyse
+from oiiotex.synthesis.candidates import Stacks, analyse, lively_texels
 from oiiotex.synthesis.exemplars import Graph
-from oiiotex.synthesis.multiscale import Settings, Synthesizer, default_jitter, plan, schedule
+from oiiotex.synthesis.multiscale import KEPT_IN_LOOPS, Settings, Synthesizer, default_jitter, plan, schedule
 from oiiotex.windows import Window
 from tests import pictures
 from tests.reference.multiscale import Oracle
@@ -142,3 +142,23 @@ def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
         Synthesizer(device, plain, settings(), 4 << 20).window(5, Window(0, 0, 4096, 4096))
     with pytest.raises(ParameterError, match="level=61"):
         Synthesizer(device, plain, settings(), BUDGET).window(61, Window(0, 0, 4, 4))
+
+
+@pytest.mark.parametrize("name", ["gravel", "grass"])
+def test_a_zoom_without_end_keeps_its_contrast(device, name):
+    """One exemplar that is alike twice of itself: 12, 20 and 40 octaves down it is neither flat nor out of its gamut."""
+    data = pytest.importorskip("skimage.data")
+    photo = getattr(data, name)()[:128, :128, None] / 255.0 * np.ones(3)
+    plain = stacks_of(graph_of("a", ("a", "a", 1)), exemplar_of(photo))
+    stacks = Stacks(plain.levels, plain.planes, plain.usable, lively_texels(plain.levels, plain.planes, [0]))
+    made = analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
+    maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7), kept=KEPT_IN_LOOPS), BUDGET)
+    exemplar = plain.planes[plain.levels.stacks.index((0, 7))][..., 0].astype(np.float64)
+    for level in (12, 20, 40):
+        found = []
+        for x, y in ((0, 0), (5000, 7000), (-3000, 99), (777, -1 << 20)):
+            state = maker.window(level, Window.sized(x, y, 128, 128))
+            colour = plain.planes.reshape(-1, 4)[state.texel, 0].astype(np.float64) + state.offset[..., 0]
+            assert exemplar.min() < colour.mean() < exemplar.max()
+            found.append(colour.std())
+        assert np.mean(found) == pytest.approx(exemplar.std(), rel=0.25)

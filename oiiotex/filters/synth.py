@@ -19,7 +19,7 @@ from ..images import Image, Part, derived_spec
 from ..op import Op, Output, Reach, Space
 from ..params import Parameter, Size, image, param
 from ..session import Session
-from ..synthesis.candidates import Analysis, Stacks, analyse
+from ..synthesis.candidates import Analysis, Stacks, analyse, lively_texels
 from ..synthesis.exemplars import Graph, read_graph
 from ..synthesis.multiscale import KEPT_IN_LOOPS, MOST_LEVEL, Settings, State, Synthesizer, default_jitter
 from ..synthesis.stacks import STEPS, Exemplar, grid_stack, load_exemplars, nearest_opaque, shown_level
@@ -185,8 +185,9 @@ class Synth(Op):
                 planes[numbers] = grid_stack(exemplar, middle, [levels.stacks[m][1] for m in numbers], finest)
                 if exemplar.opaque is not None:
                     usable[numbers] = exemplar.opaque
+            loops = [n for n in range(len(exemplars)) if graph.in_loop(n)]
+            stacks = Stacks(levels, planes, usable, lively_texels(levels, planes, loops) if loops else None)
         folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
-        stacks = Stacks(levels, planes, usable)
         return analyse(session.device, stacks, self.dims, self.correct, session.budget, session.advance, folder)
 
     def _maps(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,6 +22,7 @@ import numpy as np
 from ..device import Buffers, Device
 from ..errors import Error
 from ..temporary import temporary_beside
+from .stacks import blurred
 from .superexemplar import Levels
 
 DIMS = 16  # of cl/projected.h
@@ -31,6 +32,7 @@ DISC = 0.06  # radius that keeps two candidates apart, in exemplar sides (the sh
 _BITS = 12  # of the fraction of the basis
 _JUMPS = (8, 4, 2, 1)
 _ROUNDS = 5
+_DULL = 0.75  # share of a level's texels that are not jumped to in a loop
 _SAMPLES = 2000  # neighbourhoods of a level that the basis is found from
 _VERSION = b"oiiotex candidates 1"
 
@@ -46,11 +48,14 @@ class Stacks:
         Colour of every texel on the integer grid (`stacks.grid_stack`).
     usable : (levels, side, side) bool
         Texels that are not transparent.
+    lively : (levels, side, side) bool or None
+        Texels that may be candidates of others (`lively_texels`); None: all.
     """
 
     levels: Levels
     planes: np.ndarray
     usable: np.ndarray
+    lively: np.ndarray | None = None
 
     @property
     def side_bits(self) -> int:
@@ -83,6 +88,23 @@ class Analysis:
     records: np.ndarray = field(repr=False)
     offsets: np.ndarray = field(repr=False)
     variance: float = 0.0
+
+
+def lively_texels(levels: Levels, planes: np.ndarray, loops: Collection[int]) -> np.ndarray:
+    """Texels that hold much of what their exemplar has finer than their level; all, of exemplars in no loop.
+
+    Where a zoom never ends, flat matches flat, and every turn of the loop makes more of it (HRRG08 leaves this open:
+    with its candidates a zoom loses its contrast). So in a loop only those texels are jumped to that have more detail
+    to come than `_DULL` of all: squared differences to the finest level, summed up over what a neighbourhood sees.
+    """
+    found = np.ones(planes.shape[:3], bool)
+    for number, (exemplar, level) in enumerate(levels.stacks):
+        finest = (exemplar, levels.finest)
+        if exemplar in loops and level < levels.finest and finest in levels.stacks:
+            away = planes[levels.stacks.index(finest)].astype(np.float64) - planes[number]
+            detail = blurred(np.square(away).sum(-1, keepdims=True), 1.5 * levels.spacing(number))[..., 0]
+            found[number] = detail >= np.quantile(detail, _DULL)
+    return found
 
 
 def neighbourhoods(plane: np.ndarray, spacing: int) -> np.ndarray:
@@ -200,11 +222,18 @@ def _searched(
     layout |= dict.fromkeys(("texel", "cost", "texel_next", "cost_next"), 4 * texels)
     with Buffers(device, layout, budget, "the analysis of the exemplars", held=projections.nbytes) as buffers:
         device.write(buffers["projections"], projections)
-        device.write(buffers["usable"], stacks.usable.view(np.uint8))
+        usable = stacks.usable if stacks.lively is None else _both(stacks.usable, stacks.lively)
+        device.write(buffers["usable"], usable.view(np.uint8))
         for number in range(count):
             links[number] = _level(device, buffers, stacks, number)
             step()
     return links
+
+
+def _both(usable: np.ndarray, lively: np.ndarray) -> np.ndarray:
+    """Where both say yes, level by level; where that is nowhere, what is usable."""
+    both = usable & lively
+    return np.where(both.any((1, 2), keepdims=True), both, usable)
 
 
 def _level(device: Device, buffers: Buffers, stacks: Stacks, number: int) -> np.ndarray:
@@ -256,7 +285,8 @@ def _kept(cache: Path | None, stacks: Stacks, basis: np.ndarray, make: Callable[
     if cache is None:
         return make()
     seen = hashlib.sha256(_VERSION)
-    for said in (stacks.planes, stacks.usable, basis):
+    lively = stacks.usable if stacks.lively is None else stacks.lively
+    for said in (stacks.planes, stacks.usable, lively, basis):
         seen.update(np.ascontiguousarray(said))
     seen.update(repr((stacks.levels, DISC, _ROUNDS, _JUMPS)).encode())
     path = cache / f"{seen.hexdigest()}.npy"

@@ -73,11 +73,10 @@ def _left_out(graph: Graph) -> tuple[int, ...]:
     """How many of each exemplar's finest levels lead nowhere, so that synthesis goes on to the next exemplar.
 
     Departure from HRRG08, where it is one of every exemplar: none where no edge leaves an exemplar, because its own
-    pixels are what is wanted there; two in loops, which keep their contrast better. An exemplar before another must be
-    left while levels of that one are admissible.
+    pixels are what is wanted there; more before edges with r = 0, or an exemplar would be left when it is too late.
     """
     count = range(len(graph.names))
-    least = [0 if not graph.leads_on(n) else 2 if graph.in_loop(n) else 1 for n in count]
+    least = [int(graph.leads_on(n)) for n in count]
     found = list(least)
     for _ in count:
         for n in count:
