@@ -22,6 +22,9 @@ FAR = 1 << 40
 
 def analysed(device, graph, *pictures_of, correct=True):
     stacks = stacks_of(graph, *map(exemplar_of, pictures_of))
+    loops = [n for n in range(len(graph.names)) if graph.in_loop(n)]
+    lively = lively_texels(stacks.levels, stacks.planes, loops) if loops else None
+    stacks = Stacks(stacks.levels, stacks.planes, stacks.usable, lively)
     return analyse(device, stacks, 16, correct, BUDGET, lambda done, total: None, None)
 
 
@@ -29,7 +32,7 @@ def analysed(device, graph, *pictures_of, correct=True):
 def loop(device):
     """A loop and a chain of two exemplars that do not agree in colour, 16 px."""
     graph = graph_of("ab", ("a", "b", 1), ("b", "b", 1))
-    return analysed(device, graph, pictures.moss(16, 16, 1), pictures.pebbles(16, 16, 2) * 0.6)
+    return analysed(device, graph, pictures.pebbles(16, 16, 2), pictures.noise(16, 16, 1)[..., None] * [0.5, 0.6, 0.4])
 
 
 @pytest.fixture(scope="module")
@@ -146,12 +149,11 @@ def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
 
 @pytest.mark.parametrize("name", ["gravel", "grass"])
 def test_a_zoom_without_end_keeps_its_contrast(device, name):
-    """One exemplar that is alike twice of itself: 12, 20 and 40 octaves down it is neither flat nor out of its gamut."""
+    """One exemplar that is alike twice of itself: octaves down it is neither flat nor out of its gamut."""
     data = pytest.importorskip("skimage.data")
     photo = getattr(data, name)()[:128, :128, None] / 255.0 * np.ones(3)
-    plain = stacks_of(graph_of("a", ("a", "a", 1)), exemplar_of(photo))
-    stacks = Stacks(plain.levels, plain.planes, plain.usable, lively_texels(plain.levels, plain.planes, [0]))
-    made = analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
+    made = analysed(device, graph_of("a", ("a", "a", 1)), photo)
+    plain = made.stacks
     maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7), kept=KEPT_IN_LOOPS), BUDGET)
     exemplar = plain.planes[plain.levels.stacks.index((0, 7))][..., 0].astype(np.float64)
     for level in (12, 20, 40):
