@@ -67,64 +67,57 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
 // for the whole neighbourhood, so that the candidates' transformed neighbourhoods are looked up as they are.
 #if LANES > 16
 typedef struct { lane_i16 all; } sums;
-inline sums no_sums() { sums s = {(lane_i16)(0)}; return s; }
-inline sums add_pair(sums s, int pair, const __global short *basis) {
+inline void clear(sums *s) { s->all = (lane_i16)(0); }
+inline void add_pair(sums *s, int pair, const __global short *basis) {
   lane_s32 v = __builtin_astype((lane_i16)(pair), lane_s32), b = *(const __global lane_s32 *)basis;
   lane_i16 even = __builtin_convertvector(v.even, lane_i16) * __builtin_convertvector(b.even, lane_i16);
   lane_i16 odd = __builtin_convertvector(v.odd, lane_i16) * __builtin_convertvector(b.odd, lane_i16);
-  s.all += even + odd;   // this shape compiles to one multiply-add
-  return s;
+  s->all += even + odd;   // this shape compiles to one multiply-add
 }
-inline projected scaled(sums s) {
-  lane_i16 v = (s.all + (1 << (BITS - 1))) >> BITS;
+inline void scale(const sums *s, projected *found) {
+  lane_i16 v = (s->all + (1 << (BITS - 1))) >> BITS;
   v = v > MOST_PROJECTED ? (lane_i16)(MOST_PROJECTED) : v;
   v = v < -MOST_PROJECTED ? (lane_i16)(-MOST_PROJECTED) : v;
-  return __builtin_convertvector(v, lane_s16);
+  *found = __builtin_convertvector(v, lane_s16);
 }
 #elif LANES > 1
 typedef struct { lane_i8 low, high; } sums;
-inline sums no_sums() { sums s = {(lane_i8)(0), (lane_i8)(0)}; return s; }
+inline void clear(sums *s) { s->low = s->high = (lane_i8)(0); }
 inline lane_i8 pairs8(int pair, const __global short *basis) {
   lane_s16 v = __builtin_astype((lane_i8)(pair), lane_s16), b = *(const __global lane_s16 *)basis;
   lane_i8 even = __builtin_convertvector(v.even, lane_i8) * __builtin_convertvector(b.even, lane_i8);
   lane_i8 odd = __builtin_convertvector(v.odd, lane_i8) * __builtin_convertvector(b.odd, lane_i8);
   return even + odd;
 }
-inline sums add_pair(sums s, int pair, const __global short *basis) {
-  s.low += pairs8(pair, basis);
-  s.high += pairs8(pair, basis + DIMS);
-  return s;
+inline void add_pair(sums *s, int pair, const __global short *basis) {
+  s->low += pairs8(pair, basis);
+  s->high += pairs8(pair, basis + DIMS);
 }
 inline lane_i8 scaled8(lane_i8 v) {
   v = (v + (1 << (BITS - 1))) >> BITS;
   v = v > MOST_PROJECTED ? (lane_i8)(MOST_PROJECTED) : v;
   return v < -MOST_PROJECTED ? (lane_i8)(-MOST_PROJECTED) : v;
 }
-inline projected scaled(sums s) {
+inline void scale(const sums *s, projected *found) {
   lane_s16 v;
-  v.lo = __builtin_convertvector(scaled8(s.low), __typeof__(v.lo));
-  v.hi = __builtin_convertvector(scaled8(s.high), __typeof__(v.hi));
-  return v;
+  v.lo = __builtin_convertvector(scaled8(s->low), __typeof__(v.lo));
+  v.hi = __builtin_convertvector(scaled8(s->high), __typeof__(v.hi));
+  *found = v;
 }
 #else
 typedef struct { int at[DIMS]; } sums;
-inline sums no_sums() {
-  sums s;
-  for (int d = 0; d < DIMS; d++) s.at[d] = 0;
-  return s;
+inline void clear(sums *s) {   // by pointer: Oclgrind cannot run what inlining returned structures leaves behind
+  for (int d = 0; d < DIMS; d++) s->at[d] = 0;
 }
-inline sums add_pair(sums s, int pair, const __global short *basis) {
+inline void add_pair(sums *s, int pair, const __global short *basis) {
   int a = (short)(pair & 0xFFFF), b = pair >> 16;
-  for (int d = 0; d < DIMS; d++) s.at[d] += a * basis[2 * d] + b * basis[2 * d + 1];
-  return s;
+  for (int d = 0; d < DIMS; d++) s->at[d] += a * basis[2 * d] + b * basis[2 * d + 1];
 }
-inline projected scaled(sums s) {
-  projected found;
+inline void scale(const sums *s, projected *found) {
   for (int d = 0; d < DIMS; d++) {
-    int v = (s.at[d] + (1 << (BITS - 1))) >> BITS;
-    found.at[d] = (short)(v > MOST_PROJECTED ? MOST_PROJECTED : v < -MOST_PROJECTED ? -MOST_PROJECTED : v);
+    int v = (s->at[d] + (1 << (BITS - 1))) >> BITS;
+    found->at[d] = (short)(v > MOST_PROJECTED ? MOST_PROJECTED : v < -MOST_PROJECTED ? -MOST_PROJECTED : v);
   }
-  return found;
 }
 #endif
 
@@ -142,15 +135,17 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
   if (i >= count_x || j >= count_y) return;
   int p = (first_y + 2 * j) * width + first_x + 2 * i;
   short4 own = r[p];
-  sums total = no_sums();
+  sums total;
+  clear(&total);
   const __global short *row = basis;
   for (int dy = -2; dy <= 2; dy++)
     for (int dx = -2; dx <= 2; dx++, row += 4 * DIMS) {
       int2 pairs = as_int2(as_short4(colour[p + dy * width + dx]) - own);
-      total = add_pair(total, pairs.x, row);
-      total = add_pair(total, pairs.y, row + 2 * DIMS);
+      add_pair(&total, pairs.x, row);
+      add_pair(&total, pairs.y, row + 2 * DIMS);
     }
-  projected wanted = scaled(total);
+  projected wanted;
+  scale(&total, &wanted);
   uint best = ~0u;
   size_t chosen = 0;
   for (int k = 0; k < 2; k++)
