@@ -89,6 +89,20 @@ def test_windows_far_away_and_far_down(folder):
     assert len(np.unique(b.reshape(-1, 3), axis=0)) > 20
 
 
+def test_shares_of_a_farm_are_the_whole_when_they_are_put_together(folder):
+    run(folder, "photo.png", "--texsynth:size=70x50", "-o", "whole.exr")
+    for n in (1, 2, 3):
+        run(folder, "photo.png", f"--texsynth:size=70x50:tiles={n}/3", "-o", f"share{n}.exr")
+        spec = oiio.ImageBuf(str(folder / f"share{n}.exr")).spec()
+        assert (spec.full_x, spec.full_y, spec.full_width, spec.full_height) == (0, 0, 70, 50)
+    run(folder, *(f"share{n}.exr" for n in (1, 2, 3)), "--paste:mergeroi=1:all=1", "+0+0", "-o", "put.exr")
+    np.testing.assert_array_equal(load(folder / "put.exr"), load(folder / "whole.exr"))
+    shares = [load(folder / f"share{n}.exr") for n in (1, 2, 3)]
+    np.testing.assert_array_equal(np.concatenate(shares), load(folder / "whole.exr"))
+    for wrong in ("0/3", "4/3", "1", "1/51", "a/b"):
+        assert f"tiles={wrong}: allowed is I/N" in refusal(folder, "photo.png", f"--texsynth:size=70x50:tiles={wrong}")
+
+
 def test_a_toroidal_texture_tiles(folder):
     random, place = np.random.default_rng(0), np.arange(64) / 64 * 2 * np.pi
     waves = [np.cos(k * place[:, None] + n * place + random.random() * 7) for k in range(-6, 7) for n in range(1, 7)]

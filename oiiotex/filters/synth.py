@@ -33,6 +33,7 @@ from .stationarize import source_coordinates
 log = logging.getLogger("oiiotex")
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
+_SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)
 _CELL = 1 << 19  # pixels made at once: large beside their halo, small beside the memory
 _STATE_BYTES = 12  # of a pixel that is kept as texel and offset
 _FARTHEST = 1 << 60  # px; places of windows
@@ -69,6 +70,7 @@ class Synth(Op):
         None, ge=1, le=1 << 30, unit="px", help="of the result; the window's, or the exemplar's own, when left out"
     )
     window: str = param("", help="WxH+X+Y: only these pixels of the plane")
+    tiles: str = param("", help="I/N: the share I, from 1 to N, of these pixels, some rows of them, for a farm")
     level: int | None = param(
         None, ge=0, le=MOST_LEVEL, help="octaves below a pixel as large as the root; the finest that exemplars hold"
     )
@@ -104,9 +106,9 @@ class Synth(Op):
         _report_shares(graph, analysis)
         maker = Synthesizer(session.device, analysis, settings, session.budget)
         session.device.collect(session.stats)
-        states = _States(session, maker, level, window)
+        states = _States(session, maker, level, window, display or window)
         shower = _Shower(analysis, exemplars, lens, finest)
-        spec = _texture_spec(source.spec, display, states.place, self.toroidal)
+        spec = _texture_spec(source.spec, states.display, states.place, self.toroidal)
         spec.attribute("oiiotex:level", level)
         spec.attribute("oiiotex:window", str(window))
         texture = Part(source.name, spec, lambda w: shower.pixels(states.read(w)), source.spec.format)
@@ -136,7 +138,7 @@ class Synth(Op):
         """(what `size` says, the pixels that are made), both on the plane of the level."""
         display = None if self.size is None else Window(0, 0, *self.size)
         if not self.window:
-            return display, display or Window(0, 0, spec.width, spec.height)
+            return self._share(display, display or Window(0, 0, spec.width, spec.height))
         found = _WINDOW.fullmatch(self.window)
         if not found:
             raise ParameterError(f"window={self.window}: allowed is WxH+X+Y, such as 1920x1080+0-400")
@@ -146,7 +148,18 @@ class Synth(Op):
         window = Window.sized(left, top, width, height)
         if display is not None and window & display != window:
             raise ParameterError(f"window={self.window} is not inside size={self.size}")
-        return display, window
+        return self._share(display, window)
+
+    def _share(self, display: Window | None, window: Window) -> tuple[Window | None, Window]:
+        """(display, window) of the share that `tiles` asks for: rows, so that shares are put together by pasting."""
+        if not self.tiles:
+            return display, window
+        found = _SHARE.fullmatch(self.tiles)
+        share, count = map(int, found.groups()) if found else (0, 0)
+        if not 1 <= share <= count <= window.height:
+            raise ParameterError(f"tiles={self.tiles}: allowed is I/N, I from 1 to N, N at most {window.height} rows")
+        rows = (window.top + window.height * n // count for n in (share - 1, share))
+        return display or window, Window(window.left, next(rows), window.right, next(rows))
 
     def _settings(self, graph: Graph, finest: int, level: int, display: Window | None) -> Settings:
         around = None
@@ -226,14 +239,14 @@ class Synth(Op):
 class _States:
     """Pixels as texels and offsets, made in cells that are kept for a while.
 
-    `place` is the window in the image's own coordinates, which begin at 0 where the plane's do not fit 32 bits.
+    `place` and `display` are in the image's own coordinates, which begin at 0 where the plane's do not fit 32 bits.
     """
 
-    def __init__(self, session: Session, maker: Synthesizer, level: int, window: Window):
+    def __init__(self, session: Session, maker: Synthesizer, level: int, window: Window, display: Window):
         self._cache, self._maker, self._level = session.cache, maker, level
-        near = max(map(abs, window)) < 1 << 30
-        self._shift = (0, 0) if near else (window.left, window.top)
-        self.place = window.shifted(-self._shift[0], -self._shift[1])
+        near = max(map(abs, display)) < 1 << 30
+        self._shift = (0, 0) if near else (display.left, display.top)
+        self.place, self.display = (w.shifted(-self._shift[0], -self._shift[1]) for w in (window, display))
         row = _STATE_BYTES * self.place.width
         height = max(32, min(512, session.cache.limit // 3 // row))
         self._cell = max(32, _CELL // height), height
@@ -315,12 +328,10 @@ def _report_shares(graph: Graph, analysis: Analysis) -> None:
             log.warning("exemplar '%s' appears nowhere: others match better everywhere (HRRG08 section 8)", name)
 
 
-def _texture_spec(spec: oiio.ImageSpec, display: Window | None, place: Window, toroidal: bool) -> oiio.ImageSpec:
-    shown = display or Window(0, 0, place.width, place.height)
-    new = derived_spec(spec, shown.width, shown.height)
+def _texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool) -> oiio.ImageSpec:
+    new = derived_spec(spec, display.width, display.height)
+    new.full_x, new.full_y = display.left, display.top
     new.x, new.y, new.width, new.height = place.left, place.top, place.width, place.height
-    if display is None:
-        new.full_x, new.full_y = place.left, place.top
     new.attribute("wrapmodes", "periodic,periodic" if toroidal else "black,black")
     return new
 
