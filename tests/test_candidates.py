@@ -107,6 +107,12 @@ def test_transparent_pixels_have_no_say_in_a_stack():
     assert (index[opaque] == np.flatnonzero(opaque)).all()
 
 
+def test_sampled_neighbourhoods_are_rows_of_all():
+    plane = np.random.default_rng(0).integers(-99, 99, (16, 16, 4))
+    rows = np.array([0, 17, 255, 100])
+    np.testing.assert_array_equal(candidates._around(plane, 2, rows), neighbourhoods(plane, 2)[rows])
+
+
 def test_projection_is_the_rounded_scalar_product():
     random = np.random.default_rng(0)
     around = random.integers(-2400, 2401, (50, 75)).astype(np.float64)

@@ -114,6 +114,14 @@ def neighbourhoods(plane: np.ndarray, spacing: int) -> np.ndarray:
     return np.concatenate(shifted, -1).reshape(-1, 75).astype(np.float64)
 
 
+def _around(plane: np.ndarray, spacing: int, rows: np.ndarray) -> np.ndarray:
+    """Those rows of `neighbourhoods`."""
+    side, steps = len(plane), range(-2, 3)
+    y, x = np.divmod(rows, side)
+    taken = [plane[(y + v * spacing) % side, (x + u * spacing) % side, :3] for v in steps for u in steps]
+    return np.concatenate(taken, -1).astype(np.float64)
+
+
 def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
     """The first `dims` principal components, times 4096, the rest 0: (75, 16) int16; and the variance they hold."""
     random = np.random.default_rng(0)
@@ -121,7 +129,7 @@ def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
     for number, plane in enumerate(stacks.planes):
         usable = np.flatnonzero(stacks.usable[number])
         rows = usable[random.integers(0, len(usable), _SAMPLES)]
-        sampled.append(neighbourhoods(plane, stacks.levels.spacing(number))[rows])
+        sampled.append(_around(plane, stacks.levels.spacing(number), rows))
     variances, vectors = np.linalg.eigh(np.cov(np.concatenate(sampled).T))
     found = np.zeros((75, DIMS), np.int16)
     chosen = vectors[:, ::-1][:, :dims]
