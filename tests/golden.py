@@ -27,7 +27,7 @@ class Case:
     @property
     def synthesis(self) -> bool:
         """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
-        return self.words[0].startswith(("--texstationarize", "--texpatchmatch"))
+        return self.words[0].startswith(("--texstationarize", "--texpatchmatch", "--texsynth"))
 
     @property
     def labels(self) -> bool:
@@ -69,6 +69,7 @@ CASES = {
     "label_two_textures": Case(
         lambda: np.concatenate([pictures.bricks(96, 64, 1), pictures.moss(96, 64, 2)], 1), ("--texlabel",)
     ),
+    "synth_pebbles_larger": Case(lambda: pictures.pebbles(96, 112, 2), ("--texsynth:size=192x160:seed=1",)),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 
