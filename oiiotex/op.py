@@ -76,6 +76,11 @@ class Op:
         return tuple(i for i in declared(cls)[0] if i.required)
 
     @classmethod
+    def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
+        """Those of `images` that it takes with these values; the others are None."""
+        return cls.images()
+
+    @classmethod
     def optional_images(cls) -> tuple[Parameter, ...]:
         """The declared input images that it takes where they are asked for."""
         return tuple(i for i in declared(cls)[0] if not i.required)
@@ -103,7 +108,7 @@ class Op:
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
         """How many images it takes from a stack of that depth; more than the depth: it waits for them."""
-        return len(cls.images()) + sum(values.get(i.attribute) is True for i in cls.optional_images())
+        return len(cls.taken(values)) + sum(values.get(i.attribute) is True for i in cls.optional_images())
 
     def values(self) -> dict[str, Any]:
         """This use's parameter values by name."""

@@ -32,6 +32,7 @@ class Case:
     def synthesis(self) -> bool:
         """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
         return self.words[-1].startswith(_SYNTHESES)
+        return self.words[0].startswith(("--texstationarize", "--texpatchmatch", "--texsynth"))
 
     @property
     def labels(self) -> bool:
@@ -95,6 +96,7 @@ CASES = {
         lambda: np.where((np.abs(np.arange(96) - 70) < 8)[:, None], [0.5, 0.5, 0.55], pictures.moss(96, 96, 4)),
         ("--texdominant",),
     ),
+    "synth_pebbles_larger": Case(lambda: pictures.pebbles(96, 112, 2), ("--texsynth:size=192x160:seed=1",)),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 

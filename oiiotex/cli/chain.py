@@ -274,7 +274,8 @@ def _bound(op: type[Op], operands: list[Image], values: dict[str, Any], session:
     if len(declared) == 1 and declared[0].many:
         return {declared[0].name: tuple(operands), **values}
     waiting = iter(operands)
-    bound = values | {parameter.name: next(waiting) for parameter in declared}
+    taken = op.taken(values)
+    bound = values | {parameter.name: next(waiting) if parameter in taken else None for parameter in declared}
     for parameter in op.optional_images():
         asked = values.get(parameter.attribute)
         if asked is not None:

@@ -26,10 +26,11 @@ from .quilt import Quilting
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
+from .synth import Synth
 from .warp import Warp
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Cut, Composite, Palette, Paint,
+    Stationarize, PatchMatch, Quilting, Synth, Cut, Composite, Palette, Paint,
     Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
@@ -42,6 +43,7 @@ composite = function_of(Composite)
 palette = function_of(Palette)
 paint = function_of(Paint)
 flatten = function_of(Flatten)
+synth = function_of(Synth)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)

@@ -58,7 +58,7 @@ def result(op: Op, session: Session) -> Image:
 
 
 def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> Op:
-    declared = op.images()
+    declared = op.taken(values)
     if len(images) != len(declared):
         raise ParameterError(
             f"{op.name} takes {len(declared)} images ({', '.join(i.name for i in declared)}), not {len(images)}"
@@ -72,7 +72,7 @@ def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> 
     for name in optional:
         if values.get(name) is not None:
             given[name] = _keyword(op, name, values[name], next(iter(given.values()), None))
-    return op(**{**values, **given})
+    return op(**{**{i.name: None for i in op.images()}, **values, **given})
 
 
 def _image(buffers: Images) -> Image:

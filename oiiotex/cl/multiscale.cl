@@ -1,0 +1,177 @@
+// Multiscale synthesis, HRRG08 section 4 and 5: pixels are texels of stack levels (projected.h says how they are
+// named) with an accumulated transfer function R, an offset in steps of the colour grid. Belongs to
+// synthesis/multiscale.py, which says which pixels of a window each pass may look at.
+#include "hash.h"
+#include "projected.h"
+
+#define BITS 12           // of the fraction of the basis
+#define TAPS 25           // of a 5 x 5 neighbourhood
+#define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
+
+inline short4 offset_sum(int4 r) {
+  r = r > MOST_OFFSET ? (int4)(MOST_OFFSET) : r;
+  r = r < -MOST_OFFSET ? (int4)(-MOST_OFFSET) : r;
+  return convert_short4(r);
+}
+
+// 24 bits of the absolute place, level and seed. Places are 64 bit, and wrap where the plane is a torus.
+inline uint place_hash(long x, long y, uint level, uint seed) {
+  uint bits = hash_pcg((uint)(x >> 32) + hash_pcg(level + hash_pcg(seed)));
+  return hash_pcg((uint)x + hash_pcg((uint)y + hash_pcg((uint)(y >> 32) + bits)));
+}
+
+// Upsampling (section 4.2), jitter (section 4.3) and inheritance of R (section 5): every pixel of a level from its
+// parent. (left, top) is where the window begins on the plane, (from_x, from_y) the place of the parent of its
+// first pixel in the parents' window. rho is in 1/256. Departures: h_k is the child's spacing; past the end of a
+// stack the texel is repeated; R is kept at keep/256 of what is inherited.
+__kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
+                                  __global uint *restrict texel, __global short4 *restrict r,
+                                  __global short4 *restrict colour, const __global short4 *restrict stack,
+                                  const __global int *restrict finer, const __global int *restrict spacing, int side,
+                                  int parent_width, int from_x, int from_y, int width, int height, long left, long top,
+                                  long around_x, long around_y, uint level, uint seed, int rho, int keep) {
+  int i = get_global_id(0), j = get_global_id(1);
+  if (i >= width || j >= height) return;
+  int odd_x = (int)((left + i) & 1), odd_y = (int)((top + j) & 1);
+  int px = from_x + ((i + (int)(left & 1)) >> 1), py = from_y + ((j + (int)(top & 1)) >> 1);
+  int p = py * parent_width + px, q = j * width + i;
+  uint old = parent[p];
+  int before = TEXEL_LEVEL(old, side), now = finer[before], h = spacing[now];
+  int y = TEXEL_Y(old, side), x = TEXEL_X(old, side);
+  if (now != before) {
+    x += (h * (2 * odd_x - 1)) >> 1;   // rounded down, as in section 4.2
+    y += (h * (2 * odd_y - 1)) >> 1;
+  }
+  if (rho > 0) {
+    long at_x = left + i, at_y = top + j;
+    if (around_x > 0) at_x = ((at_x % around_x) + around_x) % around_x;
+    if (around_y > 0) at_y = ((at_y % around_y) + around_y) % around_y;
+    uint bits = place_hash(at_x, at_y, level, seed);
+    // J = floor(h H rho + 1/2), H in [-1, 1) from 16 bits
+    x += (int)(((long)h * rho * ((int)(bits >> 16) - 32768) + (1 << 22)) >> 23);
+    y += (int)(((long)h * rho * ((int)(bits & 0xFFFFu) - 32768) + (1 << 22)) >> 23);
+  }
+  uint made = texel_at(now, y, x, side);
+  int nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * parent_width;   // the four nearest parents
+  int4 inherited = 9 * convert_int4(parent_r[p]) + 3 * convert_int4(parent_r[p + nx]) +
+                   3 * convert_int4(parent_r[p + ny]) + convert_int4(parent_r[p + nx + ny]);
+  short4 own = offset_sum((inherited * keep + 2048) >> 12);
+  texel[q] = made;
+  r[q] = own;
+  colour[q] = stack[made] + own;
+}
+
+// --- correction (section 4.4) ---
+
+// The neighbourhood of a pixel less its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p stands
+// for the whole neighbourhood, so that the candidates' transformed neighbourhoods are looked up as they are.
+#if LANES > 16
+typedef struct { lane_i16 all; } sums;
+inline void clear(sums *s) { s->all = (lane_i16)(0); }
+inline void add_pair(sums *s, int pair, const __global short *basis) {
+  lane_s32 v = __builtin_astype((lane_i16)(pair), lane_s32), b = *(const __global lane_s32 *)basis;
+  lane_i16 even = __builtin_convertvector(v.even, lane_i16) * __builtin_convertvector(b.even, lane_i16);
+  lane_i16 odd = __builtin_convertvector(v.odd, lane_i16) * __builtin_convertvector(b.odd, lane_i16);
+  s->all += even + odd;   // this shape compiles to one multiply-add
+}
+inline void scale(const sums *s, projected *found) {
+  lane_i16 v = (s->all + (1 << (BITS - 1))) >> BITS;
+  v = v > MOST_PROJECTED ? (lane_i16)(MOST_PROJECTED) : v;
+  v = v < -MOST_PROJECTED ? (lane_i16)(-MOST_PROJECTED) : v;
+  *found = __builtin_convertvector(v, lane_s16);
+}
+#elif LANES > 1
+typedef struct { lane_i8 low, high; } sums;
+inline void clear(sums *s) { s->low = s->high = (lane_i8)(0); }
+inline lane_i8 pairs8(int pair, const __global short *basis) {
+  lane_s16 v = __builtin_astype((lane_i8)(pair), lane_s16), b = *(const __global lane_s16 *)basis;
+  lane_i8 even = __builtin_convertvector(v.even, lane_i8) * __builtin_convertvector(b.even, lane_i8);
+  lane_i8 odd = __builtin_convertvector(v.odd, lane_i8) * __builtin_convertvector(b.odd, lane_i8);
+  return even + odd;
+}
+inline void add_pair(sums *s, int pair, const __global short *basis) {
+  s->low += pairs8(pair, basis);
+  s->high += pairs8(pair, basis + DIMS);
+}
+inline lane_i8 scaled8(lane_i8 v) {
+  v = (v + (1 << (BITS - 1))) >> BITS;
+  v = v > MOST_PROJECTED ? (lane_i8)(MOST_PROJECTED) : v;
+  return v < -MOST_PROJECTED ? (lane_i8)(-MOST_PROJECTED) : v;
+}
+inline void scale(const sums *s, projected *found) {
+  lane_s16 v;
+  v.lo = __builtin_convertvector(scaled8(s->low), __typeof__(v.lo));
+  v.hi = __builtin_convertvector(scaled8(s->high), __typeof__(v.hi));
+  *found = v;
+}
+#else
+typedef struct { int at[DIMS]; } sums;
+inline void clear(sums *s) {   // by pointer: Oclgrind cannot run what inlining returned structures leaves behind
+  for (int d = 0; d < DIMS; d++) s->at[d] = 0;
+}
+inline void add_pair(sums *s, int pair, const __global short *basis) {
+  int a = (short)(pair & 0xFFFF), b = pair >> 16;
+  for (int d = 0; d < DIMS; d++) s->at[d] += a * basis[2 * d] + b * basis[2 * d + 1];
+}
+inline void scale(const sums *s, projected *found) {
+  for (int d = 0; d < DIMS; d++) {
+    int v = (s->at[d] + (1 << (BITS - 1))) >> BITS;
+    found->at[d] = (short)(v > MOST_PROJECTED ? MOST_PROJECTED : v < -MOST_PROJECTED ? -MOST_PROJECTED : v);
+  }
+}
+#endif
+
+// One subpass: pixels (first_x + 2 i, first_y + 2 j) take the candidate of their 3 x 3 neighbours (eq. 3) that fits
+// best by eq. 5. They look at the texels of neighbours of other parities and at colours that change only in
+// multiscale_colour, so their order does not matter. `basis` holds, for each tap, pairs of rows (L, a) and (b, 0).
+// Departures: a neighbour's texel is shifted before its candidates are looked up, so that they need no correction of
+// their own; the second candidates' costs count (16 + penalty) / 16 times.
+__kernel void multiscale_correct(__global uint *restrict texel, __global short4 *restrict r,
+                                 const __global int2 *restrict colour, const __global uint *restrict links,
+                                 const __global short *restrict records, const __global short4 *restrict offsets,
+                                 const __global short *restrict basis, const __global int *restrict spacing, int side,
+                                 int width, int first_x, int first_y, int count_x, int count_y, int penalty) {
+  int i = get_global_id(0), j = get_global_id(1);
+  if (i >= count_x || j >= count_y) return;
+  int p = (first_y + 2 * j) * width + first_x + 2 * i;
+  short4 own = r[p];
+  sums total;
+  clear(&total);
+  const __global short *row = basis;
+  for (int dy = -2; dy <= 2; dy++)
+    for (int dx = -2; dx <= 2; dx++, row += 4 * DIMS) {
+      int2 pairs = as_int2(as_short4(colour[p + dy * width + dx]) - own);
+      add_pair(&total, pairs.x, row);
+      add_pair(&total, pairs.y, row + 2 * DIMS);
+    }
+  projected wanted;
+  scale(&total, &wanted);
+  uint best = ~0u;
+  size_t chosen = 0;
+  for (int k = 0; k < 2; k++)
+    for (int n = 0; n < 9; n++) {
+      int turn = n + 4 < 9 ? n + 4 : n - 5;   // its own first
+      int dy = turn / 3 - 1, dx = turn % 3 - 1;
+      uint other = texel[p + dy * width + dx];
+      int level = TEXEL_LEVEL(other, side), h = spacing[level];
+      size_t record = 2 * (size_t)texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side) + k;
+      uint cost = projected_distance(wanted, records + DIMS * record);
+      if (k > 0) cost += (cost >> 4) * (uint)penalty;
+      if (cost < best) {
+        best = cost;
+        chosen = record;
+      }
+    }
+  texel[p] = links[chosen];
+  r[p] = offset_sum(convert_int4(own) + convert_int4(offsets[chosen]));   // composition of R with the candidate's r
+}
+
+// What the pixels of a subpass look like now: R(*S).
+__kernel void multiscale_colour(const __global uint *restrict texel, const __global short4 *restrict r,
+                                const __global short4 *restrict stack, __global short4 *restrict colour,
+                                int width, int first_x, int first_y, int count_x, int count_y) {
+  int i = get_global_id(0), j = get_global_id(1);
+  if (i >= count_x || j >= count_y) return;
+  int p = (first_y + 2 * j) * width + first_x + 2 * i;
+  colour[p] = stack[texel[p]] + r[p];
+}

@@ -1,0 +1,37 @@
+// Neighbourhoods of 5 x 5 pixels projected to DIMS dimensions: DIMS 16-bit integers within +- 5790, so that a squared
+// distance fits 31 bits (16 (2 * 5790)^2 < 2^31). All sums are over integers: any number of lanes gives the same bits.
+#include "lanes.h"
+#define DIMS 16
+#define MOST_PROJECTED 5790
+
+#if LANES > 1
+typedef lane_s16 projected;
+inline projected projected_at(const __global short *from) { return *(const __global lane_s16 *)from; }
+inline uint projected_distance(projected a, const __global short *b) {
+  return (uint)total8(squares16(a - *(const __global lane_s16 *)b));
+}
+#else
+typedef struct { short at[DIMS]; } projected;
+inline projected projected_at(const __global short *from) {
+  projected found;
+  for (int d = 0; d < DIMS; d++) found.at[d] = from[d];
+  return found;
+}
+inline uint projected_distance(projected a, const __global short *b) {
+  int sum = 0;
+  for (int d = 0; d < DIMS; d++) {
+    int away = a.at[d] - b[d];
+    sum += away * away;
+  }
+  return (uint)sum;
+}
+#endif
+
+// A texel is named by (level << 2 side) + (y << side) + x, `side` being log2 of the exemplars' side.
+#define TEXEL_X(texel, side) ((int)((texel) & ((1u << (side)) - 1u)))
+#define TEXEL_Y(texel, side) ((int)(((texel) >> (side)) & ((1u << (side)) - 1u)))
+#define TEXEL_LEVEL(texel, side) ((int)((texel) >> (2 * (side))))
+inline uint texel_at(int level, int y, int x, int side) {   // coordinates wrap: exemplars are periodic
+  uint inside = (1u << side) - 1u;
+  return ((uint)level << (2 * side)) | (((uint)y & inside) << side) | ((uint)x & inside);
+}

@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The exemplar graph as a document: exemplars, the root, and how their scales relate (HRRG08 section 3.1).
+
+A graph is a small JSON file (YAML where PyYAML is installed):
+
+    {"exemplars": [{"id": "land", "file": "land.png"}, {"id": "river", "file": "river.png"}],
+     "root": "land",
+     "edges": [{"from": "land", "to": "river", "r": 2}],
+     "jitter": [0, 0.6, 0.6], "seed": 7}
+
+`r` is log2 of how many times smaller a pixel of `to` is; `scale` says the ratio itself. `nodes` may stand for
+`exemplars`, and `title`, `note` and where a photo was taken from are passed over.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..errors import ImageError
+from ..params import nearest
+
+_TOP = ("exemplars", "nodes", "root", "edges", "jitter", "seed", "title", "note")
+_NODE = ("id", "file", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
+_EDGE = ("from", "to", "r", "scale", "note", "to_origin_in_from_px")
+_ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
+
+
+class Edge(NamedTuple):
+    """Pixels of exemplar `destination` are 2^r times smaller than those of `source`: (i, j, r) of HRRG08."""
+
+    source: int
+    destination: int
+    r: int
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A checked exemplar graph. Exemplars are numbered in the order of the document.
+
+    Attributes
+    ----------
+    names : tuple of str
+    files : tuple of Path
+    root : int
+    edges : tuple of Edge
+        Those with r = 0 from an exemplar to itself, which HRRG08 implies, are left out.
+    factors : tuple of float
+        How much larger each exemplar is to be resampled, so that all ratios are powers of two; within sqrt(2).
+    jitter : tuple of float or None
+        rho by level; the last holds for all finer ones.
+    seed : int or None
+    """
+
+    names: tuple[str, ...]
+    files: tuple[Path, ...]
+    root: int
+    edges: tuple[Edge, ...]
+    factors: tuple[float, ...]
+    jitter: tuple[float, ...] | None = None
+    seed: int | None = None
+
+    @classmethod
+    def single(cls, name: str) -> Graph:
+        """One exemplar without scale edges: Lefebvre & Hoppe 2005."""
+        return cls((name,), (Path(name),), 0, (), (1.0,))
+
+    def leads_on(self, exemplar: int) -> bool:
+        """Whether an edge leaves that exemplar."""
+        return any(edge.source == exemplar for edge in self.edges)
+
+    def in_loop(self, exemplar: int) -> bool:
+        """Whether edges lead from that exemplar back to it."""
+        return exemplar in _reached(self.edges, [e.destination for e in self.edges if e.source == exemplar])
+
+    def depth(self) -> int:
+        """The most octaves that lie between the root and an exemplar, by ways that pass none twice."""
+
+        def longest(at: int, passed: frozenset[int]) -> int:
+            onward = (e for e in self.edges if e.source == at and e.destination not in passed)
+            return max((e.r + longest(e.destination, passed | {e.destination}) for e in onward), default=0)
+
+        return longest(self.root, frozenset([self.root]))
+
+    def require_levels(self, finest: int, where: str) -> None:
+        """Refuse edges over more octaves than the stacks of 2^finest px exemplars overlap.
+
+        Raises
+        ------
+        ImageError
+            r > r_max = L - 3 (HRRG08 section 3.1).
+        """
+        for edge in self.edges:
+            if edge.r > finest - 3:
+                raise ImageError(
+                    f"{where}: edge {self._named(edge)}: r={edge.r} is more than r_max = L - 3 = {finest - 3}"
+                    f" of exemplars that are {1 << finest} px wide"
+                )
+
+    def _named(self, edge: Edge) -> str:
+        return f"{self.names[edge.source]} -> {self.names[edge.destination]}"
+
+
+def read_graph(path: str | Path) -> Graph:
+    """The graph that a file holds; exemplars' files are looked up beside it.
+
+    Raises
+    ------
+    ImageError
+        It cannot be read, or something in it is wrong; the text says what.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ImageError(f"{path}: {getattr(error, 'strerror', None) or 'not text in UTF-8'}") from error
+    return parse_graph(_document(text, path), path)
+
+
+def _document(text: str, path: Path) -> Any:
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        try:
+            return json.loads(text)
+        except (json.JSONDecodeError, RecursionError) as error:
+            raise ImageError(f"{path}: not JSON: {error}") from error
+    try:
+        import yaml  # ours needs no such package: a graph in JSON says the same
+    except ImportError as error:
+        raise ImageError(f"{path}: PyYAML is not installed: pip install pyyaml, or write the graph as JSON") from error
+    try:
+        return yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ImageError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
+
+
+def parse_graph(document: Any, path: Path) -> Graph:
+    """The graph that a document says; raises as `read_graph` does."""
+    where = str(path)
+    top = _mapping(document, _TOP, where)
+    if "exemplars" in top and "nodes" in top:
+        raise ImageError(f"{where}: exemplars and nodes are the same: say one of them")
+    nodes = _listed(top, "exemplars" if "exemplars" in top else "nodes", where)
+    if not nodes:
+        raise ImageError(f"{where}: there is no exemplar")
+    names, files = _exemplars(nodes, path)
+    drawn = [_edge(found, names, where) for found in _listed(top, "edges", where)]
+    root = _root(top.get("root"), names, [(i, j) for i, j, _ in drawn], where)
+    edges, factors = _placed(drawn, root, names, where)
+    seed = top.get("seed")
+    if seed is not None and (not _whole(seed) or not 0 <= seed < 2**32):
+        raise ImageError(f"{where}: seed={seed}: allowed is a whole number >= 0 and <= 4294967295")
+    return Graph(names, files, root, edges, factors, _jitter(top.get("jitter"), where), seed)
+
+
+def _mapping(found: Any, known: tuple[str, ...], where: str) -> dict[str, Any]:
+    if not isinstance(found, dict):
+        raise ImageError(f"{where}: an object of {', '.join(known[:4])} is wanted, not {type(found).__name__}")
+    for name in found:
+        if name not in known:
+            raise ImageError(f"{where}: unknown '{name}'{nearest(str(name), known)}; there is {', '.join(known)}")
+    return found
+
+
+def _listed(top: dict[str, Any], name: str, where: str) -> list[Any]:
+    found = top.get(name, [])
+    if not isinstance(found, list):
+        raise ImageError(f"{where}: {name} is a list, not {type(found).__name__}")
+    return found
+
+
+def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+    names: list[str] = []
+    files: list[Path] = []
+    for n, found in enumerate(nodes):
+        node = _mapping(found, _NODE, f"{path}: exemplar {n}")
+        file = node.get("file")
+        name = node.get("id", file)
+        if not isinstance(name, str) or not name:
+            raise ImageError(f"{path}: exemplar {n} has no id")
+        if not isinstance(file, str) or not file:
+            raise ImageError(f"{path}: exemplar '{name}' has no file")
+        if name in names:
+            raise ImageError(f"{path}: there are two exemplars '{name}'")
+        names.append(name)
+        files.append(path.parent / file)
+    return tuple(names), tuple(files)
+
+
+def _edge(found: Any, names: tuple[str, ...], where: str) -> tuple[int, int, float]:
+    """(source, destination, log2 of the ratio of scales)."""
+    edge = _mapping(found, _EDGE, f"{where}: edge")
+    ends = []
+    for end in ("from", "to"):
+        if edge.get(end) not in names:
+            said = f"'{edge[end]}'" if end in edge else f"named by '{end}'"
+            raise ImageError(f"{where}: edge {_said(edge)}: there is no exemplar {said}; there is {', '.join(names)}")
+        ends.append(names.index(edge[end]))
+    if ("r" in edge) == ("scale" in edge):
+        raise ImageError(f"{where}: edge {_said(edge)}: either r or scale says how their pixels relate")
+    if "r" in edge:
+        if not _whole(edge["r"]) or edge["r"] < 0:
+            raise ImageError(
+                f"{where}: edge {_said(edge)}: r={edge['r']}: allowed is a whole number >= 0; a ratio is said by scale"
+            )
+        return ends[0], ends[1], float(edge["r"])
+    scale = edge["scale"]
+    if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 1 <= scale < 2**30:
+        raise ImageError(f"{where}: edge {_said(edge)}: scale={scale}: allowed is a number >= 1")
+    return ends[0], ends[1], math.log2(scale)
+
+
+def _said(edge: dict[str, Any]) -> str:
+    return f"{edge.get('from', '?')} -> {edge.get('to', '?')}"
+
+
+def _whole(found: Any) -> bool:
+    return isinstance(found, int) and not isinstance(found, bool)
+
+
+def _root(said: Any, names: tuple[str, ...], edges: list[tuple[int, int]], where: str) -> int:
+    if said is not None:
+        if said not in names:
+            raise ImageError(f"{where}: root '{said}' is no exemplar; there is {', '.join(names)}")
+        root = names.index(said)
+    else:
+        ends = {destination for source, destination in edges if source != destination}
+        free = [n for n in range(len(names)) if n not in ends]
+        if len(free) != 1:
+            could = " or ".join(names[n] for n in free) or "every exemplar is the end of an edge"
+            raise ImageError(f"{where}: there is no root: say root, {could}")
+        root = free[0]
+    reached = _reached(edges, [root])
+    for n, name in enumerate(names):
+        if n not in reached:
+            raise ImageError(f"{where}: no edges lead from root '{names[root]}' to exemplar '{name}'")
+    return root
+
+
+def _reached(edges: Iterable[tuple[int, ...]], first: list[int]) -> set[int]:
+    """What edges lead to from there, with where they start."""
+    edges, reached, open_ends = list(edges), set(first), list(first)
+    while open_ends:
+        at = open_ends.pop()
+        further = {e[1] for e in edges if e[0] == at} - reached
+        reached |= further
+        open_ends += further
+    return reached
+
+
+def _placed(
+    drawn: list[tuple[int, int, float]], root: int, names: tuple[str, ...], where: str
+) -> tuple[tuple[Edge, ...], tuple[float, ...]]:
+    """Whole r for all edges, and how exemplars are resampled for it.
+
+    The first edge to an exemplar places it: the ratio is rounded to whole octaves counted from the root, so that
+    roundings do not add up. Every other edge then says a ratio that must be a power of two.
+    """
+    octaves = {root: 0}  # of the resampled exemplar, finer than the root
+    away = {root: 0.0}  # log2 of the resampling factor
+    waiting = [root]
+    while waiting:
+        at = waiting.pop(0)
+        for source, destination, ratio in drawn:
+            if source == at and destination not in octaves:
+                exact = octaves[at] - away[at] + ratio
+                octaves[destination] = math.floor(exact + 0.5)
+                away[destination] = octaves[destination] - exact
+                waiting.append(destination)
+    edges = []
+    for source, destination, ratio in drawn:
+        exact = ratio + away[destination] - away[source]
+        r = round(exact)
+        if abs(exact - r) > _ALIKE:
+            raise ImageError(
+                f"{where}: edge {names[source]} -> {names[destination]}: scale={2**ratio:.4g} is no power of two"
+                " and closes a loop or a second way, so that no resampling makes it one"
+            )
+        if r < 0:
+            raise ImageError(f"{where}: edge {names[source]} -> {names[destination]} leads to larger pixels")
+        if (source, r) != (destination, 0) and Edge(source, destination, r) not in edges:
+            edges.append(Edge(source, destination, r))
+    factors = tuple(1.0 if abs(away[n]) < _ALIKE else 2.0 ** away[n] for n in range(len(names)))
+    return tuple(edges), factors
+
+
+def _jitter(said: Any, where: str) -> tuple[float, ...] | None:
+    if said is None:
+        return None
+    found = said if isinstance(said, list) else [said]
+    for rho in found:
+        if isinstance(rho, bool) or not isinstance(rho, (int, float)) or not 0 <= rho <= 1:
+            raise ImageError(f"{where}: jitter {rho}: allowed is a number >= 0 and <= 1, or one per level")
+    if not found:
+        raise ImageError(f"{where}: jitter has no levels")
+    return tuple(float(rho) for rho in found)

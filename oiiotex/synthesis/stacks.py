@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exemplars as the synthesis sees them: squares of 2^L pixels in Lab, and their Gaussian stacks (HRRG08 section 3.2).
+
+Departure from HRRG08: the radius of the filter is not defined there; here level k of L has sigma = sqrt(h^2 - 1) / 2 px
+for its spacing h = 2^(L-k), so that the finest level is the exemplar itself. Exemplars are taken for periodic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..color import ColorConfig, as_float
+from ..errors import ImageError
+from ..images import Image, dtype_of, resized
+from ..windows import Window
+from ..working import Lens, in_type, lens_of
+
+LEAST, MOST = 16, 1024  # px; sides of exemplars
+STEPS = 8  # integer steps per Lab unit, as elsewhere
+_REACH = 2400  # steps: what is further from the mean decides as if it were this far
+
+
+@dataclass(frozen=True)
+class Exemplar:
+    """One exemplar, cut to a square whose side is a power of two.
+
+    Attributes
+    ----------
+    name : str
+    pixels : (side, side, channels)
+        In the root's colour space and pixel type, all channels.
+    values : (side, side, 4) float32
+        Lab, or data scaled to 0 .. 100, as `Lens.values` gives them.
+    opaque : (side, side) bool or None
+        Where alpha is not 0; None: everywhere.
+    place : Window
+        Where it lies in the image's data window, counted from its corner; in pixels of the resampled image.
+    factor : float
+        How much the image was enlarged before.
+    """
+
+    name: str
+    pixels: np.ndarray
+    values: np.ndarray
+    opaque: np.ndarray | None
+    place: Window
+    factor: float
+
+    @property
+    def side(self) -> int:
+        """Pixels along x and along y."""
+        return self.pixels.shape[0]
+
+
+def load_exemplars(
+    images: Sequence[Image], factors: Sequence[float], config: ColorConfig | None, autocc: bool, most: int, root: int
+) -> tuple[tuple[Exemplar, ...], Lens]:
+    """All exemplars, of one size and in the root's colour space, and how the root is seen.
+
+    They are cut around their centres rather than resampled: a pixel keeps its size, so that scale relations hold and
+    detail stays sharp.
+
+    Parameters
+    ----------
+    images : sequence of Image
+    factors : sequence of float
+        How much larger each is to be resampled first.
+    config : ColorConfig or None
+        None: channels are data.
+    autocc : bool
+    most : int
+        The longest side an exemplar may have, px.
+    root : int
+        Which of them says space, channels and type.
+
+    Raises
+    ------
+    ImageError
+        One is too small, holds NaN or Inf, has no opaque pixel, or other channels than the root.
+    ColorError
+        As by `lens_of`.
+    """
+    shortest = min(
+        min(_scaled_size(image, factor)) for image, factor in zip(images, factors, strict=True)
+    )  # the side is common to all: HRRG08 section 3.1
+    if shortest < LEAST:
+        small = next(i for i, f in zip(images, factors, strict=True) if min(_scaled_size(i, f)) == shortest)
+        raise ImageError(f"{small.source} is {shortest} px wide or high: an exemplar has {LEAST} or more")
+    side = 1 << (min(shortest, most).bit_length() - 1)
+    lens = lens_of(images[root], config, autocc)
+    found = []
+    for image, factor in zip(images, factors, strict=True):
+        own = lens if image is images[root] else _fitting(image, images[root], lens, config, autocc)
+        found.append(_cut(image, factor, side, own, lens, np.dtype(dtype_of(images[root].first.spec))))
+    return tuple(found), lens
+
+
+def _scaled_size(image: Image, factor: float) -> tuple[int, int]:
+    spec = image.first.spec
+    return round(spec.width * factor), round(spec.height * factor)
+
+
+def _fitting(image: Image, root: Image, lens: Lens, config: ColorConfig | None, autocc: bool) -> Lens:
+    """How an exemplar beside the root is seen."""
+    mine, wanted = image.first.spec.channelnames, root.first.spec.channelnames
+    if mine != wanted:
+        raise ImageError(
+            f"{image.source} has channels {','.join(mine)}, the root {root.source} has {','.join(wanted)}:"
+            " exemplars of one graph are alike"
+        )
+    own = lens_of(image, config, autocc)
+    if (own.space is None) != (lens.space is None):
+        raise ImageError(f"{image.source} and the root {root.source}: one is colour, the other is data")
+    if own.space is None:  # data of all exemplars mean the same
+        return Lens(own.name, own.channels, None, None, None, lens.low, lens.scale)
+    return own
+
+
+def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens, kind: np.dtype) -> Exemplar:
+    part = image.first
+    width, height = _scaled_size(image, factor)
+    place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
+    inside = place.inside(Window(0, 0, width, height))
+    whole = part.pixels()
+    values, opaque = own.values(whole)  # of all: NaN or Inf beside the square are a fault of the photo as well
+    if (width, height) == (part.spec.width, part.spec.height):
+        pixels, values, opaque = whole[inside], values[inside], None if opaque is None else opaque[inside]
+    else:
+        pixels = in_type(resized(as_float(whole), width, height)[inside], np.dtype(dtype_of(part.spec)))
+        values, opaque = own.values(pixels)
+    if opaque is not None and opaque.all():
+        opaque = None
+    if opaque is not None and not opaque.any():
+        raise ImageError(f"{image.source}: the {side}x{side} px in its middle are transparent")
+    pixels = np.ascontiguousarray(pixels)
+    if own.space != root.space and own.space is not None:
+        pixels = root.replaced(pixels, values.copy(), opaque)
+    if pixels.dtype != kind:
+        pixels = in_type(as_float(pixels), kind)
+    return Exemplar(image.source, pixels, np.ascontiguousarray(values, np.float32), opaque, place, factor)
+
+
+def sigma_of(level: int, finest: int) -> float:
+    """Blur of a stack level, px."""
+    return 0.5 * float(np.sqrt(4.0 ** (finest - level) - 1.0))
+
+
+def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None) -> np.ndarray:
+    """A periodic Gaussian blur; transparent pixels have no say, and take what lies around them.
+
+    Parameters
+    ----------
+    planes : (side, side, channels) float
+    sigma : float
+    opaque : (side, side) bool or None
+
+    Returns
+    -------
+    (side, side, channels) float64
+    """
+    planes = planes.astype(np.float64)
+    if sigma <= 0:
+        return planes
+    response = _response(len(planes), sigma)
+    if opaque is None:
+        return _filtered(planes, response)
+    weight = np.maximum(_filtered(opaque[..., None].astype(np.float64), response), 0)
+    mean = planes[opaque].mean(0)
+    shared = _filtered(np.where(opaque[..., None], planes - mean, 0), response)
+    return mean + shared / np.maximum(weight, 1e-6)
+
+
+def _response(side: int, sigma: float) -> np.ndarray:
+    """What a Gaussian that goes around does to each frequency of one axis: (side,) float64.
+
+    Sampled in space, not in frequency, so that no weight is below 0: next to HDR lights nothing gets negative.
+    """
+    turns = int(np.ceil(6 * sigma / side)) + 1
+    offset = np.arange(side)[None, :] + side * np.arange(-turns, turns + 1)[:, None]
+    taps = np.exp(-np.square(offset) / (2 * sigma**2)).sum(0)
+    return np.fft.fft(taps / taps.sum()).real
+
+
+def _filtered(planes: np.ndarray, response: np.ndarray) -> np.ndarray:
+    spectrum = np.fft.fft2(planes, axes=(0, 1)) * response[:, None, None] * response[None, :, None]
+    return np.fft.ifft2(spectrum, axes=(0, 1)).real
+
+
+def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], finest: int) -> np.ndarray:
+    """Levels of an exemplar's Gaussian stack on the integer grid on which everything is decided.
+
+    Returns
+    -------
+    (levels, side, side, 4) int16
+        Steps away from `middle` (3,), and 0.
+    """
+    values = exemplar.values[..., :3]
+    if exemplar.opaque is not None:  # what a transparent pixel holds means nothing
+        near = blurred(values, 2.0, exemplar.opaque)
+        values = np.where(exemplar.opaque[..., None], values, near)
+    out = np.zeros((len(levels), exemplar.side, exemplar.side, 4), np.int16)
+    for n, level in enumerate(levels):
+        steps = (blurred(values, sigma_of(level, finest), exemplar.opaque) - middle) * STEPS
+        out[n, ..., :3] = np.rint(np.clip(steps, -_REACH, _REACH))
+    return out
+
+
+def shown_level(exemplar: Exemplar, level: int, finest: int) -> np.ndarray:
+    """A level as it is seen, all channels in the exemplar's own type: (side, side, channels)."""
+    if level == finest:
+        return exemplar.pixels
+    return in_type(
+        blurred(as_float(exemplar.pixels), sigma_of(level, finest)).astype(np.float32), exemplar.pixels.dtype
+    )
+
+
+def nearest_opaque(opaque: np.ndarray) -> np.ndarray:
+    """For every pixel the nearest opaque one, itself where it is: (side, side) int64 of y * side + x."""
+    from scipy import ndimage
+
+    y, x = ndimage.distance_transform_edt(~opaque, return_distances=False, return_indices=True)
+    return y.astype(np.int64) * opaque.shape[1] + x

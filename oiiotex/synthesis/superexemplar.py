@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which stack levels take part, and which may replace which: HRRG08 section 3.3 and its appendix.
+
+The superexemplar unrolls an exemplar graph into a tree without end where there are loops. Nothing depends on how deep
+in the tree a level stands but which levels it meets, so that its vertices are kept once each: (exemplar, level).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .exemplars import Graph
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The stack levels that synthesis can come to, numbered.
+
+    Attributes
+    ----------
+    finest : int
+        L, the number of each exemplar's finest level.
+    stacks : tuple of (exemplar, level)
+        Number 0 is the root's coarsest.
+    admissible : tuple of tuples of (number, octaves)
+        A(E): levels that may replace each, and by how much finer in its own exemplar's octaves; itself first.
+    finer : tuple of int
+        The number of the next finer level of the same exemplar, the level itself where its stack ends.
+    """
+
+    finest: int
+    stacks: tuple[tuple[int, int], ...]
+    admissible: tuple[tuple[tuple[int, int], ...], ...]
+    finer: tuple[int, ...]
+
+    def spacing(self, number: int) -> int:
+        """h = 2^(L - k), px: how far apart a level's texels stand in a neighbourhood."""
+        return 1 << (self.finest - self.stacks[number][1])
+
+
+def unrolled(graph: Graph, finest: int) -> Levels:
+    """All levels that are reached from the root's coarsest by refining (red edges) and replacing (black edges)."""
+    first, last = (graph.root, 0), [finest - n for n in _left_out(graph)]
+    order, waiting = {first: 0}, [first]
+    while waiting:
+        at = waiting.pop(0)
+        exemplar, level = at
+        for to in [*((t, k) for t, k, _ in _admissible(graph, at, last)), (exemplar, min(level + 1, finest))]:
+            if to not in order:
+                order[to] = len(order)
+                waiting.append(to)
+    stacks = tuple(order)
+    admissible = tuple(tuple((order[t, k], r) for t, k, r in _admissible(graph, at, last)) for at in stacks)
+    finer = tuple(order[exemplar, min(level + 1, finest)] for exemplar, level in stacks)
+    return Levels(finest, stacks, admissible, finer)
+
+
+def _admissible(graph: Graph, at: tuple[int, int], last: list[int]) -> list[tuple[int, int, int]]:
+    """A(E_k^i) as (exemplar, level, r): HRRG08 section 3.3; the level itself where nothing else is admissible.
+
+    `last` says the finest level of each exemplar that may be used.
+    """
+    exemplar, level = at
+    found = [(exemplar, level, 0)] if level <= last[exemplar] else []
+    for source, destination, r in graph.edges:
+        to = (destination, level - r, r)
+        if source == exemplar and r <= level <= last[destination] + r and to not in found:
+            found.append(to)
+    return found or [(exemplar, level, 0)]
+
+
+def _left_out(graph: Graph) -> tuple[int, ...]:
+    """How many of each exemplar's finest levels lead nowhere, so that synthesis goes on to the next exemplar.
+
+    Departure from HRRG08, where it is one of every exemplar: none where no edge leaves an exemplar, because its own
+    pixels are what is wanted there; more before edges with r = 0, or an exemplar would be left when it is too late.
+    """
+    count = range(len(graph.names))
+    least = [int(graph.leads_on(n)) for n in count]
+    found = list(least)
+    for _ in count:
+        for n in count:
+            onward = [found[j] + 1 - r for i, j, r in graph.edges if i == n]
+            found[n] = max(least[n], min(onward, default=0))
+    return tuple(found)

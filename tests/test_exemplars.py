@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exemplar graphs: what a document says, and what exactly is wrong with it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from oiiotex.errors import ImageError
+from oiiotex.synthesis.exemplars import Edge, Graph, parse_graph, read_graph
+from tests.conftest import data_folder
+
+
+def document(edges=(), names="abc", **more):
+    return {"exemplars": [{"id": n, "file": f"{n}.png"} for n in names], "edges": list(edges), **more}
+
+
+def edge(source, destination, **relation):
+    return {"from": source, "to": destination, **relation}
+
+
+CHAIN = (edge("a", "b", r=2), edge("b", "c", r=1))
+
+
+def parsed(found):
+    return parse_graph(found, Path("maps/g.json"))
+
+
+def test_a_document_says_exemplars_root_edges_jitter_and_seed():
+    graph = parsed(document(CHAIN, jitter=[0, 0.5], seed=9))
+    assert graph.names == ("a", "b", "c") and graph.root == 0
+    assert graph.files[1] == Path("maps/b.png")
+    assert graph.edges == (Edge(0, 1, 2), Edge(1, 2, 1))
+    assert (graph.jitter, graph.seed, graph.factors) == ((0.0, 0.5), 9, (1.0, 1.0, 1.0))
+    assert graph.depth() == 3
+
+
+def test_loops_are_kept_and_do_not_hide_the_root():
+    graph = parsed(document([edge("a", "b", r=1), edge("b", "b", r=2), edge("a", "a", r=0)], "ab"))
+    assert graph.edges == (Edge(0, 1, 1), Edge(1, 1, 2))  # r = 0 to itself is implied
+    assert graph.in_loop(1) and not graph.in_loop(0)
+    assert graph.leads_on(0) and graph.depth() == 1
+    longer = parsed(document([edge("a", "b", r=1), edge("b", "a", r=1)], "ab", root="a"))
+    assert longer.in_loop(0) and longer.in_loop(1) and longer.depth() == 1
+
+
+def test_ratios_become_whole_octaves_counted_from_the_root():
+    graph = parsed(document([edge("a", "b", scale=2.5), edge("b", "c", scale=2.5)]))
+    assert [e.r for e in graph.edges] == [1, 2]  # 6.25 in all: 8 is nearer than 4
+    assert graph.factors == pytest.approx((1.0, 2 / 2.5, 8 / 6.25))
+    assert all(1 / math.sqrt(2) <= f <= math.sqrt(2) for f in graph.factors)
+
+
+@pytest.mark.parametrize(
+    "name, depth", [("map1800_bobruisk", 4), ("mars", 3), ("drone_caliterra", 2), ("sand_grain_ladder", 2)]
+)
+def test_the_test_graphs_are_imported(name, depth):
+    graph = read_graph(data_folder() / "multiscale" / name / "graph.json")
+    assert graph.root == 0 and graph.depth() == depth
+    assert all(file.is_file() for file in graph.files)
+    assert all(abs(f - 1) < 0.26 for f in graph.factors)
+
+
+def test_yaml_says_the_same_where_it_can_be_read(tmp_path):
+    path = tmp_path / "g.yaml"
+    path.write_text("exemplars: [{id: a, file: a.png}]\nedges: [{from: a, to: a, r: 1}]\n")
+    try:
+        import yaml  # noqa: F401
+    except ImportError:
+        with pytest.raises(ImageError, match="PyYAML is not installed"):
+            read_graph(path)
+    else:
+        assert read_graph(path).edges == (Edge(0, 0, 1),)
+
+
+WRONG = [
+    ([], "an object of exemplars, nodes, root, edges is wanted, not list"),
+    ({}, "there is no exemplar"),
+    ({"exemplars": {}}, "exemplars is a list, not dict"),
+    (document(CHAIN, nodes=[]), "exemplars and nodes are the same"),
+    (document(CHAIN, sede=1), "unknown 'sede', did you mean 'seed'"),
+    ({"exemplars": [{"id": "a"}]}, "exemplar 'a' has no file"),
+    ({"exemplars": [{}]}, "exemplar 0 has no id"),
+    (document((), "aa"), "there are two exemplars 'a'"),
+    (document([edge("a", "x", r=1)]), "edge a -> x: there is no exemplar 'x'; there is a, b, c"),
+    (document([{"from": "a", "r": 1}]), r"edge a -> \?: there is no exemplar named by 'to'"),
+    (document([edge("a", "b")]), "edge a -> b: either r or scale"),
+    (document([edge("a", "b", r=1, scale=2)]), "edge a -> b: either r or scale"),
+    (document([edge("a", "b", r=1.5)]), r"edge a -> b: r=1.5: allowed is a whole number >= 0"),
+    (document([edge("a", "b", r=-1)]), r"edge a -> b: r=-1: allowed is a whole number >= 0"),
+    (document([edge("a", "b", scale=0.5)]), r"edge a -> b: scale=0.5: allowed is a number >= 1"),
+    (document([*CHAIN, edge("c", "a", r=1)]), "there is no root: say root, every exemplar is the end of an edge"),
+    (document([edge("a", "c", r=1)]), "there is no root: say root, a or b"),
+    (document(CHAIN, root="x"), "root 'x' is no exemplar; there is a, b, c"),
+    (document([edge("a", "b", r=1)], root="a"), "no edges lead from root 'a' to exemplar 'c'"),
+    (document([*CHAIN, edge("c", "c", scale=3)]), "edge c -> c: scale=3 is no power of two and closes a loop"),
+    (document(CHAIN, jitter=[2]), "jitter 2: allowed is a number >= 0 and <= 1"),
+    (document(CHAIN, jitter=[]), "jitter has no levels"),
+    (document(CHAIN, seed=-1), "seed=-1: allowed is a whole number"),
+]
+
+
+@pytest.mark.parametrize("found, message", WRONG, ids=[message[:40] for _, message in WRONG])
+def test_what_is_wrong_is_said(found, message):
+    with pytest.raises(ImageError, match=message) as caught:
+        parsed(found)
+    assert str(caught.value).startswith("maps/g.json: ") and "\n" not in str(caught.value)
+
+
+def test_what_cannot_be_read_is_said(tmp_path):
+    with pytest.raises(ImageError, match="No such file"):
+        read_graph(tmp_path / "none.json")
+    (tmp_path / "bad.json").write_text("{")
+    with pytest.raises(ImageError, match=r"not JSON: .* line 1"):
+        read_graph(tmp_path / "bad.json")
+    (tmp_path / "bytes.json").write_bytes(b"\xff\xfe")
+    with pytest.raises(ImageError, match="not text"):
+        read_graph(tmp_path / "bytes.json")
+
+
+def test_edges_over_more_octaves_than_stacks_overlap_are_refused():
+    graph = parsed(document(json.loads(json.dumps(CHAIN))))
+    graph.require_levels(5, "g.json")
+    with pytest.raises(ImageError, match=r"edge a -> b: r=2 is more than r_max = L - 3 = 1 of exemplars .* 16 px"):
+        graph.require_levels(4, "g.json")
+
+
+def test_one_exemplar_is_a_graph_without_edges():
+    graph = Graph.single("photo.jpg")
+    assert (graph.names, graph.edges, graph.depth(), graph.leads_on(0)) == (("photo.jpg",), (), 0, False)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Multiscale synthesis: the kernels against the oracle, any window against the whole, what a zoom keeps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oiiotex.device import Device, choose
+from oiiotex.errors import DeviceError, ParameterError
+from oiiotex.synthesis.candidates import Stacks, analyse, lively_texels
+from oiiotex.synthesis.exemplars import Graph
+from oiiotex.synthesis.multiscale import KEPT_IN_LOOPS, Settings, Synthesizer, default_jitter, plan, schedule
+from oiiotex.windows import Window
+from tests import pictures
+from tests.reference.multiscale import Oracle
+from tests.test_candidates import exemplar_of, graph_of, stacks_of
+
+BUDGET = 1 << 30
+FAR = 1 << 40
+
+
+def analysed(device, graph, *pictures_of, correct=True):
+    stacks = stacks_of(graph, *map(exemplar_of, pictures_of))
+    loops = [n for n in range(len(graph.names)) if graph.in_loop(n)]
+    lively = lively_texels(stacks.levels, stacks.planes, loops) if loops else None
+    stacks = Stacks(stacks.levels, stacks.planes, stacks.usable, lively)
+    return analyse(device, stacks, 16, correct, BUDGET, lambda done, total: None, None)
+
+
+@pytest.fixture(scope="module")
+def loop(device):
+    """A loop and a chain of two exemplars that do not agree in colour, 16 px."""
+    graph = graph_of("ab", ("a", "b", 1), ("b", "b", 1))
+    return analysed(device, graph, pictures.pebbles(16, 16, 2), pictures.noise(16, 16, 1)[..., None] * [0.5, 0.6, 0.4])
+
+
+@pytest.fixture(scope="module")
+def plain(device):
+    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1))
+
+
+def settings(**more):
+    return Settings(**{"seed": 3, "jitter": (0.0, 0.6, 0.6, 0.6, 0.3), "kept": 0.8, **more})
+
+
+@pytest.mark.parametrize("lanes", [1, 16, 32])
+@pytest.mark.parametrize("place", [(-3, 2), (FAR + 5, -FAR)], ids=["origin", "far"])
+def test_a_window_is_the_oracles(loop, lanes, place):
+    narrow = type("Lanes", (Device,), {"lanes": lanes})(choose())
+    window = Window.sized(*place, 7, 6)
+    oracle = Oracle(loop, settings())
+    made = Synthesizer(narrow, loop, settings(), BUDGET).window(6, window)
+    texel, offset = oracle.window(6, *window)
+    np.testing.assert_array_equal(made.texel, texel)
+    np.testing.assert_array_equal(made.offset[..., :3], offset)
+    assert offset.any()  # it has come to the other exemplar, and taken colours along
+    assert {loop.stacks.levels.stacks[n][0] for n in np.unique(texel >> 8)} == {1}
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 3])
+def test_coarse_levels_are_the_oracles(device, loop, level):
+    window = Window(-2, -1, 5, 4)
+    made = Synthesizer(device, loop, settings(), BUDGET).window(level, window)
+    texel, offset = Oracle(loop, settings()).window(level, *window)
+    np.testing.assert_array_equal(made.texel, texel)
+    np.testing.assert_array_equal(made.offset[..., :3], offset)
+
+
+@pytest.mark.parametrize("passes", [1, 2, 3])
+@pytest.mark.parametrize("level, far", [(7, 0), (9, FAR), (60, FAR), (60, (1 << 59) + 12345)])
+def test_any_window_is_the_whole_cropped(device, loop, passes, level, far):
+    """Promise 2, at the origin, far from it, and 60 levels down."""
+    maker = Synthesizer(device, loop, settings(passes=passes), BUDGET)
+    whole = Window.sized(far - 21, -far + 13, 70, 61)
+    texel, offset = maker.window(level, whole)
+    random = np.random.default_rng(level + passes)
+    for _ in range(12):
+        left, right = np.sort(random.choice(71, 2, replace=False)) + whole.left
+        top, bottom = np.sort(random.choice(62, 2, replace=False)) + whole.top
+        window = Window(int(left), int(top), int(right), int(bottom))
+        found = maker.window(level, window)
+        np.testing.assert_array_equal(found.texel, texel[window.inside(whole)])
+        np.testing.assert_array_equal(found.offset, offset[window.inside(whole)])
+    assert len(np.unique(texel)) > 100
+
+
+@pytest.mark.parametrize("window", [Window(-3, 2, 2, 5), Window(4, 7, 6, 10)], ids=str)
+def test_the_halo_is_what_the_oracle_asks_for(loop, window):
+    """Neither less, which would show, nor more, which would cost: on every level, before every subpass."""
+    oracle = Oracle(loop, settings())
+    oracle.window(5, *window)
+    for level, windows in plan(window, 5, 2):
+        for sub, needed in enumerate(windows):
+            asked = np.array([(x, y) for t, s, x, y in oracle.known if (t, s) == (level, sub)])
+            assert needed == Window(*asked.min(0), *(asked.max(0) + 1))
+
+
+def test_what_a_window_needs():
+    """Halo of the finest level: 8 or 9 px along x, 10 or 11 along y; deep levels cost a constant window each."""
+    for left in range(2):
+        for size in (64, 65):
+            entry = plan(Window.sized(left, left, size, size), 20, 2)
+            first = entry[-1].windows[0]
+            assert {left - first.left, first.right - left - size} <= {8, 9}
+            assert {left - first.top, first.bottom - left - size} <= {10, 11}
+            assert len(entry) == 21 and len(entry[-1].windows) == 9 and len(entry[1].windows) == 1
+    deep = [e.windows[0] for e in plan(Window.sized(FAR, FAR, 64, 64), 40, 2)]
+    assert max(w.width for w in deep[2:30]) <= 38 and max(w.height for w in deep[2:30]) <= 46
+    assert all(a != b for a, b in zip(schedule(3), schedule(3)[1:], strict=False))
+
+
+def test_a_torus_repeats(device, plain):
+    around = settings(around=(64, 96), around_level=5)
+    maker = Synthesizer(device, plain, around, BUDGET)
+    one = maker.window(5, Window.sized(0, 0, 64, 96))
+    for x, y in ((64, 0), (0, -96), (128, 96)):
+        np.testing.assert_array_equal(maker.window(5, Window.sized(x, y, 64, 96)).texel, one.texel)
+    free = Synthesizer(device, plain, settings(), BUDGET).window(5, Window.sized(64, 0, 64, 96))
+    assert (free.texel != one.texel).mean() > 0.3
+
+
+def test_without_jitter_the_root_itself_comes_out(device, plain):
+    maker = Synthesizer(device, plain, settings(jitter=(0.0,)), BUDGET)
+    found = maker.window(5, Window(0, 0, 32, 32)).texel
+    finest = plain.stacks.levels.stacks.index((0, 5))
+    np.testing.assert_array_equal(found, finest * 1024 + np.arange(1024).reshape(32, 32))
+
+
+def test_jitter_by_level():
+    assert default_jitter(6) == (0.0, 0.6, 0.6, 0.6, 0.6, 0.0)
+    assert default_jitter(6, locked=3) == (0.0, 0.0, 0.0, 0.0, 0.6, 0.0)
+    assert settings().rho(9) == round(256 * 0.3)
+
+
+def test_seeds_differ(device, plain):
+    a, b = (Synthesizer(device, plain, settings(seed=s), BUDGET).window(5, Window(0, 0, 40, 40)) for s in (1, 2))
+    assert (a.texel != b.texel).mean() > 0.3
+
+
+def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
+    with pytest.raises(DeviceError, match=r"the analysed exemplars needs 1 MB, the budget is 1 MB"):
+        Synthesizer(device, plain, settings(), 1 << 10)
+    with pytest.raises(DeviceError, match=r"a window of 4096x4096 pixels needs \d+ MB, the budget is 4 MB"):
+        Synthesizer(device, plain, settings(), 4 << 20).window(5, Window(0, 0, 4096, 4096))
+    with pytest.raises(ParameterError, match="level=61"):
+        Synthesizer(device, plain, settings(), BUDGET).window(61, Window(0, 0, 4, 4))
+
+
+@pytest.mark.parametrize("name", ["gravel", "grass"])
+def test_a_zoom_without_end_keeps_its_contrast(device, name):
+    """One exemplar that is alike twice of itself: octaves down it is neither flat nor out of its gamut."""
+    data = pytest.importorskip("skimage.data")
+    photo = getattr(data, name)()[:128, :128, None] / 255.0 * np.ones(3)
+    made = analysed(device, graph_of("a", ("a", "a", 1)), photo)
+    plain = made.stacks
+    maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7), kept=KEPT_IN_LOOPS), BUDGET)
+    exemplar = plain.planes[plain.levels.stacks.index((0, 7))][..., 0].astype(np.float64)
+    for level in (12, 20, 40):
+        found = []
+        for x, y in ((0, 0), (5000, 7000), (-3000, 99), (777, -1 << 20)):
+            state = maker.window(level, Window.sized(x, y, 128, 128))
+            colour = plain.planes.reshape(-1, 4)[state.texel, 0].astype(np.float64) + state.offset[..., 0]
+            assert exemplar.min() < colour.mean() < exemplar.max()
+            found.append(colour.std())
+        assert np.mean(found) == pytest.approx(exemplar.std(), rel=0.25)
