@@ -142,6 +142,7 @@ def test_a_composite_is_a_quilt_of_its_own_grown_map():
     np.testing.assert_array_equal(pixels(made["composite"]), pixels(quilt))
 
 
+@pytest.mark.slow
 def test_one_command_from_a_photo(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     line = ("photo.png", "--iscolorspace", "sRGB", "--texlabel:keep=1", "--texcomposite:size=300x260:tile=xy:patch=16")

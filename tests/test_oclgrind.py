@@ -92,7 +92,9 @@ UNUSED = {"superpixels_clear"}  # by wide lanes
 
 
 @pytest.mark.skipif(not any(d.platform == "Oclgrind" for d in device.devices()), reason="Oclgrind is not installed")
-@pytest.mark.parametrize("lanes", [1, 16, 32])
+@pytest.mark.parametrize(
+    "lanes", [pytest.param(1, marks=pytest.mark.slow), pytest.param(16, marks=pytest.mark.slow), 32]
+)
 @pytest.mark.parametrize("files", USES)
 def test_oclgrind_finds_nothing(tmp_path, files, lanes):
     log = tmp_path / "log"

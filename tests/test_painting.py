@@ -215,6 +215,7 @@ def test_what_is_wrong_is_said(palette, tmp_path):
         filters.palette(photo(), session=Session(budget=1 << 20))
 
 
+@pytest.mark.slow
 def test_from_photo_to_painting_on_the_command_line(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     lines = [

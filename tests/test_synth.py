@@ -62,6 +62,7 @@ def test_a_texture_of_any_size_grows_from_a_photo(folder):
     assert (big[:, 64:128] != big[:, :64]).any(-1).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_what_a_pixel_is_does_not_hang_on_the_window_it_is_asked_with(folder):
     """Promise 2 through the program: windows of a larger size, and of none."""
     run(folder, "photo.png", "--texsynth:size=300x280", "-o", "whole.exr")
@@ -89,6 +90,7 @@ def test_windows_far_away_and_far_down(folder):
     assert len(np.unique(b.reshape(-1, 3), axis=0)) > 20
 
 
+@pytest.mark.slow
 def test_shares_of_a_farm_are_the_whole_when_they_are_put_together(folder):
     run(folder, "photo.png", "--texsynth:size=70x50", "-o", "whole.exr")
     for n in (1, 2, 3):
@@ -103,6 +105,7 @@ def test_shares_of_a_farm_are_the_whole_when_they_are_put_together(folder):
         assert f"tiles={wrong}: allowed is I/N" in refusal(folder, "photo.png", f"--texsynth:size=70x50:tiles={wrong}")
 
 
+@pytest.mark.slow
 def test_a_toroidal_texture_tiles(folder):
     random, place = np.random.default_rng(0), np.arange(64) / 64 * 2 * np.pi
     waves = [np.cos(k * place[:, None] + n * place + random.random() * 7) for k in range(-6, 7) for n in range(1, 7)]

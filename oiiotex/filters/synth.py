@@ -70,7 +70,9 @@ class Synth(Op):
         None, ge=1, le=1 << 30, unit="px", help="of the result; the window's, or the exemplar's own, when left out"
     )
     window: str | None = param(None, help="WxH+X+Y: only these pixels of the plane")
-    tiles: str | None = param(None, help="I/N: the share I, from 1 to N, of these pixels, some rows of them, for a farm")
+    tiles: str | None = param(
+        None, help="I/N: the share I, from 1 to N, of these pixels, some rows of them, for a farm"
+    )
     level: int | None = param(
         None, ge=0, le=MOST_LEVEL, help="octaves below a pixel as large as the root; the finest that exemplars hold"
     )
