@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 from dataclasses import dataclass
@@ -20,8 +19,7 @@ from ..images import Image, Part, dtype_of, from_pixels
 from ..op import Op, Output, Reach, Space
 from ..params import Numbers, image, param
 from ..session import Session
-from ..temporary import temporary_beside
-from .label import RHO
+from .label import RHO, write_json
 from .labelview import PAPER, TEXT, coloured, shown_pixels, with_text
 from .sources import LABELS, label_parts
 
@@ -90,7 +88,7 @@ class Content(Op):
         for line in lines if session.say is not None else ():
             session.say(line)
         if self.json is not None:
-            _write(self.json, _facts(found, key, level, left, top, histograms), session)
+            write_json(self.json, _facts(found, key, level, left, top, histograms), session)
         picture = self._picture(first, ids, session)
         drawn = _key_table(picture, ids, found) if self.table else _marked(picture, found, key, left, top)
         return _view(drawn, self.source.source)
@@ -187,9 +185,3 @@ def _view(picture: np.ndarray, source: str) -> Image:
     spec.attribute("oiio:subimagename", "view")
     pixels = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
     return Image((from_pixels("view", pixels, spec, spec.format),), source)
-
-
-def _write(path: Path, facts: dict[str, Any], session: Session) -> None:
-    with temporary_beside(path) as temporary:
-        temporary.write_text(json.dumps(facts, indent=1))
-    session.written.add(os.path.realpath(path))
