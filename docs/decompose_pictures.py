@@ -23,9 +23,10 @@ LANDSCAPES = (
     "photos/drone_track_grass_soil.jpg", "photos/fieldstone_wall_kodim01.jpg",
     "photos/naip_prairie_potholes_2014_rgbn.tif",
 )  # fmt: skip
+UNSHIFTED = ("drone_track_grass_soil.jpg", "moss_grass_stones_ground.jpg", "castle_brick_broken.jpg")
 COMPOSED = (
-    ("photos/moss_grass_stones_ground.jpg", None), ("photos/castle_brick_broken.jpg", None),
-    ("photos/onyx_veins.jpg", 64),
+    ("photos/moss_grass_stones_ground.jpg", {}, None), ("photos/castle_brick_broken.jpg", {}, None),
+    ("photos/onyx_veins.jpg", {"threshold": 0.6}, 64),
 )  # fmt: skip
 
 
@@ -73,13 +74,27 @@ def landscapes() -> None:
 def composites() -> None:
     """CZF02 figure 7: photos, their subtextures, and what is composed of these at one and a half times the width."""
     rows = []
-    for name, patch in COMPOSED:
+    for name, values, patch in COMPOSED:
         photo = shrunk(oiio.ImageBuf(str(data_folder() / name)), 512)
-        parts = filters.decompose(photo, keep=True)
+        parts = filters.decompose(photo, keep=True, **values)
         made = filters.composite(parts, size=(768, 512), patch=patch)
         ids = parts["label.1"].get_pixels(oiio.UINT32)[..., 0]
         rows.append(beside(halved(pixels(photo)), painted(ids, 256), halved(pixels(made))))
     write_jpeg(stacked(rows, 6), "decompose_composite.jpg", 70)
+
+
+def unshifted() -> None:
+    """Photos, their subtextures, and those that plain comparison finds."""
+    rows = []
+    for name in UNSHIFTED:
+        photo = shrunk(oiio.ImageBuf(str(data_folder() / "photos" / name)), 512)
+        row = [small(pixels(photo), 192)]
+        for values in ({}, {"shift": 0.0}):
+            ids = filters.decompose(photo, **values).get_pixels(oiio.UINT32)[..., 0]
+            print(f"{name} {values}: {ids.max()} subtextures")
+            row.append(painted(ids, 192))
+        rows.append(beside(*row))
+    write_jpeg(stacked(rows), "decompose.jpg")
 
 
 if __name__ == "__main__":
@@ -87,3 +102,4 @@ if __name__ == "__main__":
     judged()
     landscapes()
     composites()
+    unshifted()

@@ -25,7 +25,6 @@ COLUMNS = (
     "stained_plaster_wall.jpg", "castle_brick_broken.jpg", "chalkboard_scratched.jpg", "rust_barrel_side.jpg",
     "sail_cloth_stained.jpg", "rebar_concrete_decayed.jpg",
 )  # fmt: skip
-DECOMPOSED = ("drone_track_grass_soil.jpg", "moss_grass_stones_ground.jpg", "castle_brick_broken.jpg")
 LAYERED = (("rust_barrel_side.jpg", 3), ("moss_grass_stones_ground.jpg", 4), ("sandstone_wall_cracked.jpg", 3))
 
 
@@ -343,24 +342,6 @@ def clean_quilt(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None
     write_jpeg(halved(beside(pixels(photo), left, *(pixels(q) for q in quilts))), "dominant_quilt.jpg")
 
 
-def decompositions() -> None:
-    """Photos, their subtextures, and those that plain comparison finds."""
-    colours = distinct_colours()
-    rows = []
-    for name in DECOMPOSED:
-        photo = test_photo(name)
-        if photo is None:
-            return
-        photo = shrunk(photo, 512)
-        row = [small(pixels(photo), SIDE)]
-        for values in ({}, {"shift": 0.0}):
-            ids = filters.decompose(photo, **values).get_pixels(oiio.UINT32)[..., 0].astype(int)
-            print(f"{name} {values}: {ids.max()} subtextures")
-            row.append(np.rint(255 * colours[(small(ids, SIDE) - 1) % len(colours)]).astype(np.uint8))
-        rows.append(beside(*row))
-    write_jpeg(stacked(rows), "decompose.jpg")
-
-
 def quilts() -> None:
     """Test photos and what is quilted from them; a guide and its quilt; the content of a photo."""
     panes = []
@@ -421,7 +402,6 @@ if __name__ == "__main__":
     dominant_columns()
     dominant_failures()
     clean_quilt()
-    decompositions()
     quilts()
     quilts_beside_peers()
     demo_pictures()
