@@ -37,7 +37,7 @@ class Multiscale(Op):
         False,
         ge=0,
         le=MOST_LEVEL,
-        help="1: no jitter up to the root's own resolution, finer detail for the root as it is; 2 and more: to that level",
+        help="1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level",
     )
     correct: bool = param(True, help="bring exemplars that do not agree in colour together (HRRG08 section 5)")
     dims: int = param(16, ge=1, le=16, help="of projected neighbourhoods; 6 are the paper's, 16 repeat less")
