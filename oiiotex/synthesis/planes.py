@@ -7,6 +7,7 @@ pixels with their offset on them (`Plane.pixels`).
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -165,9 +166,18 @@ def opened(
         exemplars, lens = load_exemplars(images, graph.factors, config, session.autocc, side, graph.root)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
-    analysis = _analysed(session, graph, exemplars, finest, dims, correct)
-    _report_shares(graph, analysis)
+    key = _digest(graph, exemplars, dims, correct)
+    analysis = session.once(key, lambda: _analysed(session, graph, exemplars, finest, dims, correct))
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
+
+
+def _digest(graph: Graph, exemplars: tuple[Exemplar, ...], *more: object) -> str:
+    """What an analysis follows from, as a word."""
+    seen = hashlib.blake2b(repr((graph, more)).encode())
+    for exemplar in exemplars:
+        for array in (exemplar.values, exemplar.opaque):
+            seen.update(b"" if array is None else np.ascontiguousarray(array))
+    return seen.hexdigest()
 
 
 def _analysed(
@@ -190,7 +200,9 @@ def _analysed(
         loops = [n for n in range(len(exemplars)) if graph.in_loop(n)]
         stacks = Stacks(levels, planes, usable, lively_texels(levels, planes, loops) if loops else None)
     folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
-    return analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    found = analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    _report_shares(graph, found)
+    return found
 
 
 def _report_shares(graph: Graph, analysis: Analysis) -> None:
