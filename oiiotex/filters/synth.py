@@ -65,6 +65,9 @@ class Synth(Multiscale):
         None, ge=0, le=MOST_LEVEL, help="octaves below a pixel as large as the root; the finest that exemplars hold"
     )
     toroidal: bool = param(False, help="the result of that size tiles")
+    resume: bool = param(
+        False, help="keep finished pieces in OUT.parts until OUT is whole: a run that was killed goes on from there"
+    )
     stmap: bool | Path = param(False, help="1: source coordinates as parts of the result; a file name: there")
 
     def single(self, name: str) -> Graph:
@@ -82,14 +85,16 @@ class Synth(Multiscale):
         settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level)
         maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
         session.device.collect(session.stats)
-        states = States(session, maker, level, window, display or window)
+        key = plane.key(settings, level) if self.resume else ""
+        states = States(session, maker, level, window, display or window, key)
         spec = texture_spec(first.spec, states.display, states.place, self.toroidal)
         spec.attribute("oiiotex:level", level)
         spec.attribute("oiiotex:window", str(window))
         texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.spec.format)
         maps = self._maps(plane, states)
         if isinstance(self.stmap, Path):
-            write(Image(maps, str(self.stmap)), self.stmap, oiio.TypeDesc(oiio.FLOAT))
+            with session.keeping(self.stmap):
+                write(Image(maps, str(self.stmap)), self.stmap, oiio.TypeDesc(oiio.FLOAT))
             session.written.add(os.path.realpath(self.stmap))
         return Image((texture, *(maps if self.stmap is True else ())), self.source)
 
