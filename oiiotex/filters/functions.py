@@ -59,19 +59,22 @@ def result(op: Op, session: Session) -> Image:
 
 def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> Op:
     declared = op.taken(values)
-    if len(images) != len(declared):
+    many = declared[0] if len(declared) == 1 and declared[0].many else None
+    if not images if many else len(images) != len(declared):
         raise ParameterError(
-            f"{op.name} takes {len(declared)} images ({', '.join(i.name for i in declared)}), not {len(images)}"
+            f"{op.name} takes {'one image or more' if many else f'{len(declared)} images'}"
+            f" ({', '.join(i.name for i in declared)}), not {len(images)}"
         )
     optional = [i.name for i in op.optional_images()]
     known = [p.name for p in op.parameters()] + optional
     for name in values:
         if name not in known:
             raise ParameterError(f"{op.name}: unknown parameter '{name}'{nearest(name, known)}")
-    given: dict[str, Image] = {i.name: _image(buffers) for i, buffers in zip(declared, images, strict=True)}
+    held = tuple(map(_image, images))
+    given: dict[str, Any] = {many.name: held} if many else {i.name: h for i, h in zip(declared, held, strict=True)}
     for name in optional:
         if values.get(name) is not None:
-            given[name] = _keyword(op, name, values[name], next(iter(given.values()), None))
+            given[name] = _keyword(op, name, values[name], held[0] if held else None)
     return op(**{**{i.name: None for i in op.images()}, **values, **given})
 
 
@@ -114,7 +117,9 @@ def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
 
 def _signature(op: type[Op]) -> inspect.Signature:
     kinds = inspect.Parameter
-    positional = [kinds(i.name, kinds.POSITIONAL_ONLY, annotation=Images) for i in op.images()]
+    positional = [
+        kinds(i.name, kinds.VAR_POSITIONAL if i.many else kinds.POSITIONAL_ONLY, annotation=Images) for i in op.images()
+    ]
     keywords = [kinds(p.name, kinds.KEYWORD_ONLY, default=p.default) for p in (*op.optional_images(), *op.parameters())]
     roi = kinds("roi", kinds.KEYWORD_ONLY, default=None, annotation=oiio.ROI | None)
     nthreads = kinds("nthreads", kinds.KEYWORD_ONLY, default=0, annotation=int)
@@ -125,7 +130,8 @@ def _signature(op: type[Op]) -> inspect.Signature:
 def _docstring(op: type[Op]) -> str:
     lines = [inspect.getdoc(op) or "", "", "Parameters", "----------"]
     for i in op.images():
-        lines += [f"{i.name} : ImageBuf, or a dict of them by part", f"    {i.help}"]
+        star = "*" if i.many else ""
+        lines += [f"{star}{i.name} : ImageBuf, or a dict of them by part", f"    {i.help}"]
     for i in op.optional_images():
         lines += [f"{i.name} : ImageBuf, dict of them, or the name of a part of the first image; default None"]
         lines += [f"    {i.help}"]

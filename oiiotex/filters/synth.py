@@ -161,14 +161,16 @@ class Synth(Multiscale):
         found = [("st", names, coordinates)] + ([("transfer", ("R", "G", "B"), transfers)] if several else [])
         kind = oiio.TypeDesc(oiio.FLOAT)
         return tuple(
-            Part(name, _map_spec(states.place, channels), fetch, kind, exact=True) for name, channels, fetch in found
+            Part(name, _map_spec(states, channels), fetch, kind, exact=True) for name, channels, fetch in found
         )
 
 
-def _map_spec(place: Window, channels: tuple[str, ...]) -> oiio.ImageSpec:
-    spec = oiio.ImageSpec(place.width, place.height, len(channels), oiio.FLOAT)
-    spec.x = spec.full_x = place.left
-    spec.y = spec.full_y = place.top
+def _map_spec(states: States, channels: tuple[str, ...]) -> oiio.ImageSpec:
+    """Of a part beside the texture, in the same windows: files of several parts want that."""
+    spec = oiio.ImageSpec(states.place.width, states.place.height, len(channels), oiio.FLOAT)
+    spec.x, spec.y = states.place[:2]
+    spec.full_x, spec.full_y = states.display[:2]
+    spec.full_width, spec.full_height = states.display.width, states.display.height
     spec.channelnames = channels
     spec.attribute("oiio:ColorSpace", "data")
     return spec
