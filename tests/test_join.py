@@ -80,15 +80,21 @@ def test_gaps_are_found():
 OTHER = WHOLE.copy()
 OTHER[25, 7, 1] += 1e-6
 WRONG = [
-    ((share(0, 0, 70, 20), share(0, 30, 70, 50)), r"^70x10\+0\+20 of 70x50\+0\+0 is in none of the 2 images"),
+    (lambda: (share(0, 0, 70, 20), share(0, 30, 70, 50)), r"^70x10\+0\+20 of 70x50\+0\+0 is in none of the 2 images"),
     (
-        (share(0, 0, 70, 20, oiiotex_parameters="a=1:tiles=1/3"), share(0, 30, 70, 50, oiiotex_parameters="tiles=3/3")),
+        lambda: (
+            share(0, 0, 70, 20, oiiotex_parameters="a=1:tiles=1/3"),
+            share(0, 30, 70, 50, oiiotex_parameters="tiles=3/3"),
+        ),
         r"^tiles=2/3 missing: 70x10\+0\+20 of",
     ),
-    ((share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)), r"overlap in 70x10\+0\+20 and differ there, first at 7,25$"),
-    ((share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])), "has channels Y, .* has R,G,B: shares of one image"),
+    (lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)), r"overlap in 70x10\+0\+20 and differ there, first at 7,25$"),
+    (lambda: (share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])), "has channels Y, .* has R,G,B: shares of one image"),
     (
-        (share(0, 0, 70, 30, oiiotex_parameters="seed=1:x=2"), share(0, 30, 70, 50, oiiotex_parameters="seed=2")),
+        lambda: (
+            share(0, 0, 70, 30, oiiotex_parameters="seed=1:x=2"),
+            share(0, 30, 70, 50, oiiotex_parameters="seed=2"),
+        ),
         "has been made with seed=2, .* has seed=1: shares",
     ),
 ]  # fmt: skip
@@ -97,7 +103,7 @@ WRONG = [
 @pytest.mark.parametrize("shares, message", WRONG, ids=["gap", "missing", "unlike", "channels", "seed"])
 def test_what_does_not_fit_is_refused_by_name(shares, message):
     with pytest.raises(errors.ImageError, match=message):
-        filters.join(*shares)
+        filters.join(*shares())
 
 
 @pytest.fixture(scope="module")
