@@ -210,8 +210,8 @@ class Synthesizer:
         run, tables, length = self._run, self._tables, self._length
         place = whole.width, left - whole.left, top - whole.top, *count
         run(
-            "correct", (-(-count[0] // length), count[1]), held["texel"], held["r"], held["colour"], tables["links"], tables["records"],
-            tables["offsets"], tables["basis"], tables["spacing"], self._side, *place,
+            "correct", (-(-count[0] // length), count[1]), held["texel"], held["r"], held["colour"], tables["links"],
+            tables["records"], tables["offsets"], tables["basis"], tables["spacing"], self._side, *place,
             round(16 * (self._settings.penalty - 1)),
         )  # fmt: skip
         run("colour", count, held["texel"], held["r"], tables["stack"], held["colour"], *place)
