@@ -58,6 +58,7 @@ class Parameter:
     choices: tuple[Any, ...] = ()
     positional: bool = False  # on the command line a word of its own behind the op; else a modifier
     many: bool = False  # an input that is a tuple of images, as many as the op takes
+    frame: bool = False  # where it is left out, a sequence of the command line says it: the frame's number
 
     @property
     def attribute(self) -> str:
@@ -145,9 +146,13 @@ def param(
     ge: float | None = None,
     le: float | None = None,
     choices: Iterable[Any] = (),
+    frame: bool = False,
 ) -> Any:
-    """Declare a parameter as a dataclass field. `ge` and `le` bound it (for a Size: both sides)."""
-    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices)}
+    """Declare a parameter as a dataclass field. `ge` and `le` bound it (for a Size: both sides).
+
+    `frame`: where it is left out, --frames says it.
+    """
+    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "frame": frame}
     return dataclasses.field(default=default, metadata={_FIELD: facts})
 
 

@@ -225,6 +225,7 @@ class Chain:
 
     def apply(self, op: type[Op], **values: Any) -> None:
         """Replace the op's operands on the stack by its result."""
+        values = self._of_frame(op) | values
         count = op.arity(values, len(self.stack))
         operands = self.stack[len(self.stack) - count :]
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
@@ -235,6 +236,11 @@ class Chain:
         self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
         self.user |= bound.facts() if isinstance(bound, HostOp) else {}
         self.unwritten = True
+
+    def _of_frame(self, op: type[Op]) -> dict[str, Any]:
+        """The frame's number for the op's parameters that are the number of a frame."""
+        number = self.frame.number if self.frame else None
+        return {p.attribute: number for p in op.parameters() if p.frame and number is not None}
 
     def image(self, index: int) -> Image:
         """The image at that depth, 0 the top."""
