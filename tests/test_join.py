@@ -88,7 +88,7 @@ WRONG = [
         ),
         r"^tiles=2/3 missing: 70x10\+0\+20 of",
     ),
-    (lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)), r"overlap in 70x10\+0\+20 and differ there, .* at 7,25$"),
+    (lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)), r"overlap in 70x10\+0\+20 and differ .* at 7,25$"),
     (lambda: (share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])), "has channels Y, .* has R,G,B: shares"),
     (
         lambda: (

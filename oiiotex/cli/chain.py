@@ -231,9 +231,10 @@ class Chain:
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
         with self.session.stats.time(op.flag()):
             bound = op(**_bound(op, operands, values, self.session))
-            result = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
+            made = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
         del self.stack[len(self.stack) - count :]
-        self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
+        for result in made if isinstance(made, tuple) else (made,):
+            self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
         self.user |= bound.facts() if isinstance(bound, HostOp) else {}
         self.unwritten = True
 
@@ -274,7 +275,8 @@ def _with_metadata_of(operands: list[Image], result: Image) -> Image:
 def _bound(op: type[Op], operands: list[Image], values: dict[str, Any], session: Session) -> dict[str, Any]:
     """The values, with the operands by the names under which the op declares them.
 
-    From the bottom up: what it always takes, then each image that a modifier asks for.
+    From the bottom up: what it always takes, those behind the first that a count asks for, then each image that a
+    modifier asks for.
     """
     declared = op.images()
     if len(declared) == 1 and declared[0].many:
@@ -282,6 +284,9 @@ def _bound(op: type[Op], operands: list[Image], values: dict[str, Any], session:
     waiting = iter(operands)
     taken = op.taken(values)
     bound = values | {parameter.name: next(waiting) if parameter in taken else None for parameter in declared}
+    further = op.further_images()
+    if further is not None:
+        bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
     for parameter in op.optional_images():
         asked = values.get(parameter.attribute)
         if asked is not None:
