@@ -94,6 +94,17 @@ class Graph:
 
         return longest(self.root, frozenset([self.root]))
 
+    def octaves(self) -> tuple[int, ...]:
+        """How many octaves each exemplar is below the root, by the first way that leads there."""
+        found, waiting = {self.root: 0}, [self.root]
+        while waiting:
+            at = waiting.pop(0)
+            for edge in self.edges:
+                if edge.source == at and edge.destination not in found:
+                    found[edge.destination] = found[at] + edge.r
+                    waiting.append(edge.destination)
+        return tuple(found[n] for n in range(len(self.names)))
+
     def require_levels(self, finest: int, where: str) -> None:
         """Refuse edges over more octaves than the stacks of 2^finest px exemplars overlap.
 
