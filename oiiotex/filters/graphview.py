@@ -36,7 +36,7 @@ def drawn_graph(nodes: Sequence[Node], edges: Sequence[Edge], root: int) -> np.n
     width = max(x for x, _ in places) + side + _MARGIN + _LOOP
     height = max(y for _, y in places) + side + TEXT + _MARGIN
     texts = [(_fitting(n.name, side), x, y + side + TEXT) for n, (x, y) in zip(nodes, places, strict=True)]
-    texts += [(f"+{n.octave} oct", x, y + side + 2 * TEXT - 4) for n, (x, y) in zip(nodes, places, strict=True)]
+    texts += [(f"+{n.octave} oct", x, y + side + 2 * TEXT) for n, (x, y) in zip(nodes, places, strict=True)]
     buffer = oiio.ImageBuf(oiio.ImageSpec(width, height + TEXT, 3, oiio.FLOAT))
     buffer.set_pixels(buffer.roi, np.full((height + TEXT, width, 3), PAPER, np.float32))
     for edge in edges:
@@ -82,7 +82,9 @@ def _route(
     out = side / 2 / max(abs(dx), abs(dy)) + 3  # from the middle to the border
     begin = (ax + dx * out - dy * _APART, ay + dy * out + dx * _APART)
     end = (bx - dx * out - dy * _APART, by - dy * out + dx * _APART)
-    return [begin, end], (round((begin[0] + end[0]) / 2) - 12, round((begin[1] + end[1]) / 2) - 6)
+    # on its own side, where an edge back has not its label
+    middle = (begin[0] + end[0]) / 2 - dy * 18, (begin[1] + end[1]) / 2 + dx * 12
+    return [begin, end], (round(middle[0]) - 10, round(middle[1]) + 5)
 
 
 def _draw(buffer: oiio.ImageBuf, line: list[tuple[float, float]]) -> None:
