@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -23,6 +23,7 @@ from ..synthesis.patchmatch import match_patches, unpack
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
 from ..windows import Window
 from ..writing import write
+from .measures import MEASURE, MEASURES, ORDER, order_of
 from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
 
 log = logging.getLogger("oiiotex")
@@ -159,9 +160,15 @@ class Stationarize(_PatchSynthesis):
         " over the coarsest level) of the photo",
     )
 
+    measure: str = param("histogram", choices=MEASURES, help=MEASURE)
+    order: int | None = param(None, ge=2, le=4, help=ORDER)
+
     def recipe(self, width: int, height: int) -> Recipe:
-        """MJH17 with the histogram measure."""
-        return self._recipe(width, height, self.sigma or max(width, height) / 32, self.contrast, self.target == "flat")
+        """MJH17 by the measure that was asked for."""
+        order = order_of(self.measure, self.order)
+        sigma = self.sigma or max(width, height) / 32
+        plain = self._recipe(width, height, sigma, self.contrast, self.target == "flat")
+        return replace(plain, measure=self.measure, order=order)
 
 
 @dataclass(frozen=True, kw_only=True)

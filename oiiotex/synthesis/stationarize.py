@@ -22,8 +22,9 @@ import numpy as np
 from ..device import Buffers, Device
 from ..errors import ImageError
 from ..images import resized
-from .histograms import OUTSIDE, Cells, Projection, apply_table, matching_table, value_counts
+from .histograms import OUTSIDE, Cells, apply_table, matching_table, value_counts
 from .patchmatch import SEARCHES, Geometry, Matcher, allowed_patches, random_field, to_grid, upsample_field
+from .projections import Projecting, layout, projection
 
 SCALE = 1.3  # between pyramid levels (section 4.2)
 COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
@@ -60,6 +61,10 @@ class Recipe:
         the coarsest level, as in the paper.
     coarsest : float
         Scale of the coarsest level at least; the paper's 1/4.
+    measure : str
+        What must look the same everywhere: histogram, moments or steerable (MJH17 section 3).
+    order : int
+        Moments up to this one, 2 to 4.
     """
 
     width: int
@@ -74,6 +79,8 @@ class Recipe:
     contrast: float
     flat: bool
     coarsest: float = 0.25
+    measure: str = "histogram"
+    order: int = 2
 
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""
@@ -234,9 +241,10 @@ class _Level:
         if sigma is not None:
             self._projection = self._projected(g.width, g.height, sigma, g.wrap_x, g.wrap_y)
 
-    def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projection:
-        cells = Cells.of(width, height, sigma)
-        return Projection(self._device, self._buffers, cells, sigma, self._low, self._high, wrap_x, wrap_y)
+    def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projecting:
+        cells, recipe = Cells.of(width, height, sigma), self._recipe
+        what = self._device, self._buffers, cells, sigma, self._low, self._high, wrap_x, wrap_y
+        return projection(recipe.measure, recipe.order, *what)
 
     def _goal_image(self, exemplar: np.ndarray, sigma: float | None) -> np.ndarray:
         """The image whose histogram is aimed at."""
@@ -273,7 +281,7 @@ class _Level:
 
 def _layout(recipe: Recipe, geometries: list[Geometry], scales: list[float]) -> dict[str, int]:
     """Device memory that every level fits into; `image` and `matched` change places, so they are of one size."""
-    layout = geometries[-1].layout()
+    needed = geometries[-1].layout()
     for geometry, scale in zip(geometries, scales, strict=True):
         if recipe.sigma is None:
             break
@@ -281,10 +289,10 @@ def _layout(recipe: Recipe, geometries: list[Geometry], scales: list[float]) -> 
         if recipe.contrast > 0 and recipe.flat:
             sizes.append((geometry.exemplar_width, geometry.exemplar_height))
         for width, height in sizes:
-            for name, size in Cells.of(width, height, recipe.sigma * scale).layout().items():
-                layout[name] = max(layout.get(name, 0), size)
-    layout["image"] = max(layout["image"], layout.get("matched", 0))
-    return layout
+            for name, size in layout(recipe.measure, Cells.of(width, height, recipe.sigma * scale)).items():
+                needed[name] = max(needed.get(name, 0), size)
+    needed["image"] = max(needed["image"], needed.get("matched", 0))
+    return needed
 
 
 def coarse_mask(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray | None:

@@ -25,7 +25,7 @@ _SCALE = math.floor(32000 / math.sqrt(_LARGEST))  # of the roots that are kept i
 def layout(cells: Cells) -> dict[str, int]:
     """Device memory of a projection, in bytes by name."""
     pixels = cells.width * cells.height
-    bands = {name: 6 * pixels for name in (*_BEFORE, *_AFTER)}
+    bands = dict.fromkeys((*_BEFORE, *_AFTER), 6 * pixels)
     return {**cells.layout(), **bands, "derivatives": 4 * ORIENTATIONS * 3 * pixels}
 
 
