@@ -26,6 +26,7 @@ from ..synthesis.wang import edges_of, runs_for, wang_tiles
 from ..windows import Window
 from ..writing import write
 from .materials import KINDS_HELP, MATCH_HELP, read_material
+from .measures import MEASURE, MEASURES, ORDER, order_of
 from .prescribed import SIGMAMAP, WEIGHT, WITHIN, marked_pixels, remade_places, sigmas_of, weights_of
 from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
 
@@ -255,9 +256,15 @@ class Stationarize(_PatchSynthesis):
         " over the coarsest level) of the photo",
     )
 
+    measure: str = param("histogram", choices=MEASURES, help=MEASURE)
+    order: int | None = param(None, ge=2, le=4, help=ORDER)
+
     def recipe(self, width: int, height: int) -> Recipe:
-        """MJH17 with the histogram measure."""
-        return self._recipe(width, height, self.sigma or max(width, height) / 32, self.contrast, self.target == "flat")
+        """MJH17 by the measure that was asked for."""
+        order = order_of(self.measure, self.order)
+        sigma = self.sigma or max(width, height) / 32
+        plain = self._recipe(width, height, sigma, self.contrast, self.target == "flat")
+        return replace(plain, measure=self.measure, order=order)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """From sigmamap."""

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..device import Buffers, Device
 from ..images import resized
-from .histograms import OUTSIDE, Projection
+from .histograms import OUTSIDE
 from .patchmatch import Geometry, pack, to_grid, unpack
+from .projections import Projecting
 
 _SHARES = 256  # whole-number weights of a blend, so that it has the same bits everywhere
 
@@ -109,13 +110,14 @@ class VaryingProjection:
     device : Device
     buffers : Buffers
         With the memory of all projections.
-    projections : list of Projection
+    projections : list of Projecting
         With sigmas as by `octaves`.
     sigmas : (height, width) float32
     """
 
-    def __init__(self, device: Device, buffers: Buffers, projections: list[Projection], sigmas: np.ndarray):
+    def __init__(self, device: Device, buffers: Buffers, projections: list[Projecting], sigmas: np.ndarray):
         self._device, self._buffers, self._projections, self._shape = device, buffers, projections, sigmas.shape
+        self.channels = projections[0].channels
         span = math.log(float(sigmas.max()) / float(sigmas.min()))
         place = np.log(sigmas / sigmas.min()) * ((len(projections) - 1) / max(span, 1e-9))
         self._shares = [
@@ -128,8 +130,7 @@ class VaryingProjection:
         total, weight = np.int32(0), np.int32(0)
         for projection, share in zip(self._projections, self._shares, strict=True):
             projection.project(image, matched, strength)
-            channels = projection.channels
-            found = self._device.read(self._buffers[matched], (*self._shape, channels), np.int16)
+            found = self._device.read(self._buffers[matched], (*self._shape, self.channels), np.int16)
             total, weight = total + share[..., None] * found.astype(np.int32), weight + share
         weight = weight[..., None]
         blended = (2 * total + weight) // (2 * weight)  # halves go up

@@ -23,7 +23,7 @@ from ..device import Buffers, Device
 from ..errors import ImageError
 from ..images import resized
 from .guidance import NOTHING, Guidance, VaryingProjection, coarse_image, coarse_mask, octaves
-from .histograms import OUTSIDE, Cells, Projection, apply_table, matching_table, value_counts
+from .histograms import OUTSIDE, Cells, apply_table, matching_table, value_counts
 from .patchmatch import (
     SEARCHES,
     Geometry,
@@ -34,6 +34,7 @@ from .patchmatch import (
     to_grid,
     upsample_field,
 )
+from .projections import Projecting, layout, projection
 
 SCALE = 1.3  # between pyramid levels (section 4.2)
 COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
@@ -70,6 +71,10 @@ class Recipe:
         the coarsest level, as in the paper.
     coarsest : float
         Scale of the coarsest level at least; the paper's 1/4.
+    measure : str
+        What must look the same everywhere: histogram, moments or steerable (MJH17 section 3).
+    order : int
+        Moments up to this one, 2 to 4.
     """
 
     width: int
@@ -84,6 +89,8 @@ class Recipe:
     contrast: float
     flat: bool
     coarsest: float = 0.25
+    measure: str = "histogram"
+    order: int = 2
 
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""
@@ -173,8 +180,8 @@ def synthesize(
     what = f"a tile of {recipe.width}x{recipe.height} from an exemplar of {exemplar.shape[1]}x{exemplar.shape[0]}"
     done, field, coarser = 0, None, None
     held = guidance.held
-    layout = _layout(recipe, geometries, scales, guidance)
-    with Buffers(device, layout, budget, what, held=2 * exemplar.nbytes) as buffers:
+    needed = _layout(recipe, geometries, scales, guidance)
+    with Buffers(device, needed, budget, what, held=2 * exemplar.nbytes) as buffers:
         for geometry, scale in zip(geometries, scales, strict=True):
             e_size = geometry.exemplar_width, geometry.exemplar_height
             image = to_grid(coarse_image(exemplar, allowed, *e_size), recipe.patch)
@@ -259,7 +266,7 @@ class _Level:
             else:
                 goal = self._counted(self._goal_image(exemplar, sigma))
             self._goal = value_counts(goal, self._first, self._entries)
-        self._projection: Projection | VaryingProjection | None = None
+        self._projection: Projecting | None = None
         target = g.width, g.height
         if guidance.sigmas is not None:
             sigmas = np.exp(resized(np.log(guidance.sigmas)[..., None], *target)[..., 0]) * np.float32(scale)
@@ -268,9 +275,10 @@ class _Level:
         elif sigma is not None:
             self._projection = self._projected(*target, sigma, g.wrap_x, g.wrap_y)
 
-    def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projection:
-        cells = Cells.of(width, height, sigma)
-        return Projection(self._device, self._buffers, cells, sigma, self._low, self._high, wrap_x, wrap_y)
+    def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projecting:
+        cells, recipe = Cells.of(width, height, sigma), self._recipe
+        what = self._device, self._buffers, cells, sigma, self._low, self._high, wrap_x, wrap_y
+        return projection(recipe.measure, recipe.order, *what)
 
     def _goal_image(self, exemplar: np.ndarray, sigma: float | None) -> np.ndarray:
         """The image whose histogram is aimed at."""
@@ -317,9 +325,9 @@ def _layout(
     recipe: Recipe, geometries: list[Geometry], scales: list[float], guidance: Guidance = NOTHING
 ) -> dict[str, int]:
     """Device memory that every level fits into; `image` and `matched` change places, so they are of one size."""
-    layout = geometries[-1].layout()
+    needed = geometries[-1].layout()
     if guidance.held is not None:
-        layout["held"] = layout["image"]
+        needed["held"] = needed["image"]
     for geometry, scale in zip(geometries, scales, strict=True):
         if recipe.sigma is None:
             break
@@ -328,7 +336,7 @@ def _layout(
         if recipe.contrast > 0 and recipe.flat:
             sizes.append((geometry.exemplar_width, geometry.exemplar_height, recipe.sigma * scale))
         for size in sizes:
-            for name, need in Cells.of(*size).layout(geometry.channels).items():
-                layout[name] = max(layout.get(name, 0), need)
-    layout["image"] = max(layout["image"], layout.get("matched", 0))
-    return layout
+            for name, need in layout(recipe.measure, Cells.of(*size), geometry.channels).items():
+                needed[name] = max(needed.get(name, 0), need)
+    needed["image"] = max(needed["image"], needed.get("matched", 0))
+    return needed

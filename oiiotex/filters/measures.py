@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How filters are told which measure of stationarity to take (MJH17 section 3)."""
+
+from __future__ import annotations
+
+from ..errors import ParameterError
+
+MEASURES = ("histogram", "moments", "steerable")
+MEASURE = "what must look the same everywhere: local histograms, local moments, or responses of steerable filters"
+ORDER = "of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis"
+
+
+def order_of(measure: str, order: int | None) -> int:
+    """The order of moments.
+
+    Raises
+    ------
+    ParameterError
+        One is given for another measure.
+    """
+    if order is not None and measure != "moments":
+        raise ParameterError(f"order={order}: goes with measure=moments, not with measure={measure}")
+    return order or 2
