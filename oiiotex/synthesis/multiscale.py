@@ -151,9 +151,7 @@ class Synthesizer:
             "finer": np.array(levels.finer, np.int32),
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
         }
-        self._tables = Buffers(device, {k: v.nbytes for k, v in tables.items()}, budget, "the analysed exemplars")
-        for name, table in tables.items():
-            device.write(self._tables[name], table)
+        self._tables = Buffers(device, {}, budget, "the analysed exemplars", tables=tables)
         self._first = ((1 << self._side) // 2 << self._side) + (1 << self._side) // 2  # the middle of level 0
         self._turn = threading.Lock()
 
