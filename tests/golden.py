@@ -16,7 +16,9 @@ from tests.conftest import oiiotex, save
 FOLDER = Path(__file__).parents[1] / "golden"
 
 
-_SYNTHESES = tuple(f"--tex{n}" for n in ("stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint"))
+_SYNTHESES = tuple(
+    f"--tex{n}" for n in ("stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "synth")
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,6 @@ class Case:
     def synthesis(self) -> bool:
         """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
         return self.words[-1].startswith(_SYNTHESES)
-        return self.words[0].startswith(("--texstationarize", "--texpatchmatch", "--texsynth"))
 
     @property
     def labels(self) -> bool:
@@ -97,6 +98,9 @@ CASES = {
         ("--texdominant",),
     ),
     "synth_pebbles_larger": Case(lambda: pictures.pebbles(96, 112, 2), ("--texsynth:size=192x160:seed=1",)),
+    "zoom_pebbles_between_octaves": Case(
+        lambda: pictures.pebbles(64, 64, 2), ("--texzoom:size=96x80:frame=10:speed=0.15:at=20,40",)
+    ),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 

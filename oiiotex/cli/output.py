@@ -80,7 +80,7 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
         image, how = _converted(chain, image, path, how, bool(given.unpremult))
     log.info("writing %s", path)
     if not chain.settings.get("-n"):
-        with chain.session.stats.time("write"):
+        with chain.session.stats.time("write"), chain.session.keeping(path):
             write(_with_provenance(chain, image), path, how, chain.session.advance)
         if chain.settings.get("--adjust-time"):
             _adjust_time(path, image)

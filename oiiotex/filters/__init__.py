@@ -16,6 +16,8 @@ from .decompose import Decompose
 from .dominant import Dominant
 from .flatten import Flatten
 from .functions import function_of, result
+from .graph import ExemplarGraph
+from .join import Join
 from .lab import Lab
 from .label import Label
 from .labelview import LabelView
@@ -31,7 +33,7 @@ from .warp import Warp
 from .zoom import Zoom
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Synth, Zoom, Cut, Composite, Palette, Paint,
+    Stationarize, PatchMatch, Quilting, Synth, Zoom, ExemplarGraph, Join, Cut, Composite, Palette, Paint,
     Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
@@ -46,6 +48,8 @@ paint = function_of(Paint)
 flatten = function_of(Flatten)
 synth = function_of(Synth)
 zoom = function_of(Zoom)
+graph = function_of(ExemplarGraph)
+join = function_of(Join)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
