@@ -90,6 +90,11 @@ CASES = {
     ),
     "flatten_alpha_hole": Case(_with_hole, ("--texflatten:sigma=9",)),
     "stationarity_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarity",)),
+    "preview_bricks": Case(
+        lambda: pictures.bricks(96, 128, 1),
+        ("second.exr", "--texpreview:exemplar=1:height=64"),
+        second=lambda: pictures.stained(pictures.bricks(80, 112, 1)),
+    ),
     "lab_moss_hdr": Case(lambda: 8 * pictures.moss(64, 80, 3) - 0.1, ("--texlab",), "lin_rec709_scene"),
     "superpixel_bricks": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:finest=6:sigma=12",)
