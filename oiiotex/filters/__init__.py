@@ -24,6 +24,7 @@ from .labelview import LabelView
 from .paint import Paint
 from .palette import Palette
 from .plugins import installed
+from .preview import Preview
 from .quilt import Quilting
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
@@ -35,6 +36,7 @@ from .zoom import Zoom
 _OURS: tuple[type[Op], ...] = (
     Stationarize, PatchMatch, Quilting, Synth, Zoom, ExemplarGraph, Join, Cut, Composite, Palette, Paint,
     Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Preview,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -59,6 +61,7 @@ labelview = function_of(LabelView)
 content = function_of(Content)
 lab = function_of(Lab)
 warp = function_of(Warp)
+preview = function_of(Preview)
 
 
 __all__ = ["FILTERS", "result"]

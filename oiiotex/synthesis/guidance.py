@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from ..device import Buffers, Device
 from ..images import resized
@@ -90,6 +91,12 @@ class Guidance:
 
 
 NOTHING = Guidance()
+
+
+def ease_from(free: np.ndarray, distance: float) -> np.ndarray:
+    """How strongly free pixels are changed: 0 beside pixels that stay, 255 at a distance; (height, width) uint8."""
+    away = ndimage.distance_transform_edt(free) if not free.all() else np.full(free.shape, np.inf)
+    return np.rint(255 * np.clip(away / distance, 0.0, 1.0)).astype(np.uint8)
 
 
 def octaves(sigmas: np.ndarray) -> list[float]:
