@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,21 +11,19 @@ from typing import ClassVar
 import numpy as np
 import OpenImageIO as oiio
 
-from ..analysis.stationarity import seam_ratio, stationarity_cost, texture_cost
-from ..color import Working, working_values
+from ..color import working_values
 from ..errors import ParameterError
 from ..images import Image, Part, derived_spec
 from ..op import Op, Output, Reach, Space
 from ..params import Size, image, param
 from ..session import Session
-from ..synthesis.patchmatch import match_patches, unpack
-from ..synthesis.stationarize import Recipe, Synthesis, synthesize
+from ..synthesis.patchmatch import unpack
+from ..synthesis.stationarize import Recipe, synthesize
 from ..windows import Window
 from ..writing import write
 from .measures import MEASURE, MEASURES, ORDER, order_of
 from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
-
-log = logging.getLogger("oiiotex")
+from .tilereport import report
 
 _PATCHES = tuple(range(5, 23, 2))
 _ST = Output(
@@ -110,25 +107,8 @@ class _PatchSynthesis(Op):
         device.collect(session.stats)
         if session.measure:
             with session.stats.time("measure"):
-                self._report(working, made, recipe, session)
+                report(self.flag(), working, made, recipe, session)
         return tile_image(self, self.exemplar, pixels, made.source, session)
-
-    def _report(self, working: Working, made: Synthesis, recipe: Recipe, session: Session) -> None:
-        """Log the three measures before and after."""
-        y, x = unpack(made.source)
-        tile, photo = working.values[y, x], working.values
-        sigma = recipe.sigma or max(recipe.width, recipe.height) / 32
-        before = stationarity_cost(photo, sigma, False, False)
-        after = stationarity_cost(tile, sigma, recipe.wrap_x, recipe.wrap_y)
-        log.info("%s: stationarity cost %.2f -> %.2f Lab at sigma %g px (MJH17 eq. 1)", self.name, before, after, sigma)
-        wrap = recipe.wrap_x, recipe.wrap_y
-        field = match_patches(session.device, tile, photo, made.field, recipe.patch, wrap, recipe.seed, session.budget)
-        cost = texture_cost(tile, photo, *unpack(field), recipe.patch)
-        log.info("%s: texture cost %.2f Lab^2 per pixel (MJH17 eq. 5, upper bound by PatchMatch)", self.name, cost)
-        for axis, name, wraps in ((1, "x", recipe.wrap_x), (0, "y", recipe.wrap_y)):
-            if wraps:
-                ratios = seam_ratio(photo[..., 0], axis), seam_ratio(tile[..., 0], axis)
-                log.info("%s: seam ratio %s %.2f -> %.2f (1 is invisible)", self.name, name, *ratios)
 
 
 @dataclass(frozen=True, kw_only=True)
