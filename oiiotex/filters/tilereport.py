@@ -35,7 +35,7 @@ def report(name: str, working: Working, made: Synthesis, recipe: Recipe, session
             ratios = seam_ratio(light_before, axis), seam_ratio(light, axis)
             rank = wrap_percentile(light, axis)
             log.info(
-                "%s: seam ratio %s %.2f -> %.2f (1 is invisible), louder than %.0f %% of the lines inside (50 is invisible)",
+                "%s: seam ratio %s %.2f -> %.2f (1 is invisible); %.0f %% of the lines inside are quieter",
                 name, letter, *ratios, rank,
             )  # fmt: skip
     slow = low_frequency(light_before), low_frequency(light)
