@@ -1,4 +1,7 @@
 // A grid of cells over an image, shared by what keeps local statistics on one.
+#ifndef CHANNELS
+#define CHANNELS 3   // values of a pixel; each has statistics of its own
+#endif
 
 // C's conversion rounds towards zero; this is floor() without the call that some CPU runtimes do not inline.
 inline int floor_int(float v) { int i = (int)v; return i - (v < (float)i); }

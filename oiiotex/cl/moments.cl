@@ -9,7 +9,7 @@
 __kernel void moments_gather(const __global short *restrict image, __global float *restrict sums,
                              int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
   int cx = get_global_id(0), cy = get_global_id(1), c = get_global_id(2);
-  if (cx >= cells_x || cy >= cells_y || c >= 3) return;
+  if (cx >= cells_x || cy >= cells_y || c >= CHANNELS) return;
   float pitch_x = (float)width / (float)cells_x, pitch_y = (float)height / (float)cells_y;
   float centre_x = ((float)cx + 0.5f) * pitch_x - 0.5f, centre_y = ((float)cy + 0.5f) * pitch_y - 0.5f;
   float about = 0.0f, sum[5];
@@ -18,11 +18,11 @@ __kernel void moments_gather(const __global short *restrict image, __global floa
     for (int y = floor_int(centre_y - pitch_y) + 1; (float)y < centre_y + pitch_y; y++) {
       if (!wrap_y && (y < 0 || y >= height)) continue;
       float away_y = (float)y < centre_y ? centre_y - (float)y : (float)y - centre_y;
-      const __global short *row = image + 3 * width * (y < 0 ? y + height : y >= height ? y - height : y) + c;
+      const __global short *row = image + CHANNELS * width * (y < 0 ? y + height : y >= height ? y - height : y) + c;
       for (int x = floor_int(centre_x - pitch_x) + 1; (float)x < centre_x + pitch_x; x++) {
         if (!wrap_x && (x < 0 || x >= width)) continue;
         float away_x = (float)x < centre_x ? centre_x - (float)x : (float)x - centre_x;
-        short value = row[3 * (x < 0 ? x + width : x >= width ? x - width : x)];
+        short value = row[CHANNELS * (x < 0 ? x + width : x >= width ? x - width : x)];
         if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
         float term = (1.0f - away_y / pitch_y) * (1.0f - away_x / pitch_x), off = (float)value - about;
         for (int k = 0; k < (pass ? 5 : 2); k++) {
@@ -70,7 +70,7 @@ __kernel void moments_match(const __global short *restrict image, const __global
                             __constant float *bin, float strength, int normal,
                             int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
   int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
-  if (x >= width || y >= height || c >= 3) return;
+  if (x >= width || y >= height || c >= CHANNELS) return;
   float gx = ((float)x + 0.5f) * ((float)cells_x / (float)width) - 0.5f;
   float gy = ((float)y + 0.5f) * ((float)cells_y / (float)height) - 0.5f;
   int x0 = floor_int(gx), y0 = floor_int(gy);
@@ -83,7 +83,7 @@ __kernel void moments_match(const __global short *restrict image, const __global
     for (int m = 0; m < 4; m++) of[m] += w * around[4 * ((c * cells_y + cy) * cells_x + cx) + m];
     weights += w;
   }
-  float old = (float)image[3 * (y * width + x) + c];
+  float old = (float)image[CHANNELS * (y * width + x) + c];
   float mean = of[0] / weights, deviation = of[1] / weights, value;
   if (normal) {
     value = overall[2 * c] + overall[2 * c + 1] * ((old - mean) / deviation);
@@ -99,5 +99,5 @@ __kernel void moments_match(const __global short *restrict image, const __global
   }
   value = old + strength * (value - old);
   value = value < low[c] ? low[c] : value > high[c] ? high[c] : value;
-  matched[3 * (y * width + x) + c] = (short)floor_int(value + 0.5f);
+  matched[CHANNELS * (y * width + x) + c] = (short)floor_int(value + 0.5f);
 }

@@ -1,10 +1,12 @@
 // Steerable filters of MJH17 eq. 4 and the way back (section 4.3): analysis/steerable.py says what they are.
 //
-// Images are interleaved, so a row is 3 width values and a tap lies 3 values further. `rows` holds four planes of
+// Images are interleaved, so a row is CHANNELS * width values and a tap lies CHANNELS values further. `rows` holds four planes of
 // floats, one for every order of the derivative along x. A band keeps the root of a response, with its sign: a
 // histogram of roots has fine bins where responses are small, and matching does not care how values are spaced.
 // An item makes WIDE neighbouring values; all widths do the same sums in the same order.
 #pragma OPENCL FP_CONTRACT OFF
+
+#include "cells.h"
 
 #define OUTSIDE SHRT_MIN   // histograms.OUTSIDE: no pixel of the image; what sees one is no response
 #define TAPS (2 * RADIUS + 1)
@@ -35,21 +37,21 @@ inline int within(int i, int n, int wrap) {
 
 // Where value i of a row, moved by `step` pixels, is looked up; the last value stands for what follows the row.
 inline int moved(int i, int step, int width, int wrap) {
-  i = i < 3 * width ? i : 3 * width - 1;
-  return 3 * within(i / 3 + step, width, wrap) + i % 3;
+  i = i < CHANNELS * width ? i : CHANNELS * width - 1;
+  return CHANNELS * within(i / CHANNELS + step, width, wrap) + i % CHANNELS;
 }
 
 inline wide_short read_short(const __global short *row, int i, int step, int width, int wrap) {
-  int at = i + 3 * step;
-  if (at >= 0 && at + WIDE <= 3 * width) return *(const __global wide_short *)(row + at);
+  int at = i + CHANNELS * step;
+  if (at >= 0 && at + WIDE <= CHANNELS * width) return *(const __global wide_short *)(row + at);
   wide_short v = 0;
   for (int k = 0; k < WIDE; k++) LANE(v, k) = row[moved(i + k, step, width, wrap)];
   return v;
 }
 
 inline wide read_float(const __global float *row, int i, int step, int width, int wrap) {
-  int at = i + 3 * step;
-  if (at >= 0 && at + WIDE <= 3 * width) return *(const __global wide *)(row + at);
+  int at = i + CHANNELS * step;
+  if (at >= 0 && at + WIDE <= CHANNELS * width) return *(const __global wide *)(row + at);
   wide v = 0.0f;
   for (int k = 0; k < WIDE; k++) LANE(v, k) = row[moved(i + k, step, width, wrap)];
   return v;
@@ -68,7 +70,7 @@ inline void write_float(__global float *row, int i, int n, wide v) {
 // All four derivatives along x; NaN where a tap sees what is outside, and so in all that follows from it.
 __kernel void steerable_rows(const __global short *restrict image, __global float *restrict rows,
                              __constant float *taps, int width, int height, int wrap) {
-  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = 3 * width;
+  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
   if (i >= n || y >= height) return;
   wide sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
   for (int t = 0; t < TAPS; t++) {
@@ -84,7 +86,7 @@ __kernel void steerable_columns(const __global float *restrict rows, __global sh
                                 __global short *restrict band1, __global short *restrict band2,
                                 __global short *restrict band3, __constant float *taps, __constant float *angular,
                                 float scale, int width, int height, int wrap) {
-  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = 3 * width;
+  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
   if (i >= n || y >= height) return;
   wide sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
   for (int t = 0; t < TAPS; t++) {
@@ -120,7 +122,7 @@ __kernel void steerable_spread(const __global short *restrict before0, const __g
                                const __global short *restrict after2, const __global short *restrict after3,
                                __global float *restrict rows, __constant float *taps, __constant float *angular,
                                float unit, int changes, int width, int height, int wrap) {
-  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = 3 * width;
+  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
   if (i >= n || y >= height) return;
   const __global short *before[4] = {before0, before1, before2, before3}, *after[4] = {after0, after1, after2, after3};
   wide sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
@@ -147,7 +149,7 @@ inline wide spread_along_x(const __global float *rows, __constant float *taps, i
   wide sum = 0.0f;
   for (int k = 0; k < 4; k++)
     for (int t = 0; t < TAPS; t++)
-      sum -= taps[k * TAPS + t] * read_float(rows + (k * height + y) * 3 * width, i, t - RADIUS, width, wrap);
+      sum -= taps[k * TAPS + t] * read_float(rows + (k * height + y) * CHANNELS * width, i, t - RADIUS, width, wrap);
   return sum;
 }
 
@@ -157,7 +159,7 @@ inline wide_short rounded(wide v) { return CONVERTED(CONVERTED(v + 32768.5f, wid
 // What no filter sees: the image less its own responses, spread. The residuals of the pyramid, in one.
 __kernel void steerable_rest(const __global short *restrict image, const __global float *restrict rows,
                              __global short *restrict rest, __constant float *taps, int width, int height, int wrap) {
-  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = 3 * width;
+  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
   if (i >= n || y >= height) return;
   wide_int v = CONVERTED(read_short(image + y * n, i, 0, width, 0), wide_int);
   wide left = CONVERTED(v, wide) - spread_along_x(rows, taps, i, y, width, height, wrap);
@@ -170,12 +172,12 @@ __kernel void steerable_add(const __global short *restrict image, const __global
                             const __global short *restrict rest, const __global short *restrict rest_matched,
                             __global short *restrict matched, __constant float *taps, __constant float *low,
                             __constant float *high, float strength, int width, int height, int wrap) {
-  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = 3 * width;
+  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
   if (i >= n || y >= height) return;
   wide least = 0.0f, most = 0.0f;
   for (int k = 0; k < WIDE; k++) {
-    LANE(least, k) = low[(i + k) % 3];
-    LANE(most, k) = high[(i + k) % 3];
+    LANE(least, k) = low[(i + k) % CHANNELS];
+    LANE(most, k) = high[(i + k) % CHANNELS];
   }
   wide moved = CONVERTED(read_short(rest_matched + y * n, i, 0, width, 0), wide) -
                CONVERTED(read_short(rest + y * n, i, 0, width, 0), wide);

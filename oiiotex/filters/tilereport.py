@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import logging
 
+import numpy as np
+
 from ..analysis.copies import copies_by_source
 from ..analysis.quality import low_frequency, seam_ratio, sharpness, wrap_percentile
 from ..analysis.stationarity import stationarity_cost, texture_cost
-from ..color import Working
 from ..session import Session
 from ..synthesis.patchmatch import match_patches, unpack
 from ..synthesis.stationarize import Recipe, Synthesis
@@ -17,10 +18,10 @@ from .measures import cost_text
 log = logging.getLogger("oiiotex")
 
 
-def report(name: str, working: Working, made: Synthesis, recipe: Recipe, session: Session) -> None:
-    """Log the measures of a synthesis, before and after where both have them."""
+def report(name: str, photo: np.ndarray, made: Synthesis, recipe: Recipe, session: Session) -> None:
+    """Log the measures of a synthesis from a photo, (height, width, 3) Lab, before and after where both have them."""
     y, x = unpack(made.source)
-    tile, photo = working.values[y, x], working.values
+    tile = photo[y, x]
     sigma, measure, order = recipe.sigma or max(recipe.width, recipe.height) / 32, recipe.measure, recipe.order
     before = stationarity_cost(photo, sigma, False, False, measure, order)
     after = stationarity_cost(tile, sigma, recipe.wrap_x, recipe.wrap_y, measure, order, like=photo)

@@ -24,13 +24,13 @@ _SUMS = 6  # of a cell: weight, what powers are taken about, sums of powers 1 to
 _HOST_BYTES = 8 * 5 * 5  # for every cell and channel: sums of powers in doubles, and copies of them
 
 
-def layout(cells: Cells) -> dict[str, int]:
+def layout(cells: Cells, channels: int = 3) -> dict[str, int]:
     """Memory of a projection, in bytes by name."""
-    count = 3 * cells.x * cells.y
+    count = channels * cells.x * cells.y
     return {
         "sums": 4 * _SUMS * count + _HOST_BYTES * count,
         "local": 4 * 4 * count,
-        "matched": 6 * cells.width * cells.height,
+        "matched": 2 * channels * cells.width * cells.height,
     }
 
 
@@ -61,20 +61,20 @@ class MomentProjection:
         """Write to buffer `matched` what lies `strength` times the way from buffer `image` to its projection."""
         cells, b = self._cells, self._buffers
         size = (cells.width, cells.height, cells.x, cells.y, int(self._wrap_x), int(self._wrap_y))
-        self._run("gather", (cells.x, cells.y, 3), b[image], b["sums"], *size)
-        sums = self._device.read(b["sums"], (3, cells.y, cells.x, _SUMS), np.float32).astype(np.float64)
+        self._run("gather", (cells.x, cells.y, self.channels), b[image], b["sums"], *size)
+        sums = self._device.read(b["sums"], (self.channels, cells.y, cells.x, _SUMS), np.float32).astype(np.float64)
         powers = self._about_the_middle(sums)
         overall = self._described(powers.sum(2).sum(1)[:, None, None])[:, 0, 0]
         self._device.write(b["local"], self._described(self._blurred(powers), overall).astype(np.float32))
         inverse = self._inverse(overall) if self._order > 2 else np.zeros(1)
         tables = (self._device.upload(t.astype(np.float32)) for t in (inverse, overall[:, :2]))
         self._run(
-            "match", (cells.width, cells.height, 3), b[image], b["local"], *self._tables, *tables, b[matched],
-            *self._limits, strength, int(self._order == 2), *size,
+            "match", (cells.width, cells.height, self.channels), b[image], b["local"], *self._tables, *tables,
+            b[matched], *self._limits, strength, int(self._order == 2), *size,
         )  # fmt: skip
 
     def _about_the_middle(self, sums: np.ndarray) -> np.ndarray:
-        """Sums of powers 0 to 4 of values less the middle of their range: (3, y, x, 5)."""
+        """Sums of powers 0 to 4 of values less the middle of their range: (channels, y, x, 5)."""
         powers = np.concatenate([sums[..., :1], sums[..., 2:]], -1)
         off = sums[..., 1] - 0.5 * (self._low + self._high)[:, None, None]
         return np.stack(
@@ -98,7 +98,7 @@ class MomentProjection:
         return powers
 
     def _described(self, powers: np.ndarray, overall: np.ndarray | None = None) -> np.ndarray:
-        """Mean, deviation, and the table's places of skewness and kurtosis: (3, y, x, 4).
+        """Mean, deviation, and the table's places of skewness and kurtosis: (channels, y, x, 4).
 
         A place around which there is no pixel is described as the whole image is.
         """
@@ -118,9 +118,9 @@ class MomentProjection:
         return found if overall is None else np.where(known[..., None], found, overall[:, None, None])
 
     def _inverse(self, overall: np.ndarray) -> np.ndarray:
-        """G^-1 at INVERSE + 1 equidistant shares, (3, INVERSE + 1), in grid steps."""
+        """G^-1 at INVERSE + 1 equidistant shares, (channels, INVERSE + 1), in grid steps."""
         wanted = np.linspace(0.0, 1.0, INVERSE + 1)
-        table = np.empty((3, INVERSE + 1))
+        table = np.empty((self.channels, INVERSE + 1))
         for c, (mean, deviation, *at) in enumerate(overall):
             values = np.linspace(self._low[c], self._high[c], INVERSE + 1)
             half = 0.25 * self._bin[c]

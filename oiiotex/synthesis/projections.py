@@ -15,6 +15,8 @@ from .histograms import Cells, Projection
 class Projecting(Protocol):
     """What brings an image nearer to looking the same everywhere."""
 
+    channels: int
+
     def project(self, image: str, matched: str, strength: float = 1.0) -> None:
         """Write to buffer `matched` what lies `strength` times the way from buffer `image` to its projection."""
 
@@ -30,6 +32,6 @@ def projection(
     return (steerable.SteerableProjection if measure == "steerable" else Projection)(*what)
 
 
-def layout(measure: str, cells: Cells) -> dict[str, int]:
+def layout(measure: str, cells: Cells, channels: int = 3) -> dict[str, int]:
     """Memory that it needs, in bytes by name."""
-    return {"moments": moments.layout, "steerable": steerable.layout}.get(measure, Cells.layout)(cells)
+    return {"moments": moments.layout, "steerable": steerable.layout}.get(measure, Cells.layout)(cells, channels)

@@ -24,11 +24,11 @@ _LARGEST = 1344.0  # a response to int16 Lab of `patchmatch.to_grid`: 1.12 times
 _SCALE = math.floor(32000 / math.sqrt(_LARGEST))  # of the roots that are kept in 16 bits
 
 
-def layout(cells: Cells) -> dict[str, int]:
+def layout(cells: Cells, channels: int = 3) -> dict[str, int]:
     """Device memory of a projection, in bytes by name."""
     pixels = cells.width * cells.height
-    bands = dict.fromkeys((*_BEFORE, *_AFTER, *_REST), 6 * pixels)
-    return {**cells.layout(), **bands, "derivatives": 4 * ORIENTATIONS * 3 * pixels}
+    bands = dict.fromkeys((*_BEFORE, *_AFTER, *_REST), 2 * channels * pixels)
+    return {**cells.layout(channels), **bands, "derivatives": 4 * ORIENTATIONS * channels * pixels}
 
 
 class SteerableProjection:
@@ -39,9 +39,10 @@ class SteerableProjection:
         wrap_x: bool, wrap_y: bool,
     ):  # fmt: skip
         self._device, self._buffers, self._cells = device, buffers, cells
-        self._run = device.program("steerable", RADIUS=RADIUS)
+        self.channels = len(low)
+        self._run = device.program("steerable", RADIUS=RADIUS, CHANNELS=self.channels)
         self._wrap_x, self._wrap_y = int(wrap_x), int(wrap_y)
-        largest = np.full(3, math.ceil(_SCALE * math.sqrt(_LARGEST)))
+        largest = np.full(self.channels, math.ceil(_SCALE * math.sqrt(_LARGEST)))
         what = (device, buffers, cells, sigma)
         self._bands = Projection(*what, -largest, largest, wrap_x, wrap_y)
         self._rest = Projection(*what, low, high, wrap_x, wrap_y)
@@ -55,7 +56,7 @@ class SteerableProjection:
         width, height = self._cells.width, self._cells.height
         along_x, along_y = (width, height, self._wrap_x), (width, height, self._wrap_y)
         wide = 1 if self._device.lanes == 1 else 16  # cl/steerable.cl, WIDE
-        shape, rows, unit = (math.ceil(3 * width / wide), height), b["derivatives"], 1.0 / _SCALE**2
+        shape, rows, unit = (math.ceil(self.channels * width / wide), height), b["derivatives"], 1.0 / _SCALE**2
         before, after, rest = ([b[n] for n in names] for names in (_BEFORE, _AFTER, _REST))
         run("rows", shape, b[image], rows, taps, *along_x)
         run("columns", shape, rows, *before, taps, angular, float(_SCALE), *along_y)
