@@ -23,6 +23,7 @@ from .paint import Paint
 from .palette import Palette
 from .plugins import installed
 from .quilt import Quilting
+from .sigmas import Sigmas
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
@@ -32,7 +33,7 @@ from .zoom import Zoom
 
 _OURS: tuple[type[Op], ...] = (
     Stationarize, PatchMatch, Quilting, Synth, Zoom, Cut, Composite, Palette, Paint,
-    Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Flatten, Sigmas, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -47,6 +48,7 @@ flatten = function_of(Flatten)
 synth = function_of(Synth)
 zoom = function_of(Zoom)
 stationarity = function_of(Stationarity)
+sigmas = function_of(Sigmas)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 decompose = function_of(Decompose)

@@ -20,12 +20,13 @@ from ..params import Numbers, Size, image, param
 from ..session import Session
 from ..synthesis.guidance import Guidance, Held
 from ..synthesis.patchmatch import hash_at, unpack
+from ..synthesis.perception import PALETTE, Palette, perceived_scale
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
 from ..synthesis.wang import edges_of, runs_for, wang_tiles
 from ..windows import Window
 from ..writing import write
 from .materials import KINDS_HELP, MATCH_HELP, read_material
-from .measures import MEASURE, MEASURES, ORDER, order_of
+from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .prescribed import SIGMAMAP, WEIGHT, WITHIN, marked_pixels, remade_places, sigmas_of, weights_of
 from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
 from .tilereport import report
@@ -130,12 +131,13 @@ class _PatchSynthesis(Op):
             allowed = both(allowed, more)
         usable = both(material.opaque, allowed)
         recipe = self.recipe(width, height)
+        why = ruled_out(material.opaque, allowed)
+        recipe = self.controlled(recipe, material.values, usable, why, session)
         if sigmas is not None:  # of what has one sigma for all, the photo made stationary
             recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
         budget = session.budget - sum(p.nbytes for p in pixels)
 
         def run(recipe: Recipe, guidance: Guidance, advance: Callable[[int, int], None] = session.advance) -> Synthesis:
-            why = ruled_out(material.opaque, allowed)
             return synthesize(session.device, material.values, usable, recipe, budget, advance, why, guidance)
 
         guidance = Guidance(weight=weight, sigmas=sigmas)
@@ -161,6 +163,12 @@ class _PatchSynthesis(Op):
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """The sigma at each pixel of a result of this size, where they differ."""
         return None
+
+    def controlled(
+        self, recipe: Recipe, values: np.ndarray, usable: np.ndarray | None, why: str, session: Session
+    ) -> Recipe:
+        """The recipe with what follows from the photo."""
+        return recipe
 
     def _check(self, maps: tuple[Image, ...]) -> None:
         """Refuse modifiers that do not go together."""
@@ -229,6 +237,12 @@ class Stationarize(_PatchSynthesis):
         unit="px",
         help="scale above which the texture must look the same everywhere; longer side / 32 when left out",
     )
+    amount: float | None = param(
+        None,
+        ge=0,
+        le=1,
+        help="instead of sigma: how stationary it shall look, in even steps that hang on the photo (see --texsigmas)",
+    )
     contrast: float = param(
         0.7, ge=0, le=1, help="how strongly the overall histogram is held to the target's; 0: not at all"
     )
@@ -249,12 +263,27 @@ class Stationarize(_PatchSynthesis):
         plain = self._recipe(width, height, sigma, self.contrast, self.target == "flat")
         return replace(plain, measure=self.measure, order=order)
 
+    def controlled(
+        self, recipe: Recipe, values: np.ndarray, usable: np.ndarray | None, why: str, session: Session
+    ) -> Recipe:
+        """With the sigma of `amount` (MJH17 section 4.4)."""
+        if self.amount is None:
+            return recipe
+        if self.sigma is not None:
+            raise ParameterError(f"amount={self.amount:g}: sigma={self.sigma:g} says it already")
+        palette = Palette(session.device, values, usable, recipe, session.budget, why)
+        scale = perceived_scale(palette, PALETTE, session.advance, scale_folder())
+        sigma = scale.sigma_at(self.amount)
+        log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
+        return replace(recipe, sigma=sigma)
+
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """From sigmamap."""
         if self.sigmamap is None:
             return None
-        if self.sigma is not None:
-            raise ParameterError(f"sigma={self.sigma:g}: sigmamap says it already")
+        for name, value in (("sigma", self.sigma), ("amount", self.amount)):
+            if value is not None:
+                raise ParameterError(f"{name}={value:g}: sigmamap says it already")
         return sigmas_of(self.sigmamap, width, height)
 
 

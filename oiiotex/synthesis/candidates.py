@@ -12,7 +12,6 @@ contrast without it.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,8 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ..device import Buffers, Device
-from ..errors import Error
-from ..temporary import temporary_beside
+from .cache import kept
 from .stacks import blurred
 from .superexemplar import Levels
 
@@ -297,19 +295,7 @@ def _kept(cache: Path | None, stacks: Stacks, basis: np.ndarray, make: Callable[
     for said in (stacks.planes, stacks.usable, lively, basis):
         seen.update(np.ascontiguousarray(said))
     seen.update(repr((stacks.levels, DISC, _ROUNDS, _JUMPS)).encode())
-    path = cache / f"{seen.hexdigest()}.npy"
     texels = stacks.usable.size
-    try:
-        found = np.load(path, allow_pickle=False)
-        if found.shape == (len(stacks.planes), texels // len(stacks.planes), 2) and found.max() < texels:
-            return found
-    except (OSError, ValueError):  # absent, or spoiled
-        pass
-    made = make()
-    try:
-        os.makedirs(cache, exist_ok=True)
-        with temporary_beside(path) as temporary, open(temporary, "wb") as file:
-            np.save(file, made)
-    except (OSError, Error):  # a run does not fail for want of a cache
-        pass
-    return made
+    shape = len(stacks.planes), texels // len(stacks.planes), 2
+    path = cache / f"{seen.hexdigest()}.npy"
+    return kept(path, lambda found: found.shape == shape and found.max() < texels, make)
