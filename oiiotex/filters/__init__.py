@@ -24,7 +24,9 @@ from .labelview import LabelView
 from .paint import Paint
 from .palette import Palette
 from .plugins import installed
+from .preview import Preview
 from .quilt import Quilting
+from .sigmas import Sigmas
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
@@ -34,7 +36,8 @@ from .zoom import Zoom
 
 _OURS: tuple[type[Op], ...] = (
     Stationarize, PatchMatch, Quilting, Synth, Zoom, ExemplarGraph, Join, Cut, Composite, Palette, Paint,
-    Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Flatten, Sigmas, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Preview,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -51,6 +54,7 @@ zoom = function_of(Zoom)
 graph = function_of(ExemplarGraph)
 join = function_of(Join)
 stationarity = function_of(Stationarity)
+sigmas = function_of(Sigmas)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 decompose = function_of(Decompose)
@@ -59,6 +63,7 @@ labelview = function_of(LabelView)
 content = function_of(Content)
 lab = function_of(Lab)
 warp = function_of(Warp)
+preview = function_of(Preview)
 
 
 __all__ = ["FILTERS", "result"]
