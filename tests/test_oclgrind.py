@@ -34,6 +34,14 @@ for wrap in (True, False):
                     uniformity=0.05, contrast=0.7, flat=True)
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
+    "moments steerable": """
+from oiiotex.synthesis.stationarize import Recipe, synthesize
+exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
+for wrap, measure in ((True, "moments"), (False, "steerable")):
+    recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
+                    uniformity=0.05, contrast=0.7, flat=True, measure=measure, order=4)
+    synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
+""",
     "superpixels": """
 from oiiotex.analysis import labgrid
 from oiiotex.analysis.hierarchy import hierarchy
