@@ -227,7 +227,7 @@ class States:
     """
 
     def __init__(self, session: Session, maker: Synthesizer, level: int, window: Window, display: Window):
-        self._cache, self._maker, self._level = session.cache, maker, level
+        self._session, self._maker, self._level = session, maker, level
         near = max(map(abs, display)) < _FARTHEST
         self._shift = (0, 0) if near else (display.left, display.top)
         self.place, self.display = (w.shifted(-self._shift[0], -self._shift[1]) for w in (window, display))
@@ -238,7 +238,7 @@ class States:
     def read(self, window: Window) -> State:
         """The pixels of a window."""
         packed = assembled(
-            window, self._cell, self.place, lambda at: self._cache.get((self, at), lambda: self._made(at))
+            window, self._cell, self.place, lambda at: self._session.cache.get((self, at), lambda: self._made(at))
         )
         texel = np.ascontiguousarray(packed[..., :2]).view(np.uint32)[..., 0]
         return State(texel, packed[..., 2:])
@@ -246,4 +246,5 @@ class States:
     def _made(self, place: Window) -> np.ndarray:
         """(height, width, 6) int16: a texel number in two halves, an offset."""
         state = self._maker.window(self._level, place.shifted(*self._shift))
+        self._session.device.collect(self._session.stats)  # now: a stream would hold the events of all its cells
         return np.concatenate([np.ascontiguousarray(state.texel)[..., None].view(np.int16), state.offset], -1)
