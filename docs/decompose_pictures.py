@@ -10,7 +10,7 @@ from benchmarks.decompose import PAPER, grouped_by
 from benchmarks.labels import Case, cases
 from benchmarks.measures import data_folder
 from benchmarks.mosaics import suite
-from docs.pictures import beside, halved, pixels, shrunk, small, stacked, write_jpeg
+from docs.layout import beside, halved, pixels, shrunk, small, stacked, write_jpeg
 from oiiotex import filters
 from oiiotex.filters.decompose import Decompose
 from oiiotex.filters.labelview import distinct_colours

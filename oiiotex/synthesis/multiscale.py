@@ -18,7 +18,7 @@ import numpy as np
 from ..device import Buffers, Device
 from ..errors import ParameterError
 from ..windows import Window
-from .candidates import DIMS, Analysis
+from .candidates import DIMS, Analysis, texels_at_once
 
 FIRST_CORRECTED = 2  # level; coarser ones have less than a neighbourhood of the root
 JITTER = 0.6  # rho on the levels that are jittered: less is undone by the correction, and the root shows as tiles
@@ -138,6 +138,8 @@ class Synthesizer:
     def __init__(self, device: Device, analysis: Analysis, settings: Settings, budget: int):
         self._device, self._settings, self._budget = device, settings, budget
         self._side = analysis.stacks.side_bits
+        self._at_once = texels_at_once(device)
+        self._run = device.program("multiscale", RUN=self._at_once)
         levels = analysis.stacks.levels
         tables = {
             "links": analysis.links,
@@ -148,9 +150,7 @@ class Synthesizer:
             "finer": np.array(levels.finer, np.int32),
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
         }
-        self._tables = Buffers(device, {k: v.nbytes for k, v in tables.items()}, budget, "the analysed exemplars")
-        for name, table in tables.items():
-            device.write(self._tables[name], table)
+        self._tables = Buffers(device, {}, budget, "the analysed exemplars", tables=tables)
         self._first = ((1 << self._side) // 2 << self._side) + (1 << self._side) // 2  # the middle of level 0
         self._turn = threading.Lock()
 
@@ -191,7 +191,7 @@ class Synthesizer:
     def _upsample(self, held: Buffers, entry: LevelPlan, before: Window) -> None:
         window, settings, tables = entry.windows[0], self._settings, self._tables
         period = settings.period(entry.level)
-        self._device.program("multiscale")(
+        self._run(
             "upsample", (window.width, window.height), held["parent"], held["parent_r"], held["texel"], held["r"],
             held["colour"], tables["stack"], tables["finer"], tables["spacing"], self._side, before.width,
             (window.left >> 1) - before.left, (window.top >> 1) - before.top, window.width, window.height,
@@ -204,18 +204,22 @@ class Synthesizer:
         count = (after.right - left + 1) // 2, (after.bottom - top + 1) // 2
         if min(count) < 1:
             return
-        run, tables = self._device.program("multiscale"), self._tables
+        run, tables = self._run, self._tables
         place = whole.width, left - whole.left, top - whole.top, *count
         run(
-            "correct", count, held["texel"], held["r"], held["colour"], tables["links"], tables["records"],
-            tables["offsets"], tables["basis"], tables["spacing"], self._side, *place,
-            round(16 * (self._settings.penalty - 1)),
+            "correct", (-(-count[0] // self._at_once), count[1]), held["texel"], held["r"], held["colour"],
+            tables["links"], tables["records"], tables["offsets"], tables["basis"], tables["spacing"], self._side,
+            *place, round(16 * (self._settings.penalty - 1)),
         )  # fmt: skip
         run("colour", count, held["texel"], held["r"], tables["stack"], held["colour"], *place)
 
 
 def paired(basis: np.ndarray) -> np.ndarray:
-    """The basis as cl/multiscale.cl reads it: for every tap rows (L, a) and (b, 0), dimension by dimension."""
-    rows = np.zeros((25, 4, DIMS), np.int16)
-    rows[:, :3] = basis.reshape(25, 3, DIMS)
-    return np.ascontiguousarray(rows.reshape(25, 2, 2, DIMS).transpose(0, 1, 3, 2))
+    """The basis as cl/multiscale.cl reads it: pairs of rows (L, a) and (b, 0), dimension by dimension.
+
+    For every tap of a neighbourhood, and at last for the sum of all.
+    """
+    taps = basis.reshape(25, 3, DIMS)
+    rows = np.zeros((26, 4, DIMS), np.int16)
+    rows[:25, :3], rows[25, :3] = taps, taps.sum(0, dtype=np.int16)  # at most 5 * 4096: the columns have length 4096
+    return np.ascontiguousarray(rows.reshape(26, 2, 2, DIMS).transpose(0, 1, 3, 2))
