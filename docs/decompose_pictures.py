@@ -25,7 +25,7 @@ LANDSCAPES = (
 )  # fmt: skip
 UNSHIFTED = ("drone_track_grass_soil.jpg", "moss_grass_stones_ground.jpg", "castle_brick_broken.jpg")
 COMPOSED = (
-    ("photos/moss_grass_stones_ground.jpg", {}, None), ("photos/castle_brick_broken.jpg", {}, None),
+    ("photos/moss_grass_stones_ground.jpg", {"radius": 24}, None), ("photos/castle_brick_broken.jpg", {}, None),
     ("photos/onyx_veins.jpg", {"threshold": 0.6}, 64),
 )  # fmt: skip
 
