@@ -80,7 +80,7 @@ def composites() -> None:
         made = filters.composite(parts, size=(768, 512), patch=patch)
         ids = parts["label.1"].get_pixels(oiio.UINT32)[..., 0]
         rows.append(beside(halved(pixels(photo)), painted(ids, 256), halved(pixels(made))))
-    write_jpeg(stacked(rows, 6), "decompose_composite.jpg", 70)
+    write_jpeg(stacked(rows, 6), "decompose_composite.jpg", 65)
 
 
 def unshifted() -> None:
