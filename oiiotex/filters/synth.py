@@ -19,11 +19,11 @@ from ..images import Image, Part, derived_spec
 from ..op import Op, Output, Reach, Space
 from ..params import Parameter, Size, image, param
 from ..session import Session
-from ..synthesis.candidates import Analysis, Stacks, analyse, lively_texels
+from ..synthesis.candidates import Analysis, analyse
 from ..synthesis.exemplars import Graph, read_graph
 from ..synthesis.multiscale import KEPT_IN_LOOPS, MOST_LEVEL, Settings, State, Synthesizer, default_jitter
-from ..synthesis.stacks import STEPS, Exemplar, grid_stack, load_exemplars, nearest_opaque, shown_level
-from ..synthesis.superexemplar import unrolled
+from ..synthesis.stacks import STEPS, Exemplar, load_exemplars, nearest_opaque, shown_level
+from ..synthesis.targets import stacks_of
 from ..tiles import assembled
 from ..windows import Window
 from ..working import Lens
@@ -104,7 +104,7 @@ class Synth(Op):
         level = finest + graph.depth() if self.level is None else self.level
         display, window = self._windows(source.spec)
         settings = self._settings(graph, finest, level, display)
-        analysis = self._analysed(session, graph, exemplars, finest)
+        analysis = self._analysed(session, graph, exemplars)
         _report_shares(graph, analysis)
         maker = Synthesizer(session.device, analysis, settings, session.budget)
         session.device.collect(session.stats)
@@ -185,23 +185,11 @@ class Synth(Op):
             around_level=level,
         )
 
-    def _analysed(self, session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], finest: int) -> Analysis:
+    def _analysed(self, session: Session, graph: Graph, exemplars: tuple[Exemplar, ...]) -> Analysis:
         import platformdirs
 
-        levels = unrolled(graph, finest)
         with session.stats.time("Gaussian stacks"):
-            root = exemplars[graph.root]
-            seen = root.values if root.opaque is None else root.values[root.opaque]
-            middle = seen[..., :3].reshape(-1, 3).mean(0, dtype=np.float64)
-            planes = np.empty((len(levels.stacks), root.side, root.side, 4), np.int16)
-            usable = np.ones(planes.shape[:3], bool)
-            for n, exemplar in enumerate(exemplars):
-                numbers = [m for m, (i, _) in enumerate(levels.stacks) if i == n]
-                planes[numbers] = grid_stack(exemplar, middle, [levels.stacks[m][1] for m in numbers], finest)
-                if exemplar.opaque is not None:
-                    usable[numbers] = exemplar.opaque
-            loops = [n for n in range(len(exemplars)) if graph.in_loop(n)]
-            stacks = Stacks(levels, planes, usable, lively_texels(levels, planes, loops) if loops else None)
+            stacks = stacks_of(graph, exemplars, self.lock)
         folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
         return analyse(session.device, stacks, self.dims, self.correct, session.budget, session.advance, folder)
 
