@@ -14,72 +14,14 @@ from scipy.cluster.vq import kmeans2
 
 from benchmarks.peers import CROPS, SYNTHESIZERS
 from docs.demo import gravel, save, stained
+from docs.layout import beside, halved, labelled, pixels, shrunk, small, stacked, test_photo, twice, write_jpeg
 from oiiotex import filters
 from oiiotex.filters.labelview import distinct_colours
 
-FOLDER = Path(__file__).parent / "pictures"
 SIDE = 192  # px, longer side of a photo on a contact sheet
 PER_SHEET = 6
-MODES = ("diffusion", "euclidean", "spectral")
-COLUMNS = (
-    "stained_plaster_wall.jpg", "castle_brick_broken.jpg", "chalkboard_scratched.jpg", "rust_barrel_side.jpg",
-    "sail_cloth_stained.jpg", "rebar_concrete_decayed.jpg",
-)  # fmt: skip
 DECOMPOSED = ("drone_track_grass_soil.jpg", "moss_grass_stones_ground.jpg", "castle_brick_broken.jpg")
 LAYERED = (("rust_barrel_side.jpg", 3), ("moss_grass_stones_ground.jpg", 4), ("sandstone_wall_cracked.jpg", 3))
-
-
-def write_jpeg(pixels: np.ndarray, name: str, quality: int = 75) -> None:
-    """Save a picture small enough for a repository."""
-    buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8))
-    buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
-    buffer.specmod().attribute("Compression", f"jpeg:{quality}")
-    FOLDER.mkdir(exist_ok=True)
-    if not buffer.write(str(FOLDER / name)):
-        raise SystemExit(buffer.geterror())
-    print(FOLDER / name, (FOLDER / name).stat().st_size // 1024, "KB")
-
-
-def shrunk(photo: oiio.ImageBuf, side: int) -> oiio.ImageBuf:
-    """8-bit sRGB RGB with its longer side at most `side`."""
-    spec = photo.spec()
-    if spec.nchannels > 3:
-        photo = oiio.ImageBufAlgo.channels(photo, (0, 1, 2))
-    elif spec.nchannels == 1:
-        photo = oiio.ImageBufAlgo.channels(photo, (0, 0, 0), ("R", "G", "B"))
-    scale = min(1.0, side / max(spec.width, spec.height))
-    small = oiio.ImageBufAlgo.resize(photo, roi=oiio.ROI(0, round(spec.width * scale), 0, round(spec.height * scale)))
-    small.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
-    return small
-
-
-def pixels(buffer: oiio.ImageBuf) -> np.ndarray:
-    """(h, w, 3) uint8."""
-    return buffer.get_pixels(oiio.UINT8)[..., :3]
-
-
-def beside(*panes: np.ndarray, gap: int = 8) -> np.ndarray:
-    """Pictures side by side on white, top aligned."""
-    height = max(p.shape[0] for p in panes)
-    width = sum(p.shape[1] for p in panes) + gap * (len(panes) - 1)
-    sheet = np.full((height, width, 3), 255, np.uint8)
-    left = 0
-    for pane in panes:
-        sheet[: pane.shape[0], left : left + pane.shape[1]] = pane
-        left += pane.shape[1] + gap
-    return sheet
-
-
-def twice(tile: np.ndarray) -> np.ndarray:
-    """Laid out 2 x 2."""
-    return np.tile(tile, (2, 2, 1))
-
-
-def halved(picture: np.ndarray) -> np.ndarray:
-    """At half the size."""
-    with tempfile.TemporaryDirectory() as folder:
-        save(picture, Path(folder) / "p.png")
-        return pixels(shrunk(oiio.ImageBuf(f"{folder}/p.png"), max(picture.shape) // 2))
 
 
 def demo_pictures() -> None:
@@ -126,20 +68,13 @@ def cut_labels() -> None:
         tile = filters.cut(photo, label=label, level=len(maps) + 1 + level, size=(320, 320), seed=1)
         shown = np.where(ids == label, pixels(first), pixels(first) // 4)
         rows.append(beside(shown, halved(twice(pixels(tile)))))
-    write_jpeg(_below(*rows), "cut_labels.jpg")
+    write_jpeg(stacked(rows), "cut_labels.jpg")
 
 
 def _id_picture(ids: np.ndarray) -> oiio.ImageBuf:
     made = oiio.ImageBuf(oiio.ImageSpec(ids.shape[1], ids.shape[0], 1, oiio.UINT32))
     made.set_pixels(made.roi, np.ascontiguousarray(ids.astype(np.uint32))[..., None])
     return made
-
-
-def _below(*panes: np.ndarray, gap: int = 8) -> np.ndarray:
-    """Pictures one below the other on white, left aligned."""
-    wide = max(pane.shape[1] for pane in panes)
-    fill = [((0, gap), (0, wide - pane.shape[1]), (0, 0)) for pane in panes]
-    return np.concatenate([np.pad(p, f, constant_values=255) for p, f in zip(panes, fill, strict=True)])
 
 
 def painted_meadow() -> None:
@@ -164,7 +99,7 @@ def painted_meadow() -> None:
     plain = looks[np.where(painting == coarse[1], 1, 0)]
     shown = looks[np.select([details == fine[0], details == fine[1], painting == coarse[1]], [2, 3, 1], 0)]
     rows = [beside(halved(a), halved(pixels(b))) for a, b in ((plain, once), (shown, over))]
-    write_jpeg(_below(*rows), "paint.jpg")
+    write_jpeg(stacked(rows), "paint.jpg")
 
 
 def composites() -> None:
@@ -176,22 +111,7 @@ def composites() -> None:
             return
         made = filters.composite(photo, level=max(1, len(photo) - 1 - below), size=(1280, 800), seed=1)
         rows.append(beside(halved(pixels(next(iter(photo.values())))), halved(pixels(made))))
-    write_jpeg(_below(*rows), "composite.jpg")
-
-
-def test_photo(name: str) -> oiio.ImageBuf | None:
-    """One of the test photos, 8 bit; None with a word where they are not."""
-    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / name
-    if not path.is_file():
-        print(f"no {path}: its picture stays as it is")
-        return None
-    return shrunk(oiio.ImageBuf(str(path)), 1024)
-
-
-def small(picture: np.ndarray, side: int) -> np.ndarray:
-    """Every nth pixel, (h, w) or (h, w, 3): labels must not be mixed."""
-    step = -(-max(picture.shape[:2]) // side)
-    return picture[step // 2 :: step, step // 2 :: step]
+    write_jpeg(stacked(rows), "composite.jpg")
 
 
 def layered_textures() -> None:
@@ -272,77 +192,6 @@ def contact_sheets() -> None:
         write_jpeg(np.concatenate(sheet), f"photos_{n // PER_SHEET + 1}.jpg")
 
 
-def labelled(name: str, side: int) -> dict[str, oiio.ImageBuf] | None:
-    """A test photo with its label parts, or None where there are no photos."""
-    path = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos" / f"{name}.jpg"
-    if not path.is_file():
-        print(f"no {path}: its pictures stay as they are")
-        return None
-    return filters.label(shrunk(oiio.ImageBuf(str(path)), side), keep=True)
-
-
-def kept_alone(photo: oiio.ImageBuf, **values: object) -> np.ndarray:
-    """What a mask leaves of a photo, on white; all white where it is rejected."""
-    mask = filters.dominant(photo, **values).get_pixels(oiio.FLOAT)
-    return np.where(mask > 0.5, pixels(photo), 255).astype(np.uint8)
-
-
-def dominant_columns() -> None:
-    """LDR09 figure 6: photos, what is dominant in them, the same by eq. 7, the larger half of a normalised cut."""
-    panes = []
-    for name in COLUMNS:
-        photo = test_photo(name)
-        if photo is None:
-            return
-        photo = shrunk(photo, 160)
-        panes.append(beside(pixels(photo), *(kept_alone(photo, mode=m) for m in MODES)))
-    pairs = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
-    write_jpeg(stacked(pairs), "dominant_columns.jpg")
-
-
-def stacked(rows: list[np.ndarray], gap: int = 10) -> np.ndarray:
-    """Pictures one below the other on white, left aligned."""
-    width = max(row.shape[1] for row in rows)
-    return np.concatenate([np.pad(r, ((0, gap), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows])
-
-
-def painted_wall(side: int = 160) -> np.ndarray:
-    """LDR09 figure 8: paint that is plain at the left and ever more spotted to the right."""
-    y, x = np.mgrid[0:side, 0 : side * 3 // 2]
-    spots = ndimage.gaussian_filter(np.random.default_rng(3).normal(0, 1, y.shape), 2.5, mode="wrap")
-    spots = (spots / spots.std() > 2.6 - 2.2 * x / x.max())[..., None] * 1.0
-    spots = ndimage.gaussian_filter(spots, (0.6, 0.6, 0))
-    return np.rint(255 * (np.array([0.75, 0.7, 0.6]) * (1 - spots) + np.array([0.35, 0.2, 0.12]) * spots)).astype(
-        np.uint8
-    )
-
-
-def dominant_failures() -> None:
-    """LDR09 figure 8: a smooth transition, and cracks of all directions and widths."""
-    with tempfile.TemporaryDirectory() as folder:
-        save(painted_wall(), Path(folder) / "paint.png")
-        photos = [oiio.ImageBuf(f"{folder}/paint.png"), test_photo("sandstone_wall_cracked.jpg")]
-        if photos[1] is None:
-            return
-        panes = [beside(pixels(p), kept_alone(p)) for p in (shrunk(photo, 240) for photo in photos)]
-    write_jpeg(beside(*panes, gap=24), "dominant_failures.jpg")
-
-
-def clean_quilt(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None:
-    """A photo, its dominant texture, a quilt of that alone, a quilt of the whole; how the texture was found."""
-    photo = test_photo(name)
-    if photo is None:
-        return
-    photo = shrunk(photo, side)
-    with tempfile.TemporaryDirectory() as folder:
-        parts = filters.dominant(photo, keep=True, chart=Path(folder) / "chart.png")
-        write_jpeg(pixels(oiio.ImageBuf(f"{folder}/chart.png")), "dominant_chart.jpg")
-    mask = parts["dominant"]
-    quilts = [filters.quilt(photo, size=(side, side), patch=48, seed=1, **m) for m in ({"mask": mask}, {})]
-    left = np.where(mask.get_pixels(oiio.FLOAT) > 0.5, pixels(photo), 255).astype(np.uint8)
-    write_jpeg(halved(beside(pixels(photo), left, *(pixels(q) for q in quilts))), "dominant_quilt.jpg")
-
-
 def decompositions() -> None:
     """Photos, their subtextures, and those that plain comparison finds."""
     colours = distinct_colours()
@@ -418,9 +267,6 @@ def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
 
 
 if __name__ == "__main__":
-    dominant_columns()
-    dominant_failures()
-    clean_quilt()
     decompositions()
     quilts()
     quilts_beside_peers()

@@ -83,7 +83,12 @@ class Op:
     @classmethod
     def optional_images(cls) -> tuple[Parameter, ...]:
         """The declared input images that it takes where they are asked for."""
-        return tuple(i for i in declared(cls)[0] if not i.required)
+        return tuple(i for i in declared(cls)[0] if not (i.required or i.many))
+
+    @classmethod
+    def further_images(cls) -> Parameter | None:
+        """The declared input that holds the images behind the first, as many as its `count` says, or None."""
+        return next((i for i in declared(cls)[0] if i.count), None)
 
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
@@ -108,7 +113,9 @@ class Op:
     @classmethod
     def arity(cls, values: dict[str, Any], depth: int) -> int:
         """How many images it takes from a stack of that depth; more than the depth: it waits for them."""
-        return len(cls.taken(values)) + sum(values.get(i.attribute) is True for i in cls.optional_images())
+        further = cls.further_images()
+        more = 0 if further is None else (values.get(further.count) or 1) - 1
+        return len(cls.taken(values)) + more + sum(values.get(i.attribute) is True for i in cls.optional_images())
 
     def values(self) -> dict[str, Any]:
         """This use's parameter values by name."""
@@ -124,5 +131,5 @@ class Op:
         return found | ({"oiiotex:seed": given["seed"]} if "seed" in given else {})
 
     def compute(self, session: Any) -> Any:
-        """The output `images.Image`; `session` is a `session.Session`."""
+        """The output `images.Image`, or a tuple of them, all pushed in that order; `session` is a `session.Session`."""
         raise NotImplementedError

@@ -58,6 +58,8 @@ class Parameter:
     choices: tuple[Any, ...] = ()
     positional: bool = False  # on the command line a word of its own behind the op; else a modifier
     many: bool = False  # an input that is a tuple of images, as many as the op takes
+    frame: bool = False  # where it is left out, a sequence of the command line says it: the frame's number
+    count: str = ""  # of such an input: the parameter that says how many images the op takes, the first input included
 
     @property
     def attribute(self) -> str:
@@ -145,9 +147,13 @@ def param(
     ge: float | None = None,
     le: float | None = None,
     choices: Iterable[Any] = (),
+    frame: bool = False,
 ) -> Any:
-    """Declare a parameter as a dataclass field. `ge` and `le` bound it (for a Size: both sides)."""
-    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices)}
+    """Declare a parameter as a dataclass field. `ge` and `le` bound it (for a Size: both sides).
+
+    `frame`: where it is left out, --frames says it.
+    """
+    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "frame": frame}
     return dataclasses.field(default=default, metadata={_FIELD: facts})
 
 
@@ -164,9 +170,13 @@ def argument(
     return dataclasses.field(metadata={_FIELD: facts})
 
 
-def image(default: Any = dataclasses.MISSING, *, help: str) -> Any:
-    """Declare an input image as a dataclass field."""
-    return dataclasses.field(default=default, metadata={_FIELD: {"help": help}})
+def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "") -> Any:
+    """Declare an input image as a dataclass field.
+
+    A field of type `tuple[Image, ...]` holds several. With `count` it follows the first input, and the parameter of
+    that name says how many images these are together.
+    """
+    return dataclasses.field(default=default, metadata={_FIELD: {"help": help, "count": count}})
 
 
 @functools.cache
@@ -197,7 +207,11 @@ def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, 
         An unknown modifier (the text names the nearest one), or a value that is not allowed.
     """
     images, parameters = declared(op)
-    known = {p.name: p for p in (*images, *parameters) if not p.positional and not (p.kind is None and p.required)}
+    known = {
+        p.name: p
+        for p in (*images, *parameters)
+        if not p.positional and not (p.kind is None and (p.required or p.many))
+    }
     values = {}
     for name, text in modifiers.items():
         if name not in known:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 import os
@@ -132,6 +133,22 @@ class Session:
         """
         if self.progress is not None and self.progress(done, total) is False:
             raise Interrupted("stopped by the progress callback")
+
+    def stages(self) -> Iterator[Session]:
+        """This session again and again, for ops that work in stages: progress goes on where the last stage ended."""
+        self.device  # noqa: B018 - opened once, for all
+        begun = ended = 0
+
+        def advance(done: int, total: int) -> bool | None:
+            nonlocal ended
+            ended = begun + done
+            return None if self.progress is None else self.progress(ended, begun + total)
+
+        while True:
+            stage = copy.copy(self)
+            stage.progress = advance
+            yield stage
+            begun = ended
 
 
 def usable_threads() -> int:

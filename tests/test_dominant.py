@@ -314,6 +314,20 @@ def test_holes_in_alpha_are_never_in_the_mask():
     assert mask_of(np.zeros((30, 30, 4)), tuple("RGBA")).max() == 0
 
 
+def test_a_mask_with_holes_says_where_to_look():
+    _, picture, _ = composite(3)
+    mask = np.ones((*picture.shape[:2], 1))
+    mask[50:70, 60:100] = mask[::9, ::23] = 0
+    found = mask_of(picture, mask=buffer(mask, ("Y",)))
+    assert found[mask[..., 0] == 0].max() == 0
+    alpha = mask_of(np.concatenate([picture * mask, mask], -1), tuple("RGBA"))
+    np.testing.assert_array_equal(found, alpha)  # as holes in alpha
+    with pytest.raises(errors.ImageError, match="the mask leaves no pixel"):
+        mask_of(picture, mask=buffer(0 * mask, ("Y",)))
+    with pytest.raises(errors.ImageError, match="mask is 8x8, the exemplar 125x94"):
+        mask_of(picture, mask=buffer(mask[:8, :8], ("Y",)))
+
+
 def test_nan_is_counted_and_memory_refused():
     broken = pictures.moss(32, 32, 0)
     broken[3, 4, 0] = np.nan

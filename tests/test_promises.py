@@ -99,9 +99,14 @@ PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
 @of(list(filters.FILTERS))
 def test_every_filter_is_a_function_with_its_declared_parameters(op):
     function = getattr(filters, op.name)
-    assert set(function.__signature__.parameters) == {i.name for i in (*op.images(), *op.optional_images())} | {
-        p.name for p in op.parameters()
-    } | {"session", "roi", "nthreads"}
+    further = {op.further_images().name} if op.further_images() else set()
+    assert (
+        set(function.__signature__.parameters)
+        == {i.name for i in (*op.images(), *op.optional_images())}
+        | {p.name for p in op.parameters()}
+        | {"session", "roi", "nthreads"}
+        | further
+    )
     for name in (p.name for p in op.parameters()):
         assert f"{name} : " in function.__doc__
 

@@ -12,6 +12,7 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.device import Buffers
 from oiiotex.synthesis import stationarize as st
+from oiiotex.synthesis.guidance import coarse_image, coarse_mask
 from oiiotex.synthesis.patchmatch import Matcher, allowed_patches, random_field
 from tests import pictures
 from tests.test_promises import buffer, pixels
@@ -39,7 +40,8 @@ def test_a_thin_mask_starts_where_it_has_whole_patches():
     assert starts[:2] == [0, 0] and starts == sorted(starts) and starts[-1] == len(scales) - 1
     for mask, start in zip((stripes(15), stripes(10)), starts[2:4], strict=True):
         assert start > 0
-        found = [allowed_patches(st.coarse_mask(mask, g), g).mean() for g in geometries]
+        sizes = [(g.exemplar_width, g.exemplar_height) for g in geometries]
+        found = [allowed_patches(coarse_mask(mask, *s), g).mean() for s, g in zip(sizes, geometries, strict=True)]
         assert all(share < st.ENOUGH * found[-1] for share in found[:start]) and found[start] >= st.ENOUGH * found[-1]
 
 
@@ -95,9 +97,8 @@ def test_colours_outside_do_not_show():
 def test_coarse_levels_are_means_of_allowed_pixels_alone():
     mask = stripes(20)
     values = np.where(mask[..., None], np.float32(40), np.float32(90)) * np.ones(3, np.float32)
-    geometry = st.geometry_at(recipe(), values.shape, 0.37)
-    coarse = st._coarse_image(values, mask, geometry)
-    np.testing.assert_allclose(coarse[st.coarse_mask(mask, geometry)], 40, rtol=1e-5)
+    coarse = coarse_image(values, mask, 71, 59)
+    np.testing.assert_allclose(coarse[coarse_mask(mask, 71, 59)], 40, rtol=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -54,8 +54,12 @@ def reduction(width: int, height: int, most: int) -> int:
     return max(1, math.ceil(math.sqrt(width * height / most)))
 
 
-def lab_pixels(image: Image, lens: Lens, session: Session, factor: int = 1) -> LabPixels:
+def lab_pixels(
+    image: Image, lens: Lens, session: Session, factor: int = 1, allowed: np.ndarray | None = None
+) -> LabPixels:
     """The image's first part in Lab, looked at once on all threads.
+
+    What is not `allowed`, (height, width) bool, is as if it were transparent.
 
     Equal Lab gives equal integers, and sums of integers do not depend on bands, so what follows from them is the same
     on every device.
@@ -86,6 +90,8 @@ def lab_pixels(image: Image, lens: Lens, session: Session, factor: int = 1) -> L
                 broken = found.counts if broken is None else broken + found.counts
                 continue
             top = piece.top - part.window.top
+            if allowed is not None:
+                found *= allowed[top : top + len(found), :, None]
             solid = found[..., 3] > 0
             bits[top : top + len(found)] = np.packbits(solid, axis=1)
             transparent |= not solid.all()

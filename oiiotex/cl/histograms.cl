@@ -5,6 +5,9 @@
 // (departure: cells instead of blocks). A histogram is BINS floats; the grid holds [channel][cell y][cell x][bin].
 // Every cell is summed by one work-item in one fixed order, so the bits do not depend on the device.
 #pragma OPENCL FP_CONTRACT OFF
+#ifndef CHANNELS
+#define CHANNELS 3   // values of a pixel; each has histograms of its own
+#endif
 
 #if LANES > 1
 #define BIN_LANES 16
@@ -34,7 +37,7 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
                                 __constant float *low, __constant float *per_bin,
                                 int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
   int cx = get_global_id(0), cy = get_global_id(1), c = get_global_id(2);
-  if (cx >= cells_x || cy >= cells_y || c >= 3) return;
+  if (cx >= cells_x || cy >= cells_y || c >= CHANNELS) return;
   float pitch_x = (float)width / (float)cells_x, pitch_y = (float)height / (float)cells_y;
   __global float *histogram = grid + ((c * cells_y + cy) * cells_x + cx) * BINS;
   for (int b = 0; b < BINS; b++) histogram[b] = 1e-6f * pitch_x * pitch_y;   // keeps the cumulative strictly rising
@@ -42,11 +45,11 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
   for (int y = floor_int(centre_y - pitch_y) + 1; (float)y < centre_y + pitch_y; y++) {
     if (!wrap_y && (y < 0 || y >= height)) continue;
     float away_y = (float)y < centre_y ? centre_y - (float)y : (float)y - centre_y;
-    const __global short *row = image + 3 * width * (y < 0 ? y + height : y >= height ? y - height : y) + c;
+    const __global short *row = image + CHANNELS * width * (y < 0 ? y + height : y >= height ? y - height : y) + c;
     for (int x = floor_int(centre_x - pitch_x) + 1; (float)x < centre_x + pitch_x; x++) {
       if (!wrap_x && (x < 0 || x >= width)) continue;
       float away_x = (float)x < centre_x ? centre_x - (float)x : (float)x - centre_x;
-      short value = row[3 * (x < 0 ? x + width : x >= width ? x - width : x)];
+      short value = row[CHANNELS * (x < 0 ? x + width : x >= width ? x - width : x)];
       if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
       float weight = (1.0f - away_y / pitch_y) * (1.0f - away_x / pitch_x);
       float t = place_in_bins(value, low[c], per_bin[c]);
@@ -63,7 +66,7 @@ __kernel void histograms_gather(const __global short *restrict image, __global f
 __kernel void histograms_blur(const __global float *restrict grid, __global float *restrict blurred,
                               __constant float *weights, int radius, int n, int stride, int across, int across_stride, int wrap) {
   int part = get_global_id(0) * BIN_LANES, i = get_global_id(1), jc = get_global_id(2);
-  if (part >= BINS || i >= n || jc >= 3 * across) return;
+  if (part >= BINS || i >= n || jc >= CHANNELS * across) return;
   int c = jc / across, j = jc - c * across;
   int line = (c * n * across + j * across_stride) * BINS + part;
   bin_lane sum = 0.0f;
@@ -114,12 +117,12 @@ __kernel void histograms_match(const __global short *restrict image, const __glo
                                __constant float *low, __constant float *per_bin, float strength,
                                int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
   int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
-  if (x >= width || y >= height || c >= 3) return;
+  if (x >= width || y >= height || c >= CHANNELS) return;
   float gx = ((float)x + 0.5f) * ((float)cells_x / (float)width) - 0.5f;
   float gy = ((float)y + 0.5f) * ((float)cells_y / (float)height) - 0.5f;
   int x0 = floor_int(gx), y0 = floor_int(gy);
   float right = gx - (float)x0, lower = gy - (float)y0;
-  short old = image[3 * (y * width + x) + c];
+  short old = image[CHANNELS * (y * width + x) + c];
   float t = place_in_bins(old, low[c], per_bin[c]);
   int b = (int)(t + 0.5f);
   float inside = t + 0.5f - (float)b;
@@ -137,12 +140,12 @@ __kernel void histograms_match(const __global short *restrict image, const __glo
   float value = (float)old + strength * (g[0] + (g[1] - g[0]) * (share - (float)i) - (float)old);
   float least = inverse[c * (INVERSE + 1)], most = inverse[c * (INVERSE + 1) + INVERSE];
   value = value < least ? least : value > most ? most : value;
-  matched[3 * (y * width + x) + c] = (short)floor_int(value + 0.5f);
+  matched[CHANNELS * (y * width + x) + c] = (short)floor_int(value + 0.5f);
 }
 
 // Point function of a value: global histogram matching is one table per channel on the integer grid.
 __kernel void histograms_table(__global short *restrict image, const __global short *restrict table, int first, int entries, int pixels) {
   int p = get_global_id(0);
   if (p >= pixels) return;
-  for (int c = 0; c < 3; c++) image[3 * p + c] = table[c * entries + image[3 * p + c] - first];
+  for (int c = 0; c < CHANNELS; c++) image[CHANNELS * p + c] = table[c * entries + image[CHANNELS * p + c] - first];
 }

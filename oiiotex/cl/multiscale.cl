@@ -5,8 +5,16 @@
 #include "projected.h"
 
 #define BITS 12           // of the fraction of the basis
-#define TAPS 25           // of a 5 x 5 neighbourhood
+#define SIDE_TAPS 5       // of a neighbourhood
+#define NEAR 9            // pixels whose candidates are tried
+#define RECORD (2 * DIMS) // of a texel: its two candidates' neighbourhoods, a cache line
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
+
+#if defined(__x86_64__) && RUN > 1
+#define PREFETCH(at) __builtin_prefetch((const void *)(size_t)(at))
+#else
+#define PREFETCH(at)
+#endif
 
 inline short4 offset_sum(int4 r) {
   r = r > MOST_OFFSET ? (int4)(MOST_OFFSET) : r;
@@ -63,35 +71,24 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
 
 // --- correction (section 4.4) ---
 
-// The neighbourhood of a pixel less its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p stands
-// for the whole neighbourhood, so that the candidates' transformed neighbourhoods are looked up as they are.
-#if LANES > 16
-typedef struct { lane_i16 all; } sums;
-inline void clear(sums *s) { s->all = (lane_i16)(0); }
-inline void add_pair(sums *s, int pair, const __global short *basis) {
-  lane_s32 v = __builtin_astype((lane_i16)(pair), lane_s32), b = *(const __global lane_s32 *)basis;
-  lane_i16 even = __builtin_convertvector(v.even, lane_i16) * __builtin_convertvector(b.even, lane_i16);
-  lane_i16 odd = __builtin_convertvector(v.odd, lane_i16) * __builtin_convertvector(b.odd, lane_i16);
-  s->all += even + odd;   // this shape compiles to one multiply-add
-}
-inline void scale(const sums *s, projected *found) {
-  lane_i16 v = (s->all + (1 << (BITS - 1))) >> BITS;
-  v = v > MOST_PROJECTED ? (lane_i16)(MOST_PROJECTED) : v;
-  v = v < -MOST_PROJECTED ? (lane_i16)(-MOST_PROJECTED) : v;
-  *found = __builtin_convertvector(v, lane_s16);
-}
-#elif LANES > 1
+#if LANES > 1
 typedef struct { lane_i8 low, high; } sums;
 inline void clear(sums *s) { s->low = s->high = (lane_i8)(0); }
-inline lane_i8 pairs8(int pair, const __global short *basis) {
+// Products of a pair of 16-bit numbers with eight pairs of the basis, those of a pair added. By name where there is such
+// an instruction: with one pair in all lanes compilers do not see it in the shape below.
+inline lane_i8 pair_products(int pair, const __global short *basis) {
   lane_s16 v = __builtin_astype((lane_i8)(pair), lane_s16), b = *(const __global lane_s16 *)basis;
+#ifdef __AVX2__
+  return __builtin_ia32_pmaddwd256(v, b);
+#else
   lane_i8 even = __builtin_convertvector(v.even, lane_i8) * __builtin_convertvector(b.even, lane_i8);
   lane_i8 odd = __builtin_convertvector(v.odd, lane_i8) * __builtin_convertvector(b.odd, lane_i8);
   return even + odd;
+#endif
 }
 inline void add_pair(sums *s, int pair, const __global short *basis) {
-  s->low += pairs8(pair, basis);
-  s->high += pairs8(pair, basis + DIMS);
+  s->low += pair_products(pair, basis);
+  s->high += pair_products(pair, basis + DIMS);
 }
 inline lane_i8 scaled8(lane_i8 v) {
   v = (v + (1 << (BITS - 1))) >> BITS;
@@ -121,49 +118,80 @@ inline void scale(const sums *s, projected *found) {
 }
 #endif
 
+// The neighbourhood of pixel p less its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p stands
+// for the whole neighbourhood, so that the candidates' transformed neighbourhoods are looked up as they are. A pixel is
+// two pairs, (L, a) and (b, 0); `basis` holds rows for the pairs of each tap, and of their sums, by which R_p counts.
+inline void project_around(projected *found, const __global int *colour, int p, int width, short4 own,
+                           const __global short *basis) {
+  sums total;
+  clear(&total);
+  for (int dy = -SIDE_TAPS / 2; dy <= SIDE_TAPS / 2; dy++) {
+    const __global int *pairs = colour + 2 * (p + dy * width - SIDE_TAPS / 2);
+    #pragma unroll
+    for (int n = 0; n < 2 * SIDE_TAPS; n++, basis += 2 * DIMS) add_pair(&total, pairs[n], basis);
+  }
+  int2 less = as_int2((short4)(0) - own);
+  add_pair(&total, less.x, basis);
+  add_pair(&total, less.y, basis + 2 * DIMS);
+  scale(&total, found);
+}
+
+// The texels whose candidates pixel p may take: what its 3 x 3 neighbours expect in its place, its own first.
+inline void expected(uint *found, const __global uint *texel, int p, int width, const __global int *spacing, int side) {
+  #pragma unroll
+  for (int n = 0; n < NEAR; n++) {
+    int turn = n + 4 < NEAR ? n + 4 : n - 5, dy = turn / 3 - 1, dx = turn % 3 - 1;
+    uint other = texel[p + dy * width + dx];
+    int level = TEXEL_LEVEL(other, side), h = spacing[level];
+    found[n] = texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side);
+  }
+}
+
+// The best candidate (eq. 3), 2 texel + its number; candidate 1 of any texel before candidate 2, the first of equals.
+inline uint best_candidate(const uint *texels, projected wanted, const __global short *records, int penalty) {
+  uint best = ~0u, second = ~0u, best_at = 0, second_at = 0;
+  #pragma unroll
+  for (int n = 0; n < NEAR; n++) {
+    const __global short *record = records + RECORD * (size_t)texels[n];
+    uint cost = projected_distance(wanted, record), other = projected_distance(wanted, record + DIMS);
+    best_at = cost < best ? texels[n] : best_at;
+    best = cost < best ? cost : best;
+    second_at = other < second ? texels[n] : second_at;
+    second = other < second ? other : second;
+  }
+  second += (second >> 4) * (uint)penalty;
+  return second < best ? 2 * second_at + 1 : 2 * best_at;
+}
+
 // One subpass: pixels (first_x + 2 i, first_y + 2 j) take the candidate of their 3 x 3 neighbours (eq. 3) that fits
 // best by eq. 5. They look at the texels of neighbours of other parities and at colours that change only in
-// multiscale_colour, so their order does not matter. `basis` holds, for each tap, pairs of rows (L, a) and (b, 0).
+// multiscale_colour, so their order does not matter. On a CPU an item does RUN pixels of a row: most of the time would
+// be spent waiting for records, so all of them are fetched first.
 // Departures: a neighbour's texel is shifted before its candidates are looked up, so that they need no correction of
 // their own; the second candidates' costs count (16 + penalty) / 16 times.
 __kernel void multiscale_correct(__global uint *restrict texel, __global short4 *restrict r,
-                                 const __global int2 *restrict colour, const __global uint *restrict links,
+                                 const __global int *restrict colour, const __global uint *restrict links,
                                  const __global short *restrict records, const __global short4 *restrict offsets,
                                  const __global short *restrict basis, const __global int *restrict spacing, int side,
                                  int width, int first_x, int first_y, int count_x, int count_y, int penalty) {
-  int i = get_global_id(0), j = get_global_id(1);
+  int i = RUN * get_global_id(0), j = get_global_id(1);
   if (i >= count_x || j >= count_y) return;
-  int p = (first_y + 2 * j) * width + first_x + 2 * i;
-  short4 own = r[p];
-  sums total;
-  clear(&total);
-  const __global short *row = basis;
-  for (int dy = -2; dy <= 2; dy++)
-    for (int dx = -2; dx <= 2; dx++, row += 4 * DIMS) {
-      int2 pairs = as_int2(as_short4(colour[p + dy * width + dx]) - own);
-      add_pair(&total, pairs.x, row);
-      add_pair(&total, pairs.y, row + 2 * DIMS);
-    }
-  projected wanted;
-  scale(&total, &wanted);
-  uint best = ~0u;
-  size_t chosen = 0;
-  for (int k = 0; k < 2; k++)
-    for (int n = 0; n < 9; n++) {
-      int turn = n + 4 < 9 ? n + 4 : n - 5;   // its own first
-      int dy = turn / 3 - 1, dx = turn % 3 - 1;
-      uint other = texel[p + dy * width + dx];
-      int level = TEXEL_LEVEL(other, side), h = spacing[level];
-      size_t record = 2 * (size_t)texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side) + k;
-      uint cost = projected_distance(wanted, records + DIMS * record);
-      if (k > 0) cost += (cost >> 4) * (uint)penalty;
-      if (cost < best) {
-        best = cost;
-        chosen = record;
-      }
-    }
-  texel[p] = links[chosen];
-  r[p] = offset_sum(convert_int4(own) + convert_int4(offsets[chosen]));   // composition of R with the candidate's r
+  int first = (first_y + 2 * j) * width + first_x + 2 * i, count = count_x - i < RUN ? count_x - i : RUN;
+  uint near[NEAR * RUN], chosen[RUN];
+  for (int m = 0; m < count; m++) {
+    expected(near + NEAR * m, texel, first + 2 * m, width, spacing, side);
+    for (int n = 0; n < NEAR; n++) PREFETCH(records + RECORD * (size_t)near[NEAR * m + n]);
+  }
+  for (int m = 0; m < count; m++) {
+    projected wanted;
+    project_around(&wanted, colour, first + 2 * m, width, r[first + 2 * m], basis);
+    chosen[m] = best_candidate(near + NEAR * m, wanted, records, penalty);
+  }
+  for (int m = 0; m < count; m++) {
+    int p = first + 2 * m;
+    texel[p] = links[chosen[m]];
+    r[p] = offset_sum(convert_int4(r[p]) + convert_int4(offsets[chosen[m]]));   // composed with the candidate's r
+  }
 }
 
 // What the pixels of a subpass look like now: R(*S).

@@ -1,13 +1,17 @@
 // Toroidal PatchMatch on Lab rounded to an integer grid: MJH17 section 4.2, after BSFG09.
 //
 // A patch is named by its top-left pixel. The field holds, for the patch at (x, y) of the target, its match in
-// the exemplar as (ey << 16 | ex). Images are rows of interleaved 16-bit (L, a, b); the target is padded at its
-// right and bottom by PATCH - 1 wrapped pixels, so that no distance needs a modulo.
+// the exemplar as (ey << 16 | ex). Images are rows of interleaved 16-bit values, CHANNELS to a pixel: L, a, b, and those
+// of further maps of the same material. The target is padded at its right and bottom by PATCH - 1 wrapped pixels, so
+// that no distance needs a modulo.
 // All costs are integers: no order of summation, width of registers or device changes a decision.
 #include "lanes.h"
 #include "hash.h"
 
-#define ROW (3 * PATCH)
+#ifndef CHANNELS
+#define CHANNELS 3
+#endif
+#define ROW (CHANNELS * PATCH)
 
 inline uint corner(int y, int x) { return (uint)y << 16 | (uint)x; }
 inline int corner_y(uint c) { return (int)(c >> 16); }
@@ -63,9 +67,9 @@ inline int patch_distance(const __global short *t, int t_row, const __global sho
 __kernel void patchmatch_pad(const __global short *restrict image, __global short *restrict padded, int width, int height) {
   int x = get_global_id(0), y = get_global_id(1), stride = width + PATCH - 1;
   if (x >= stride || y >= height + PATCH - 1) return;
-  const __global short *from = image + 3 * ((y < height ? y : y - height) * width + (x < width ? x : x - width));
-  __global short *to = padded + 3 * (y * stride + x);
-  for (int c = 0; c < 3; c++) to[c] = from[c];
+  const __global short *from = image + CHANNELS * ((y < height ? y : y - height) * width + (x < width ? x : x - width));
+  __global short *to = padded + CHANNELS * (y * stride + x);
+  for (int c = 0; c < CHANNELS; c++) to[c] = from[c];
 }
 
 // Distances of the present field.
@@ -75,8 +79,8 @@ __kernel void patchmatch_score(const __global short *restrict target, const __gl
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= columns || y >= rows) return;
   uint at = field[y * columns + x];
-  distance[y * columns + x] = patch_distance(target + 3 * (y * t_width + x), 3 * t_width,
-      exemplar + 3 * (corner_y(at) * e_width + corner_x(at)), 3 * e_width, INT_MAX);
+  distance[y * columns + x] = patch_distance(target + CHANNELS * (y * t_width + x), CHANNELS * t_width,
+      exemplar + CHANNELS * (corner_y(at) * e_width + corner_x(at)), CHANNELS * e_width, INT_MAX);
 }
 
 // A match with its distance, and its cost: the distance plus the penalty of the exemplar patch.
@@ -92,7 +96,7 @@ inline match better_match(match best, int ex, int ey, const __global short *patc
                           const __global short *exemplar, const __global int *penalty, int e_columns, int e_width) {
   int extra = penalty[ey * e_columns + ex];
   if (extra >= best.cost || corner(ey, ex) == best.at) return best;
-  int d = patch_distance(patch, 3 * t_width, exemplar + 3 * (ey * e_width + ex), 3 * e_width, best.cost - extra);
+  int d = patch_distance(patch, CHANNELS * t_width, exemplar + CHANNELS * (ey * e_width + ex), CHANNELS * e_width, best.cost - extra);
   if (d >= best.cost - extra) return best;
   match found = {corner(ey, ex), d, d + extra};
   return found;
@@ -110,7 +114,7 @@ __kernel void patchmatch_propagate(const __global short *restrict target, const 
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= columns || y >= rows) return;
   int p = y * columns + x;
-  const __global short *patch = target + 3 * (y * t_width + x);
+  const __global short *patch = target + CHANNELS * (y * t_width + x);
   match best = present_match(field[p], distance[p], penalty, e_columns);
   for (int k = 0; k < 4; k++) {
     int dx = k == 0 ? -jump : k == 1 ? jump : 0, dy = k == 2 ? -jump : k == 3 ? jump : 0;
@@ -142,7 +146,7 @@ __kernel void patchmatch_search(const __global short *restrict target, const __g
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= columns || y >= rows) return;
   int p = y * columns + x;
-  const __global short *patch = target + 3 * (y * t_width + x);
+  const __global short *patch = target + CHANNELS * (y * t_width + x);
   match best = present_match(field[p], distance[p], penalty, e_columns);
   uint bits = hash_at(seed, step, y, x);
   for (int k = 0; k < searches; k++) {
@@ -184,14 +188,14 @@ __kernel void patchmatch_uses_rows(const __global int *restrict count, __global 
   if (x >= e_columns || y >= e_rows) return;
   uses[y * e_columns + x] = triangle(count + y * e_columns, x, e_columns, 1);
 }
-// and along columns here, where the sum becomes the penalty of choosing the patch. A patch that must not be
-// chosen (it covers a transparent pixel) has allowed = 0.
-__kernel void patchmatch_penalty(const __global int *restrict uses, const __global uchar *restrict allowed,
+// and along columns here, where the sum becomes the penalty of choosing the patch: `price` times what it costs others
+// that are used as often. A patch that must not be chosen (it covers a transparent pixel) has a negative price.
+__kernel void patchmatch_penalty(const __global int *restrict uses, const __global float *restrict price,
                                  __global int *restrict penalty, int e_columns, int e_rows, float weight) {
   int x = get_global_id(0), y = get_global_id(1), p = y * e_columns + x;
   if (x >= e_columns || y >= e_rows) return;
-  float cost = weight * (float)triangle(uses + x, y, e_rows, e_columns);
-  penalty[p] = !allowed[p] ? INT_MAX : cost < 1.0e9f ? (int)cost : 1000000000;
+  float cost = weight * (float)triangle(uses + x, y, e_rows, e_columns) * price[p];
+  penalty[p] = price[p] < 0.0f ? INT_MAX : cost < 1.0e9f ? (int)cost : 1000000000;
 }
 
 // --- voting ---
@@ -213,14 +217,14 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
                               int e_width, int wrap_x, int wrap_y) {
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= width || y >= height) return;
-  int sum[3] = {0, 0, 0}, votes = 0;
+  int sum[CHANNELS] = {0}, votes = 0;
   for (int v = FIRST(y, wrap_y); v <= LAST(y, rows, wrap_y); v++)
     for (int u = FIRST(x, wrap_x); u <= LAST(x, columns, wrap_x); u++, votes++) {
       uint at = field[WRAPPED(v, rows) * columns + WRAPPED(u, columns)];
-      const __global short *e = exemplar + 3 * ((corner_y(at) + y - v) * e_width + corner_x(at) + x - u);
-      for (int c = 0; c < 3; c++) sum[c] += e[c];
+      const __global short *e = exemplar + CHANNELS * ((corner_y(at) + y - v) * e_width + corner_x(at) + x - u);
+      for (int c = 0; c < CHANNELS; c++) sum[c] += e[c];
     }
-  for (int c = 0; c < 3; c++) image[3 * (y * width + x) + c] = mean_vote(sum[c], votes);
+  for (int c = 0; c < CHANNELS; c++) image[CHANNELS * (y * width + x) + c] = mean_vote(sum[c], votes);
 }
 #else
 // One item makes SPAN pixels of a row. The patches of one field column that cover the row vote for the same
@@ -231,8 +235,8 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
                               int e_width, int wrap_x, int wrap_y) {
   int x0 = get_global_id(0) * SPAN, y = get_global_id(1);
   if (x0 >= width || y >= height) return;
-  int sum[3 * (SPAN + 2 * PATCH)];
-  for (int i = 0; i < 3 * (SPAN + 2 * PATCH); i++) sum[i] = 0;
+  int sum[CHANNELS * (SPAN + 2 * PATCH)];
+  for (int i = 0; i < CHANNELS * (SPAN + 2 * PATCH); i++) sum[i] = 0;
   int x1 = x0 + SPAN < width ? x0 + SPAN : width;
   int first = FIRST(y, wrap_y), last = LAST(y, rows, wrap_y);
   for (int u = FIRST(x0, wrap_x); u <= LAST(x1 - 1, columns, wrap_x); u++) {
@@ -241,16 +245,16 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
     for (int k = 0; k < ROW; k++) row[k] = 0;
     for (int v = first; v <= last; v++) {
       uint at = matches[WRAPPED(v, rows) * columns];
-      const __global short *e = exemplar + 3 * ((corner_y(at) + y - v) * e_width + corner_x(at));
+      const __global short *e = exemplar + CHANNELS * ((corner_y(at) + y - v) * e_width + corner_x(at));
       for (int k = 0; k < ROW; k++) row[k] += e[k];   // fits 16 bits: see patchmatch.grid_steps
     }
-    int *into = sum + 3 * (u - x0 + PATCH);
+    int *into = sum + CHANNELS * (u - x0 + PATCH);
     for (int k = 0; k < ROW; k++) into[k] += row[k];
   }
   for (int x = x0; x < x1; x++) {
     int votes = (last - first + 1) * (LAST(x, columns, wrap_x) - FIRST(x, wrap_x) + 1);
-    for (int c = 0; c < 3; c++)
-      image[3 * (y * width + x) + c] = mean_vote(sum[3 * (x - x0 + PATCH) + c], votes);
+    for (int c = 0; c < CHANNELS; c++)
+      image[CHANNELS * (y * width + x) + c] = mean_vote(sum[CHANNELS * (x - x0 + PATCH) + c], votes);
   }
 }
 #endif
@@ -279,4 +283,13 @@ __kernel void patchmatch_pick(const __global uint *restrict field, __constant in
   for (int k = 1; k < n; k++)
     if (votes[k] > votes[best] || (votes[k] == votes[best] && choice[k] < choice[best])) best = k;
   source[y * width + x] = choice[best];
+}
+
+// --- pixels that stay ---
+
+// Puts back what a target must show. `held` holds SHRT_MIN (histograms.OUTSIDE) where it is free.
+__kernel void patchmatch_hold(const __global short *restrict held, __global short *restrict image, int pixels) {
+  int p = get_global_id(0);
+  if (p >= pixels || held[CHANNELS * p] == SHRT_MIN) return;
+  for (int c = 0; c < CHANNELS; c++) image[CHANNELS * p + c] = held[CHANNELS * p + c];
 }

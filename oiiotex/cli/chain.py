@@ -225,16 +225,23 @@ class Chain:
 
     def apply(self, op: type[Op], **values: Any) -> None:
         """Replace the op's operands on the stack by its result."""
+        values = self._of_frame(op) | values
         count = op.arity(values, len(self.stack))
         operands = self.stack[len(self.stack) - count :]
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
         with self.session.stats.time(op.flag()):
             bound = op(**_bound(op, operands, values, self.session))
-            result = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
+            made = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
         del self.stack[len(self.stack) - count :]
-        self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
+        for result in made if isinstance(made, tuple) else (made,):
+            self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
         self.user |= bound.facts() if isinstance(bound, HostOp) else {}
         self.unwritten = True
+
+    def _of_frame(self, op: type[Op]) -> dict[str, Any]:
+        """The frame's number for the op's parameters that are the number of a frame."""
+        number = self.frame.number if self.frame else None
+        return {p.attribute: number for p in op.parameters() if p.frame and number is not None}
 
     def image(self, index: int) -> Image:
         """The image at that depth, 0 the top."""
@@ -268,7 +275,8 @@ def _with_metadata_of(operands: list[Image], result: Image) -> Image:
 def _bound(op: type[Op], operands: list[Image], values: dict[str, Any], session: Session) -> dict[str, Any]:
     """The values, with the operands by the names under which the op declares them.
 
-    From the bottom up: what it always takes, then each image that a modifier asks for.
+    From the bottom up: what it always takes, those behind the first that a count asks for, then each image that a
+    modifier asks for.
     """
     declared = op.images()
     if len(declared) == 1 and declared[0].many:
@@ -276,6 +284,9 @@ def _bound(op: type[Op], operands: list[Image], values: dict[str, Any], session:
     waiting = iter(operands)
     taken = op.taken(values)
     bound = values | {parameter.name: next(waiting) if parameter in taken else None for parameter in declared}
+    further = op.further_images()
+    if further is not None:
+        bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
     for parameter in op.optional_images():
         asked = values.get(parameter.attribute)
         if asked is not None:

@@ -28,9 +28,10 @@ from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
 from .synth import Synth
 from .warp import Warp
+from .zoom import Zoom
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Synth, Cut, Composite, Palette, Paint,
+    Stationarize, PatchMatch, Quilting, Synth, Zoom, Cut, Composite, Palette, Paint,
     Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
@@ -44,6 +45,7 @@ palette = function_of(Palette)
 paint = function_of(Paint)
 flatten = function_of(Flatten)
 synth = function_of(Synth)
+zoom = function_of(Zoom)
 stationarity = function_of(Stationarity)
 superpixel = function_of(Superpixel)
 label = function_of(Label)

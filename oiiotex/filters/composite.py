@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import copy
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -74,32 +73,26 @@ class Composite(Op):
 
     def compute(self, session: Session) -> Image:
         """The composite, followed by what else is asked for."""
+        refuse_overwriting(self.exemplar, self.stmap, self.plan)
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
         found = label_part(self.exemplar, self.labels, self.level)
-        grown, steps = self._grown(found, size, session)
-        refuse_overwriting(self.exemplar, self.stmap, self.plan)
+        stages = session.stages()
+        grown = self._grown(found, size, next(stages))
         sewing = Sewing.of(self, guide=Image((grown,), "the grown label map"), size=size)
-        made = sewn_whole(self, sewing, _later(session, steps))
+        made = sewn_whole(self, sewing, next(stages))
         return Image((*made.parts, grown), made.source) if self.grown else made
 
-    def _grown(self, found: Part, size: Size, session: Session) -> tuple[Part, int]:
-        """The grown map as a part of ids, and how many steps of progress it took."""
+    def _grown(self, found: Part, size: Size, session: Session) -> Part:
+        """The grown map as a part of ids."""
         side = cell_side(found.spec.get_float_attribute(RHO), found.spec.width, found.spec.height)
         cells = -(-size.width // side) * -(-size.height // side)
         need = _HELD * cells + _FOUND * found.spec.width * found.spec.height
         session.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
-        steps = 0
-
-        def advance(done: int, total: int) -> None:
-            nonlocal steps
-            steps = done
-            session.advance(done, total)
-
         with session.stats.time("grow"):
             made = grow_labels(
                 session.device, found.pixels()[..., 0], side, size, ("x" in self.tile, "y" in self.tile), self.seed,
-                session.budget, advance, self.tries,
+                session.budget, session.advance, self.tries,
             )  # fmt: skip
         height, width = made.ids.shape
         log.info(
@@ -111,14 +104,4 @@ class Composite(Op):
         spec.attribute("oiio:ColorSpace", "data")
         spec.attribute("oiio:subimagename", "grown")
         part = from_pixels("grown", np.ascontiguousarray(made.ids[..., None]), spec, spec.format)
-        return replace(part, exact=True), steps
-
-
-def _later(session: Session, steps: int) -> Session:
-    """The same session, whose progress goes on from where it stands."""
-    session.device  # noqa: B018 - opened once, for both
-    later = copy.copy(session)
-    if session.progress is not None:
-        progress = session.progress
-        later.progress = lambda done, total: progress(done + steps, total + steps)
-    return later
+        return replace(part, exact=True)

@@ -23,6 +23,7 @@ from ..working import lens_of
 from ..writing import write
 from .dominantchart import diagnostics
 from .label import write_json
+from .sources import source_pixels
 
 if TYPE_CHECKING:
     from ..analysis.diffusion import Dominant as Found
@@ -60,6 +61,7 @@ class Dominant(Op):
     )
 
     source: Image = image(help="the photo")
+    mask: Image | None = image(None, help="where to look: what it leaves out is no part of the photo")
     patch: int | None = param(
         None, ge=3, le=63, unit="px", help="side of a patch, made odd; from the Fourier transform when left out"
     )
@@ -103,7 +105,8 @@ class Dominant(Op):
         need = memory_needed(shape[0] * shape[1], texels, patch or MOST_PATCH) + width * height // 8
         session.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
         lens = lens_of(self.source, None if self.data else session.color, session.autocc)
-        pixels = lab_pixels(self.source, lens, session, factor)
+        allowed = source_pixels(self.source, self.mask, None, None, None)
+        pixels = lab_pixels(self.source, lens, session, factor, allowed)
         session.advance(1, 6)
         found = dominant_texture(
             pixels, session, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule

@@ -26,7 +26,8 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
     """A function of the op's images (positional) and parameters (keywords), with `session=` for the rest.
 
     Images that may be left out are keywords, too; one may be the name of a part of the first image. It returns an
-    ImageBuf, or a dict of them by name where the op was asked for more than one.
+    ImageBuf, or a dict of them by name where the op was asked for more than one; a list of these where it makes
+    several images.
     """
 
     def function(
@@ -37,7 +38,8 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
         **values: Any,
     ) -> Any:
         session = session or Session(threads=nthreads)
-        return _outputs(op, result(_bound(op, images, values), session), roi)
+        made = result(_bound(op, images, values), session)
+        return [_outputs(op, one, roi) for one in made] if isinstance(made, tuple) else _outputs(op, made, roi)
 
     function.__name__ = function.__qualname__ = op.name
     function.__doc__ = _docstring(op)
@@ -45,7 +47,7 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
     return function
 
 
-def result(op: Op, session: Session) -> Image:
+def result(op: Op, session: Session) -> Image | tuple[Image, ...]:
     """The op computed, its parts saying how they were made."""
     facts = {"oiiotex:version": __version__, **op.provenance()}
 
@@ -53,8 +55,11 @@ def result(op: Op, session: Session) -> Image:
         for name, value in facts.items():
             spec.attribute(name, value)
 
-    image = op.compute(session)
-    return Image(tuple(part.respecced(mark) for part in image.parts), image.source)
+    def marked(image: Image) -> Image:
+        return Image(tuple(part.respecced(mark) for part in image.parts), image.source)
+
+    made = op.compute(session)
+    return tuple(map(marked, made)) if isinstance(made, tuple) else marked(made)
 
 
 def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> Op:
@@ -64,7 +69,8 @@ def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> 
             f"{op.name} takes {len(declared)} images ({', '.join(i.name for i in declared)}), not {len(images)}"
         )
     optional = [i.name for i in op.optional_images()]
-    known = [p.name for p in op.parameters()] + optional
+    further = op.further_images()
+    known = [p.name for p in op.parameters()] + optional + ([further.name] if further else [])
     for name in values:
         if name not in known:
             raise ParameterError(f"{op.name}: unknown parameter '{name}'{nearest(name, known)}")
@@ -72,6 +78,9 @@ def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> 
     for name in optional:
         if values.get(name) is not None:
             given[name] = _keyword(op, name, values[name], next(iter(given.values()), None))
+    if further is not None and further.name in values:
+        more = tuple(map(_image, values[further.name]))
+        values = {further.count: 1 + len(more)} | values | {further.name: more}
     return op(**{**{i.name: None for i in op.images()}, **values, **given})
 
 
@@ -115,7 +124,9 @@ def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
 def _signature(op: type[Op]) -> inspect.Signature:
     kinds = inspect.Parameter
     positional = [kinds(i.name, kinds.POSITIONAL_ONLY, annotation=Images) for i in op.images()]
-    keywords = [kinds(p.name, kinds.KEYWORD_ONLY, default=p.default) for p in (*op.optional_images(), *op.parameters())]
+    further = [op.further_images()] if op.further_images() else []
+    named = (*op.optional_images(), *further, *op.parameters())
+    keywords = [kinds(p.name, kinds.KEYWORD_ONLY, default=p.default) for p in named]
     roi = kinds("roi", kinds.KEYWORD_ONLY, default=None, annotation=oiio.ROI | None)
     nthreads = kinds("nthreads", kinds.KEYWORD_ONLY, default=0, annotation=int)
     session = kinds("session", kinds.KEYWORD_ONLY, default=None, annotation=Session | None)
@@ -129,12 +140,15 @@ def _docstring(op: type[Op]) -> str:
     for i in op.optional_images():
         lines += [f"{i.name} : ImageBuf, dict of them, or the name of a part of the first image; default None"]
         lines += [f"    {i.help}"]
+    further = op.further_images()
+    lines += [f"{further.name} : sequence of ImageBufs or dicts, default ()", f"    {further.help}"] if further else []
     for p in op.parameters():
         lines += [f"{p.name} : {p.allowed()}, default {p.default}", f"    {p.help}"]
     lines += ["roi : OpenImageIO.ROI, optional", "    compute only this region of the result"]
     lines += ["nthreads : int", "    CPU threads, where no session says it; 0: as many as the process may use"]
     lines += ["session : Session, optional", "    device, memory budget, colour config, progress"]
     lines += ["", "Returns", "-------", "ImageBuf, or a dict of them by name where more than one was asked for"]
+    lines += ["    (a list of these where there are several images)"] if op.further_images() else []
     lines += [f"    {o.name}: {o.help}" for o in op.outputs]
     lines += ["", "Raises", "------", "oiiotex.Error", "    with one line that says what is wrong and what is allowed"]
     return "\n".join(lines)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import copy
 import logging
 import os
 from collections.abc import Callable
@@ -87,8 +86,10 @@ class Paint(Op):
         brushes = brushes_of(self.table)
         parts = label_parts(self.exemplar, self.labels)
         level = self.level or (brushes.level if brushes else None) or max(parts)
-        counted, steps = _counting(session)
-        base = self._sewing(level, self.painting, self.size, brushes.coarse if brushes else None, "").quilt(counted)
+        stages = session.stages()
+        base = self._sewing(level, self.painting, self.size, brushes.coarse if brushes else None, "").quilt(
+            next(stages)
+        )
         layers, sources = {"": base}, base.sources
         if self.fine is not None:
             if level - 1 not in parts:
@@ -97,7 +98,7 @@ class Paint(Op):
             size = Size(base.grid.width, base.grid.height)
             painted = painted_labels(self.fine, brushes.fine if brushes else None, ids, size)
             guide = Image((_overpainted(base, ids, painted),), self.fine.source)
-            over = self._sewing(level - 1, guide, size, None, "fine_").quilt(_later(session, steps))
+            over = self._sewing(level - 1, guide, size, None, "fine_").quilt(next(stages))
             layers["fine_"], sources = over, self._laid(base, over, painted, session)
         if self.plan is not None:
             save_painting(self.plan, self.exemplar, layers)
@@ -149,24 +150,3 @@ def _overpainted(base: Quilt, ids: np.ndarray, painted: Callable[[Window], np.nd
         return np.where(chosen > 0, chosen, flat[base.sources(window)]).astype(np.uint32)[..., None]
 
     return Part("fine", spec, fetch, spec.format, exact=True)
-
-
-def _counting(session: Session) -> tuple[Session, list[int]]:
-    """The same session, which notes how far it came."""
-    session.device  # noqa: B018 - opened once, for all
-    counted, steps = copy.copy(session), [0]
-
-    def progress(done: int, total: int) -> bool | None:
-        steps[0] = done
-        return None if session.progress is None else session.progress(done, total)
-
-    counted.progress = progress
-    return counted, steps
-
-
-def _later(session: Session, steps: list[int]) -> Session:
-    """The same session, whose progress goes on from where it stands."""
-    later = copy.copy(session)
-    if session.progress is not None:
-        later.progress = lambda done, total: session.progress(done + steps[0], total + steps[0])
-    return later

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,9 +17,8 @@ from ..op import Op, Output, Reach, Space
 from ..params import image, param
 from ..session import Session
 from ..synthesis.stationarize import Recipe, synthesize
-from ..temporary import temporary_beside
 from ..windows import Window
-from .label import PARENTS
+from .label import PARENTS, write_json
 from .labelview import srgb_of
 from .sources import LABELS, both, label_part, label_parts
 from .stationarize import refuse_overwriting, tile_image
@@ -97,7 +94,7 @@ class Palette(Op):
             entry["box"] = [box.left, box.top, box.width, box.height]
             session.advance(n + 1, len(boxes))
         if self.json is not None:
-            self._write({"level": level, "labels": shown, "finer": finer}, session)
+            write_json(self.json, {"level": level, "labels": shown, "finer": finer}, session)
         return tile_image(self, self.exemplar, pixels, places, session)
 
     def _entries(self, part: Part, level: int, lab: np.ndarray, opaque: np.ndarray | None) -> list[dict[str, Any]]:
@@ -161,12 +158,6 @@ class Palette(Op):
             )  # fmt: skip
             found = synthesize(session.device, lab, allowed, recipe, session.budget, lambda done, total: None).source
         return found + np.uint32(rows[0] << 16 | columns[0])
-
-    def _write(self, facts: dict[str, Any], session: Session) -> None:
-        assert self.json is not None
-        with temporary_beside(self.json) as temporary:
-            temporary.write_text(json.dumps(facts, indent=1))
-        session.written.add(os.path.realpath(self.json))
 
 
 def distinct(colours: np.ndarray) -> list[tuple[int, int, int]]:

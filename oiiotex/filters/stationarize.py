@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -13,20 +14,24 @@ import numpy as np
 import OpenImageIO as oiio
 
 from ..analysis.stationarity import seam_ratio, stationarity_cost, texture_cost
-from ..color import Working, working_values
 from ..errors import ParameterError
 from ..images import Image, Part, derived_spec
 from ..op import Op, Output, Reach, Space
-from ..params import Size, image, param
+from ..params import Numbers, Size, image, param
 from ..session import Session
-from ..synthesis.patchmatch import match_patches, unpack
+from ..synthesis.guidance import Guidance, Held
+from ..synthesis.patchmatch import hash_at, match_patches, unpack
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
+from ..synthesis.wang import edges_of, runs_for, wang_tiles
 from ..windows import Window
 from ..writing import write
+from .materials import KINDS_HELP, MATCH_HELP, read_material
+from .prescribed import SIGMAMAP, WEIGHT, WITHIN, marked_pixels, remade_places, sigmas_of, weights_of
 from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
 
 log = logging.getLogger("oiiotex")
 
+EDGES = "oiiotex:edges"  # the attribute that says the colours of a tile's edges
 _PATCHES = tuple(range(5, 23, 2))
 _ST = Output(
     "st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them"
@@ -41,17 +46,38 @@ class _PatchSynthesis(Op):
     reach: ClassVar[Reach] = Reach.GLOBAL
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("tile", "pixels copied from the photo, all channels together, in its own colour space and type"),
+        Output(
+            "tile",
+            "pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images,"
+            " in their order; of variants that many",
+        ),
         _ST,
     )
 
-    exemplar: Image = image(help="the photo")
+    exemplar: Image = image(help="the photo; of n maps of a material, the first")
+    maps: tuple[Image, ...] = image((), help="the other maps of the material, made anew with it", count="n")
     mask: Image | None = image(None, help=MASK)
+    within: Image | None = image(None, help=WITHIN)
+    weight: Image | None = image(None, help=WEIGHT)
     labels: Image | None = image(None, help=LABELS)
+    n: int = param(1, ge=1, le=16, help="how many maps of one material are made together, the last images of the stack")
+    kinds: str | None = param(None, help=KINDS_HELP)
+    match: Numbers | None = param(None, ge=0, help=MATCH_HELP)
     label: int | None = param(None, ge=1, help=LABEL)
     level: int | None = param(None, ge=1, help=LEVEL)
     size: Size | None = param(None, ge=5, le=65536, unit="px", help="of the result; the exemplar's own when left out")
-    tile: str = param("xy", choices=("xy", "x", "y", "none"), help="along which axes the result tiles")
+    tile: str | None = param(
+        None,
+        choices=("xy", "x", "y", "none", None),
+        help="along which axes the result tiles; when left out xy, with within none",
+    )
+    variants: int = param(
+        1,
+        ge=1,
+        le=64,
+        help="so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two"
+        " colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say",
+    )
     patch: int = param(
         11, choices=_PATCHES, unit="px", help="side of a patch: the scale up to which detail is copied whole"
     )
@@ -74,8 +100,8 @@ class _PatchSynthesis(Op):
         return Recipe(
             width=width,
             height=height,
-            wrap_x="x" in self.tile,
-            wrap_y="y" in self.tile,
+            wrap_x="x" in self.tiling,
+            wrap_y="y" in self.tiling,
             # twice the tile is a flat window already
             sigma=None if sigma is None else min(sigma, 2.0 * max(width, height)),
             patch=self.patch,
@@ -86,36 +112,105 @@ class _PatchSynthesis(Op):
             flat=flat,
         )
 
-    def compute(self, session: Session) -> Image:
-        """The tile, followed by the part 'st' where it is asked for."""
-        refuse_overwriting(self.exemplar, stmap=self.stmap)
+    def compute(self, session: Session) -> Image | tuple[Image, ...]:
+        """The tile, followed by the part 'st' where it is asked for; of several maps and variants one image each."""
+        maps = (self.exemplar, *self.maps)
+        self._check(maps)
         source = self.exemplar.first
         width, height = self.size or Size(source.spec.width, source.spec.height)
         with session.stats.time("read and colour"):
-            working = working_values(self.exemplar, None if self.data else session.color, session.autocc)
-            pixels = source.pixels()
+            material = read_material(maps, self.kinds, self.match, self.data, session)
+            pixels = [image.first.pixels() for image in maps]
             allowed = source_pixels(self.exemplar, self.mask, self.labels, self.level, self.label)
-        device = session.device
+            marked = None if self.within is None else marked_pixels(self.within, self.exemplar)
+            weight = None if self.weight is None else weights_of(self.weight, self.exemplar)
+            sigmas = self.sigmas(width, height)
+        for more in (None if marked is None else ~marked, None if weight is None else weight > 0):
+            allowed = both(allowed, more)
+        usable = both(material.opaque, allowed)
         recipe = self.recipe(width, height)
-        made = synthesize(
-            device,
-            working.values,
-            both(working.opaque, allowed),
-            recipe,
-            session.budget - pixels.nbytes,
-            session.advance,
-            ruled_out(working.opaque, allowed),
-        )
-        device.collect(session.stats)
-        if session.measure:
-            with session.stats.time("measure"):
-                self._report(working, made, recipe, session)
-        return tile_image(self, self.exemplar, pixels, made.source, session)
+        if sigmas is not None:  # of what has one sigma for all, the photo made stationary
+            recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
+        budget = session.budget - sum(p.nbytes for p in pixels)
 
-    def _report(self, working: Working, made: Synthesis, recipe: Recipe, session: Session) -> None:
+        def run(recipe: Recipe, guidance: Guidance, advance: Callable[[int, int], None] = session.advance) -> Synthesis:
+            why = ruled_out(material.opaque, allowed)
+            return synthesize(session.device, material.values, usable, recipe, budget, advance, why, guidance)
+
+        guidance = Guidance(weight=weight, sigmas=sigmas)
+        if self.variants > 1:
+            return self._variants(maps, pixels, recipe, guidance, run, session)
+        if marked is not None:
+            if not marked.any():
+                log.warning("%s: within marks no pixel: the photo stays as it is", self.flag())
+            places = remade_places(marked, material.opaque, recipe, guidance, run)
+        else:
+            made = run(recipe, guidance)
+            places = made.source
+        session.device.collect(session.stats)
+        if session.measure and marked is None:
+            with session.stats.time("measure"):
+                self._report(material.lab, made, recipe, session)
+        tiles = tuple(
+            tile_image(self, image, p, places, session, first=image is self.exemplar, as_it_was=marked is not None)
+            for image, p in zip(maps, pixels, strict=True)
+        )
+        return tiles if self.maps else tiles[0]
+
+    def sigmas(self, width: int, height: int) -> np.ndarray | None:
+        """The sigma at each pixel of a result of this size, where they differ."""
+        return None
+
+    def _check(self, maps: tuple[Image, ...]) -> None:
+        """Refuse modifiers that do not go together."""
+        for one in maps:
+            refuse_overwriting(one, stmap=self.stmap)
+        if self.n != len(maps):
+            raise ParameterError(f"n={self.n}: there are {len(maps)} maps")
+        own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
+        if self.within is not None and self.size not in (None, own):
+            raise ParameterError(f"size={self.size}: with within the result is as large as the photo, {own}")
+        if self.variants > 1:
+            wrong = "within" if self.within is not None else "stmap" if isinstance(self.stmap, Path) else ""
+            wrong = wrong or ("" if self.tiling == "xy" else f"tile={self.tile}")
+            if wrong:
+                raise ParameterError(f"variants={self.variants} does not go with {wrong}")
+
+    @property
+    def tiling(self) -> str:
+        """Along which axes the result tiles."""
+        return self.tile or ("xy" if self.within is None else "none")
+
+    def _variants(
+        self, maps: tuple[Image, ...], pixels: list[np.ndarray], recipe: Recipe, guidance: Guidance,
+        run: Callable[..., Synthesis], session: Session,
+    ) -> tuple[Image, ...]:  # fmt: skip
+        """Tiles with matching edges, each followed by the other maps of its material."""
+        runs = runs_for(self.variants)
+        session.require(4 * recipe.width * recipe.height * (runs + 1), f"a set of {self.variants} tiles")
+
+        def make(held: Held | None, number: int, tiles: bool) -> np.ndarray:
+            seed = int(hash_at(self.seed, 0x3A95, np.array([number]), np.array([0]))[0])
+            own = replace(recipe, wrap_x=tiles, wrap_y=tiles, seed=seed)
+
+            def advance(done: int, total: int) -> None:
+                session.advance(number * total + done, runs * total)
+
+            return run(own, replace(guidance, held=held), advance).source
+
+        found = wang_tiles(make, self.variants, recipe.width, recipe.height, recipe.patch)
+        session.device.collect(session.stats)
+        tiles = []
+        for number, (places, edges) in enumerate(zip(found, edges_of(self.variants), strict=True)):
+            for one, p in zip(maps, pixels, strict=True):
+                tile = tile_image(self, one, p, places, session, first=one is self.exemplar)
+                tiles.append(named(tile, f"wang{number:02d}_{edges}", {EDGES: str(edges)}))
+        return tuple(tiles)
+
+    def _report(self, photo: np.ndarray, made: Synthesis, recipe: Recipe, session: Session) -> None:
         """Log the three measures before and after."""
         y, x = unpack(made.source)
-        tile, photo = working.values[y, x], working.values
+        tile = photo[y, x]
         sigma = recipe.sigma or max(recipe.width, recipe.height) / 32
         before = stationarity_cost(photo, sigma, False, False)
         after = stationarity_cost(tile, sigma, recipe.wrap_x, recipe.wrap_y)
@@ -142,6 +237,7 @@ class Stationarize(_PatchSynthesis):
 
     name: ClassVar[str] = "stationarize"
 
+    sigmamap: Image | None = image(None, help=SIGMAMAP)
     sigma: float | None = param(
         None,
         ge=0.5,
@@ -162,6 +258,14 @@ class Stationarize(_PatchSynthesis):
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 with the histogram measure."""
         return self._recipe(width, height, self.sigma or max(width, height) / 32, self.contrast, self.target == "flat")
+
+    def sigmas(self, width: int, height: int) -> np.ndarray | None:
+        """From sigmamap."""
+        if self.sigmamap is None:
+            return None
+        if self.sigma is not None:
+            raise ParameterError(f"sigma={self.sigma:g}: sigmamap says it already")
+        return sigmas_of(self.sigmamap, width, height)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,9 +293,24 @@ def refuse_overwriting(exemplar: Image, *paths: object, **named: object) -> None
             raise ParameterError(f"{said} would overwrite the photo")
 
 
-def tile_image(op: Op, exemplar: Image, pixels: np.ndarray, places: np.ndarray, session: Session) -> Image:
-    """The exemplar's pixels at packed places (y << 16 | x), whole; `op.stmap` asks for the places themselves."""
-    source, whole = exemplar.first, Window(0, 0, places.shape[1], places.shape[0])
+def tile_image(
+    op: Op, exemplar: Image, pixels: np.ndarray, places: np.ndarray, session: Session, *, first: bool = True,
+    as_it_was: bool = False,
+) -> Image:  # fmt: skip
+    """The exemplar's pixels at packed places (y << 16 | x), whole.
+
+    `op.stmap` asks for the places themselves, with the `first` map of a material. What is `as_it_was` keeps the windows
+    of the exemplar.
+    """
+    source = exemplar.first
+    size = places.shape[1], places.shape[0]
+    spec, st_like = tile_spec(source.spec, op, *size), st_spec(*size)
+    if as_it_was:
+        for new in (spec, st_like):
+            new.x, new.y = source.spec.x, source.spec.y
+            new.full_x, new.full_y = source.spec.full_x, source.spec.full_y
+            new.full_width, new.full_height = source.spec.full_width, source.spec.full_height
+    whole = Window.data(spec)
 
     def copied(window: Window) -> np.ndarray:
         return pixels[unpack(places[window.inside(whole)])]
@@ -199,14 +318,26 @@ def tile_image(op: Op, exemplar: Image, pixels: np.ndarray, places: np.ndarray, 
     def coordinates(window: Window) -> np.ndarray:
         return source_coordinates(*unpack(places[window.inside(whole)]), source.spec)
 
-    size = whole.width, whole.height
-    tile = Part(source.name, tile_spec(source.spec, op, *size), copied, source.spec.format, ready=True)
-    st = Part("st", st_spec(*size), coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True, exact=True)
+    tile = Part(source.name, spec, copied, source.spec.format, ready=True)
+    if not first:
+        return Image((tile,), exemplar.source)
+    st = Part("st", st_like, coordinates, oiio.TypeDesc(oiio.FLOAT), ready=True, exact=True)
     if isinstance(op.stmap, Path):
         write(Image((st,), str(op.stmap)), op.stmap, st.spec.format)
         session.written.add(os.path.realpath(op.stmap))
     say_what_stays(op)
     return Image((tile, st) if op.stmap is True else (tile,), exemplar.source)
+
+
+def named(image: Image, name: str, facts: dict[str, str]) -> Image:
+    """The image, its first part under that name and with these attributes."""
+
+    def mark(spec: oiio.ImageSpec) -> None:
+        for attribute, value in {"oiio:subimagename": name, **facts}.items():
+            spec.attribute(attribute, value)
+
+    first = replace(image.first.respecced(mark), name=name)
+    return Image((first, *image.parts[1:]), image.source)
 
 
 def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np.ndarray:
@@ -223,10 +354,10 @@ def source_coordinates(y: np.ndarray, x: np.ndarray, spec: oiio.ImageSpec) -> np
 def tile_spec(spec: oiio.ImageSpec, op: Op, width: int, height: int) -> oiio.ImageSpec:
     """Of a result that is copied from an image with that spec."""
     new = derived_spec(spec, width, height)
-    new.attribute(
-        "wrapmodes",
-        ",".join("periodic" if a in getattr(op, "tile", "none").replace("none", "") else "black" for a in "xy"),
-    )
+    tiling = op.tiling if isinstance(op, _PatchSynthesis) else getattr(op, "tile", "none")
+    if getattr(op, "variants", 1) > 1:
+        tiling = "none"  # of itself: it goes on in other tiles
+    new.attribute("wrapmodes", ",".join("periodic" if a in tiling.replace("none", "") else "black" for a in "xy"))
     return new
 
 

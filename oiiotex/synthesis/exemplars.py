@@ -27,6 +27,7 @@ from ..params import nearest
 _TOP = ("exemplars", "nodes", "root", "edges", "jitter", "seed", "title", "note")
 _NODE = ("id", "file", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
 _EDGE = ("from", "to", "r", "scale", "note", "to_origin_in_from_px")
+LOOP_R = 3  # of an exemplar to itself where nobody says it: with less the contrast of a long zoom fades sooner
 _ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
 
 
@@ -68,6 +69,11 @@ class Graph:
     def single(cls, name: str) -> Graph:
         """One exemplar without scale edges: Lefebvre & Hoppe 2005."""
         return cls((name,), (Path(name),), 0, (), (1.0,))
+
+    @classmethod
+    def loop(cls, name: str, r: int) -> Graph:
+        """One exemplar with an edge to itself: a zoom that never ends (HRRG08 figure 3)."""
+        return cls((name,), (Path(name),), 0, (Edge(0, 0, r),), (1.0,))
 
     def leads_on(self, exemplar: int) -> bool:
         """Whether an edge leaves that exemplar."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Global and local histogram matching: MJH17 sections 3.2, 4.2 and 4.3.
 
-Images are (height, width, 3) int16 arrays of Lab on the integer grid of `patchmatch.grid_steps`, so a global match is
-one table per channel and every histogram of it is exact.
+Images are (height, width, channels) int16 arrays of Lab (and of further maps of a material) on the integer grid of
+`patchmatch.grid_steps`, so a global match is one table per channel and every histogram of it is exact.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _CELLS_PER_SIGMA = 2.5
 
 
 def value_counts(image: np.ndarray, first: int, entries: int) -> np.ndarray:
-    """How often each value occurs in (..., 3) int16, per channel: (3, entries) int64, entry i for value first + i."""
-    flat = image.reshape(-1, 3)
-    return np.stack([np.bincount(flat[:, c] - np.int32(first), minlength=entries) for c in range(3)])
+    """How often each value occurs in (..., channels) int16: (channels, entries) int64, entry i for value first + i."""
+    flat = image.reshape(-1, image.shape[-1])
+    return np.stack([np.bincount(values - np.int32(first), minlength=entries) for values in flat.T])
 
 
 def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: float) -> np.ndarray:
@@ -33,7 +33,7 @@ def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: fl
 
     Parameters
     ----------
-    counts, target : (3, entries) int64
+    counts, target : (channels, entries) int64
         Histograms of the image (F) and of what to match (G), as by `value_counts`.
     first : int
         Value of entry 0.
@@ -42,13 +42,13 @@ def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: fl
 
     Returns
     -------
-    (3, entries) int16
+    (channels, entries) int16
     """
-    entries = counts.shape[1]
+    channels, entries = counts.shape
     values = first + np.arange(entries)
     edges = first + np.arange(entries + 1) - 0.5
-    table = np.empty((3, entries), np.int16)
-    for c in range(3):
+    table = np.empty((channels, entries), np.int16)
+    for c in range(channels):
         below = np.concatenate([[0.0], np.cumsum(counts[c])]) / counts[c].sum()
         below_target = np.concatenate([[0.0], np.cumsum(target[c] + 1e-9)])
         below_target /= below_target[-1]
@@ -59,7 +59,7 @@ def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: fl
 
 def apply_table(device: Device, buffers: Buffers, image: str, pixels: int, table: np.ndarray, first: int) -> None:
     """Replace every value v of buffer `image` by table[channel, v - first]."""
-    run = device.program("histograms", BINS=BINS, INVERSE=INVERSE)
+    run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=len(table))
     run("table", (pixels,), buffers[image], device.upload(table), first, table.shape[1], pixels)
 
 
@@ -78,11 +78,11 @@ class Cells:
         pitch = max(1.0, sigma / _CELLS_PER_SIGMA)
         return Cells(width, height, *(max(4, min(n, round(n / pitch))) for n in (width, height)))
 
-    def layout(self) -> dict[str, int]:
+    def layout(self, channels: int = 3) -> dict[str, int]:
         """Device memory of a projection, in bytes by name."""
-        grid = 4 * 3 * self.x * self.y * BINS
-        row_sums = 4 * 3 * self.y * BINS
-        return {"grid": grid, "grid_next": grid, "row_sums": row_sums, "matched": 6 * self.width * self.height}
+        grid = 4 * channels * self.x * self.y * BINS
+        matched = 2 * channels * self.width * self.height
+        return {"grid": grid, "grid_next": grid, "row_sums": 4 * channels * self.y * BINS, "matched": matched}
 
 
 class Projection:
@@ -96,7 +96,7 @@ class Projection:
     cells : Cells
     sigma : float
         Standard deviation of the Gaussian neighbourhood, px.
-    low, high : (3,) int
+    low, high : (channels,) int
         Range of values, in grid steps. What lies outside is taken as the nearest.
     wrap_x, wrap_y : bool
         The image is a torus along that axis; else nothing lies beyond its border.
@@ -114,7 +114,8 @@ class Projection:
         wrap_y: bool,
     ):
         self._device, self._buffers, self._cells = device, buffers, cells
-        self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE)
+        self.channels = len(low)
+        self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=self.channels)
         self._wrap = (int(wrap_x), int(wrap_y))
         self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
         per_bin = (BINS - 1) / np.maximum(self._high - self._low, np.float32(1.0))
@@ -128,26 +129,26 @@ class Projection:
 
         Pixels of value `OUTSIDE` belong to no histogram; what is written for them means nothing.
         """
-        cells, b = self._cells, self._buffers
+        cells, channels, b = self._cells, self.channels, self._buffers
         size = (cells.width, cells.height, cells.x, cells.y, *self._wrap)
-        self._run("gather", (cells.x, cells.y, 3), b[image], b["grid"], *self._bins, *size)
+        self._run("gather", (cells.x, cells.y, channels), b[image], b["grid"], *self._bins, *size)
         bin_parts = BINS if self._device.lanes == 1 else BINS // 16  # cl/histograms.cl, BIN_LANES
-        self._run("row_sums", (bin_parts, 3 * cells.y), b["grid"], b["row_sums"], cells.x, 3 * cells.y)
+        self._run("row_sums", (bin_parts, channels * cells.y), b["grid"], b["row_sums"], cells.x, channels * cells.y)
         (weights_x, radius_x), (weights_y, radius_y) = self._kernels
         self._run(
-            "blur", (bin_parts, cells.x, 3 * cells.y), b["grid"], b["grid_next"], weights_x, radius_x,
+            "blur", (bin_parts, cells.x, channels * cells.y), b["grid"], b["grid_next"], weights_x, radius_x,
             cells.x, 1, cells.y, cells.x, self._wrap[0],
         )  # fmt: skip
         self._run(
-            "blur", (bin_parts, cells.y, 3 * cells.x), b["grid_next"], b["grid"], weights_y, radius_y,
+            "blur", (bin_parts, cells.y, channels * cells.x), b["grid_next"], b["grid"], weights_y, radius_y,
             cells.y, cells.x, cells.x, 1, self._wrap[1],
         )  # fmt: skip
-        self._run("cumulate", (3 * cells.x * cells.y,), b["grid"], 3 * cells.x * cells.y)
-        rows = self._device.read(b["row_sums"], (3, cells.y, BINS), np.float32)
+        self._run("cumulate", (channels * cells.x * cells.y,), b["grid"], channels * cells.x * cells.y)
+        rows = self._device.read(b["row_sums"], (channels, cells.y, BINS), np.float32)
         inverse = self._device.upload(self._inverse(rows))
         self._run(
             "match",
-            (cells.width, cells.height, 3),
+            (cells.width, cells.height, channels),
             b[image],
             b["grid"],
             inverse,
@@ -165,10 +166,10 @@ class Projection:
         return self._device.upload((weights / weights.sum()).astype(np.float32)), radius
 
     def _inverse(self, row_sums: np.ndarray) -> np.ndarray:
-        """G^-1 at INVERSE + 1 equidistant shares, (3, INVERSE + 1) float32 in grid steps; G is the whole image's."""
+        """G^-1 at equidistant shares, (channels, INVERSE + 1) float32 in grid steps; G is the whole image's."""
         shares = np.linspace(0.0, 1.0, INVERSE + 1)
-        table = np.empty((3, INVERSE + 1), np.float32)
-        for c in range(3):
+        table = np.empty((self.channels, INVERSE + 1), np.float32)
+        for c in range(self.channels):
             # one row after the other: the order is part of the promise that bits do not change
             total = np.add.reduce(row_sums[c].astype(np.float64), axis=0)
             below = np.concatenate([[0.0], np.cumsum(total)])

@@ -25,6 +25,7 @@ JITTER = 0.6  # rho on the levels that are jittered: less is undone by the corre
 PENALTY = 1.5  # kappa: by how much a second candidate must be better
 KEPT_IN_LOOPS = 0.8  # of the transfer function per level: it would drift out of all colours where a zoom never ends
 PASSES = 2
+_RUN = 16  # pixels that a work item corrects on a CPU, so that it does not wait for memory one by one
 MOST_LEVEL = 60  # places on it fit 64 bits with room for the halo
 
 # Parities (x, y) of the pixels that the subpasses of a pass correct. Odd passes go another way round, so that the last
@@ -138,6 +139,8 @@ class Synthesizer:
     def __init__(self, device: Device, analysis: Analysis, settings: Settings, budget: int):
         self._device, self._settings, self._budget = device, settings, budget
         self._side = analysis.stacks.side_bits
+        self._length = _RUN if device.lanes > 1 else 1
+        self._run = device.program("multiscale", RUN=self._length)
         levels = analysis.stacks.levels
         tables = {
             "links": analysis.links,
@@ -191,7 +194,7 @@ class Synthesizer:
     def _upsample(self, held: Buffers, entry: LevelPlan, before: Window) -> None:
         window, settings, tables = entry.windows[0], self._settings, self._tables
         period = settings.period(entry.level)
-        self._device.program("multiscale")(
+        self._run(
             "upsample", (window.width, window.height), held["parent"], held["parent_r"], held["texel"], held["r"],
             held["colour"], tables["stack"], tables["finer"], tables["spacing"], self._side, before.width,
             (window.left >> 1) - before.left, (window.top >> 1) - before.top, window.width, window.height,
@@ -204,18 +207,22 @@ class Synthesizer:
         count = (after.right - left + 1) // 2, (after.bottom - top + 1) // 2
         if min(count) < 1:
             return
-        run, tables = self._device.program("multiscale"), self._tables
+        run, tables, length = self._run, self._tables, self._length
         place = whole.width, left - whole.left, top - whole.top, *count
         run(
-            "correct", count, held["texel"], held["r"], held["colour"], tables["links"], tables["records"],
-            tables["offsets"], tables["basis"], tables["spacing"], self._side, *place,
+            "correct", (-(-count[0] // length), count[1]), held["texel"], held["r"], held["colour"], tables["links"],
+            tables["records"], tables["offsets"], tables["basis"], tables["spacing"], self._side, *place,
             round(16 * (self._settings.penalty - 1)),
         )  # fmt: skip
         run("colour", count, held["texel"], held["r"], tables["stack"], held["colour"], *place)
 
 
 def paired(basis: np.ndarray) -> np.ndarray:
-    """The basis as cl/multiscale.cl reads it: for every tap rows (L, a) and (b, 0), dimension by dimension."""
-    rows = np.zeros((25, 4, DIMS), np.int16)
-    rows[:, :3] = basis.reshape(25, 3, DIMS)
-    return np.ascontiguousarray(rows.reshape(25, 2, 2, DIMS).transpose(0, 1, 3, 2))
+    """The basis as cl/multiscale.cl reads it: pairs of rows (L, a) and (b, 0), dimension by dimension.
+
+    For every tap of a neighbourhood, and at last for the sum of all.
+    """
+    taps = basis.reshape(25, 3, DIMS)
+    rows = np.zeros((26, 4, DIMS), np.int16)
+    rows[:25, :3], rows[25, :3] = taps, taps.sum(0, dtype=np.int16)  # at most 5 * 4096: the columns have length 4096
+    return np.ascontiguousarray(rows.reshape(26, 2, 2, DIMS).transpose(0, 1, 3, 2))

@@ -2,8 +2,8 @@
 """Nearest-neighbour fields and voting on the device: MJH17 section 4.2, after BSFG09.
 
 A target image is explained by an exemplar: for the patch at every target pixel the field names an exemplar patch.
-Fields are (rows, columns) uint32 arrays of packed corners, `y << 16 | x`; images are (height, width, 3) int16 arrays
-of Lab on an integer grid (`grid_steps`).
+Fields are (rows, columns) uint32 arrays of packed corners, `y << 16 | x`; images are (height, width, channels) int16
+arrays on an integer grid (`grid_steps`): the three of Lab, and three more for each further map of a material.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from i
 _BAND = 128  # rows of a field worked on at a time
 
 
-def grid_steps(patch: int) -> int:
-    """Integer steps per Lab unit such that a patch distance fits 32 bits.
+def grid_steps(patch: int, channels: int = 3) -> int:
+    """Integer steps per Lab unit, 8 at most, such that a patch distance fits 32 bits.
 
     Lab is clamped to a cube 300 units wide (`LAB_LOW`, `LAB_HIGH`), so a distance is at most
-    3 (300 steps)^2 patch^2 < 2^31, and the sum of a patch's column fits 16 bits.
+    channels (300 steps)^2 patch^2 < 2^31, and the sum of a patch's column fits 16 bits.
     """
-    return 8 if patch <= 11 else 4
+    return next(steps for steps in (8, 4, 2, 1) if channels * (300 * steps * patch) ** 2 < 1 << 31)
 
 
 LAB_LOW = np.array([-16.0, -150.0, -150.0], np.float32)
@@ -35,9 +35,10 @@ LAB_HIGH = np.array([284.0, 150.0, 150.0], np.float32)
 
 
 def to_grid(lab: np.ndarray, patch: int) -> np.ndarray:
-    """Lab (..., 3) float -> int16 steps. All decisions are made on these, so equal Lab decides equally everywhere."""
-    steps = np.float32(grid_steps(patch))
-    return np.rint(np.clip(lab, LAB_LOW, LAB_HIGH) * steps).astype(np.int16)
+    """Lab (..., channels) float -> int16 steps. All decisions are made on these: equal Lab decides alike everywhere."""
+    channels = lab.shape[-1]
+    steps, low, high = grid_steps(patch, channels), np.resize(LAB_LOW, channels), np.resize(LAB_HIGH, channels)
+    return np.rint(np.clip(lab, low, high) * np.float32(steps)).astype(np.int16)
 
 
 def unpack(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -66,6 +67,7 @@ class Geometry:
     patch: int
     wrap_x: bool
     wrap_y: bool
+    channels: int = 3
 
     @property
     def columns(self) -> int:
@@ -97,15 +99,16 @@ class Geometry:
         pixels = self.width * self.height
         exemplar = self.exemplar_width * self.exemplar_height
         padded = self.padded_width * (self.height + self.patch - 1)
+        bytes_of = 2 * self.channels
         return {
-            "target": 6 * padded,
-            "exemplar": 6 * exemplar,
-            "image": 6 * pixels,
+            "target": bytes_of * padded,
+            "exemplar": bytes_of * exemplar,
+            "image": bytes_of * pixels,
             "field": 4 * pixels,
             "field_next": 4 * pixels,
             "distance": 4 * pixels,
             "distance_next": 4 * pixels,
-            "allowed": exemplar,
+            "price": 4 * exemplar,
             "count": 4 * exemplar,
             "uses": 4 * exemplar,
             "penalty": 4 * exemplar,
@@ -123,29 +126,34 @@ def allowed_patches(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarra
     return inside == patch * patch
 
 
-def random_field(geometry: Geometry, allowed: np.ndarray, seed: int) -> np.ndarray:
+def random_field(geometry: Geometry, allowed: np.ndarray, seed: int, weights: np.ndarray | None = None) -> np.ndarray:
     """A scrambled start (MJH17 algorithm 1): blocks of patch size copied from random places.
 
-    Blocks keep the exemplar's detail where single pixels would not.
+    Blocks keep the exemplar's detail where single pixels would not. With `weights` (exemplar_rows, exemplar_columns)
+    places are drawn as often as they weigh.
     """
     patch = geometry.patch
     rows, columns = np.mgrid[0 : geometry.rows, 0 : geometry.columns]
-    y, x = _random_places(allowed, seed, 0xB10C, rows // patch, columns // patch)
+    y, x = _random_places(allowed, seed, 0xB10C, rows // patch, columns // patch, weights)
     y = np.minimum(y + rows % patch, geometry.exemplar_rows - 1)
     x = np.minimum(x + columns % patch, geometry.exemplar_columns - 1)
-    return _only_allowed(pack(y, x), allowed, seed, 0xB10D)
+    return only_allowed(pack(y, x), allowed, seed, 0xB10D)
 
 
 def _random_places(
-    allowed: np.ndarray, seed: int, step: int, y: np.ndarray, x: np.ndarray
+    allowed: np.ndarray, seed: int, step: int, y: np.ndarray, x: np.ndarray, weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """A random allowed exemplar patch for every (y, x)."""
     places = np.flatnonzero(allowed)
     bits = hash_at(seed, step, y, x).astype(np.uint64)
+    if weights is not None:
+        below = np.cumsum(weights.ravel()[places], dtype=np.float64)
+        at = np.searchsorted(below, bits * (below[-1] / 2.0**32), side="right")
+        return np.divmod(places[np.minimum(at, len(places) - 1)], allowed.shape[1])
     return np.divmod(places[((bits * np.uint64(len(places))) >> np.uint64(32)).astype(np.int64)], allowed.shape[1])
 
 
-def _only_allowed(field: np.ndarray, allowed: np.ndarray, seed: int, step: int) -> np.ndarray:
+def only_allowed(field: np.ndarray, allowed: np.ndarray, seed: int, step: int = 0xB10E) -> np.ndarray:
     """The field with every match that is not allowed replaced by a random one that is."""
     for begin in range(0, field.shape[0], _BAND):
         bad_y, bad_x = np.nonzero(~allowed[unpack(field[begin : begin + _BAND])])
@@ -191,7 +199,7 @@ def upsample_field(field: np.ndarray, coarse: Geometry, fine: Geometry, allowed:
         y = np.floor((y + half + 0.5) * ratio_y + rest_y[band, None]).astype(np.int64) - half
         x = np.floor((x + half + 0.5) * ratio_x + rest_x[None, :]).astype(np.int64) - half
         finer[band] = pack(np.clip(y, 0, fine.exemplar_rows - 1), np.clip(x, 0, fine.exemplar_columns - 1))
-    return _only_allowed(finer, allowed, seed, fine.width)
+    return only_allowed(finer, allowed, seed, fine.width)
 
 
 class Matcher:
@@ -215,6 +223,8 @@ class Matcher:
         How many of the `SEARCHES` windows are searched, the narrowest ones.
     usable : (exemplar_height, exemplar_width) bool or None
         Pixels of the exemplar among which use is evened out; None: all.
+    price : (exemplar_rows, exemplar_columns) float32 or None
+        What the use of a patch costs beside that of others; None: 1 for all.
     """
 
     def __init__(
@@ -229,13 +239,14 @@ class Matcher:
         seed: int,
         searches: int = SEARCHES,
         usable: np.ndarray | None = None,
+        price: np.ndarray | None = None,
     ):
         self._device, self._buffers, self.geometry, self._seed = device, buffers, geometry, seed
-        self._run = device.program("patchmatch", PATCH=geometry.patch)
+        self._run = device.program("patchmatch", PATCH=geometry.patch, CHANNELS=geometry.channels)
         self._penalty_weight = uniformity * _penalty_unit(exemplar, geometry, usable)
         device.write(buffers["exemplar"], exemplar)
         device.write(buffers["field"], field)
-        device.write(buffers["allowed"], allowed.view(np.uint8))
+        device.write(buffers["price"], np.where(allowed, np.float32(1) if price is None else price, np.float32(-1)))
         reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
         shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
         radius = [max(1, int(reach * shrink**k)) for k in range(SEARCHES)][-searches:]
@@ -291,6 +302,11 @@ class Matcher:
             g.columns, g.rows, g.width, g.height, g.exemplar_width, int(g.wrap_x), int(g.wrap_y),
         )  # fmt: skip
 
+    def hold(self) -> None:
+        """Put back into `image` the pixels of buffer `held` that must stay."""
+        g, b = self.geometry, self._buffers
+        self._run("hold", (g.width * g.height,), b["held"], b["image"], g.width * g.height)
+
     def pick(self) -> np.ndarray:
         """The exemplar pixel with the most votes for every target pixel: (height, width) uint32 of packed (y, x)."""
         g, b = self.geometry, self._buffers
@@ -311,7 +327,7 @@ class Matcher:
         if self._penalty_weight > 0:
             self._run("count", (patches,), b["field"], b["count"], patches, g.exemplar_columns)
         self._run("uses_rows", size, b["count"], b["uses"], *size)
-        self._run("penalty", size, b["uses"], b["allowed"], b["penalty"], *size, float(self._penalty_weight))
+        self._run("penalty", size, b["uses"], b["price"], b["penalty"], *size, float(self._penalty_weight))
 
 
 def _penalty_unit(exemplar: np.ndarray, geometry: Geometry, usable: np.ndarray | None = None) -> float:
@@ -321,7 +337,7 @@ def _penalty_unit(exemplar: np.ndarray, geometry: Geometry, usable: np.ndarray |
     a patch's pixels is the doubly summed count / N, so a patch used ideally pays N Var(e). Where only some pixels may
     be used, these are the exemplar: a fair share among all would punish a small label for being small.
     """
-    pixels = exemplar.reshape(-1, 3) if usable is None else exemplar[usable]
+    pixels = exemplar.reshape(-1, geometry.channels) if usable is None else exemplar[usable]
     n = geometry.patch**2
     best = max(1.0, geometry.width * geometry.height / len(pixels)) * n
     variance = float(pixels.var(axis=0, dtype=np.float64).sum())

@@ -22,8 +22,18 @@ import numpy as np
 from ..device import Buffers, Device
 from ..errors import ImageError
 from ..images import resized
+from .guidance import NOTHING, Guidance, VaryingProjection, coarse_image, coarse_mask, octaves
 from .histograms import OUTSIDE, Cells, Projection, apply_table, matching_table, value_counts
-from .patchmatch import SEARCHES, Geometry, Matcher, allowed_patches, random_field, to_grid, upsample_field
+from .patchmatch import (
+    SEARCHES,
+    Geometry,
+    Matcher,
+    allowed_patches,
+    only_allowed,
+    random_field,
+    to_grid,
+    upsample_field,
+)
 
 SCALE = 1.3  # between pyramid levels (section 4.2)
 COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
@@ -96,7 +106,7 @@ def level_scales(width: int, height: int, least: float = 0.25) -> list[float]:
 
 
 def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometry:
-    """Sizes at one level for an exemplar of `shape` (height, width, ...).
+    """Sizes at one level for an exemplar of `shape` (height, width, channels).
 
     Raises
     ------
@@ -116,7 +126,7 @@ def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometr
         if min(size) < patch:
             coarse = "" if size == full else f" is {size[0]}x{size[1]} on the coarsest level, which"
             raise ImageError(f"the {what} of {full[0]}x{full[1]} px{coarse} is smaller than a patch of {patch}x{patch}")
-    return Geometry(width, height, e_width, e_height, patch, recipe.wrap_x, recipe.wrap_y)
+    return Geometry(width, height, e_width, e_height, patch, recipe.wrap_x, recipe.wrap_y, shape[2])
 
 
 def synthesize(
@@ -127,14 +137,15 @@ def synthesize(
     budget: int,
     progress: Callable[[int, int], None],
     ruled_out: str = "transparent pixels",
+    guidance: Guidance = NOTHING,
 ) -> Synthesis:
     """Run MJH17 algorithm 1.
 
     Parameters
     ----------
     device : Device
-    exemplar : (height, width, 3) float32
-        CIE Lab.
+    exemplar : (height, width, channels) float32
+        CIE Lab, and three more channels on its scale for each further map of the material.
     allowed : (height, width) bool or None
         Pixels that may be used; None: all.
     recipe : Recipe
@@ -144,6 +155,8 @@ def synthesize(
         Called with (iterations done, iterations in all); may raise to stop.
     ruled_out : str
         What the pixels are that may not be used, for the error's text.
+    guidance : Guidance
+        What the user prescribes.
 
     Raises
     ------
@@ -159,20 +172,28 @@ def synthesize(
     total = recipe.iterations + FINE_ITERATIONS * (len(scales) - 1)
     what = f"a tile of {recipe.width}x{recipe.height} from an exemplar of {exemplar.shape[1]}x{exemplar.shape[0]}"
     done, field, coarser = 0, None, None
-    with Buffers(device, _layout(recipe, geometries, scales), budget, what, held=2 * exemplar.nbytes) as buffers:
+    held = guidance.held
+    layout = _layout(recipe, geometries, scales, guidance)
+    with Buffers(device, layout, budget, what, held=2 * exemplar.nbytes) as buffers:
         for geometry, scale in zip(geometries, scales, strict=True):
-            image = to_grid(_coarse_image(exemplar, allowed, geometry), recipe.patch)
-            usable = coarse_mask(allowed, geometry)
+            e_size = geometry.exemplar_width, geometry.exemplar_height
+            image = to_grid(coarse_image(exemplar, allowed, *e_size), recipe.patch)
+            usable = coarse_mask(allowed, *e_size)
             patches = allowed_patches(usable, geometry)
+            weights = guidance.patch_weights(patches, geometry)
             if field is None:
-                field = random_field(geometry, patches, recipe.seed)
+                field = random_field(geometry, patches, recipe.seed, weights)
+                if held is not None:
+                    field = only_allowed(held.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
             else:
                 field = upsample_field(field, coarser, geometry, patches, recipe.seed)
             searches = SEARCHES if done == 0 else FINE_SEARCHES
             matcher = Matcher(
-                device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable
-            )
-            level = _Level(device, buffers, matcher, image, usable, recipe, scale)
+                device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable,
+                None if weights is None else 1 / weights,
+            )  # fmt: skip
+            stays = None if held is None else held.image(exemplar, geometry)
+            level = _Level(device, buffers, matcher, image, usable, recipe, scale, guidance, stays)
             coarsest = done == 0
             for _ in range(recipe.iterations if coarsest else FINE_ITERATIONS):
                 last = done == total - 1
@@ -180,7 +201,8 @@ def synthesize(
                 done += 1
                 progress(done, total)
             field, coarser = matcher.field(), geometry
-        return Synthesis(matcher.pick(), field)
+        source = matcher.pick()
+        return Synthesis(source if held is None else np.where(held.where, held.places, source), field)
 
 
 def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str) -> int:
@@ -207,7 +229,8 @@ def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_ou
         )
 
     def serves(geometry: Geometry) -> bool:
-        return bool(allowed_patches(coarse_mask(allowed, geometry), geometry).mean() >= ENOUGH * share)
+        mask = coarse_mask(allowed, geometry.exemplar_width, geometry.exemplar_height)
+        return bool(allowed_patches(mask, geometry).mean() >= ENOUGH * share)
 
     return next(n for n, geometry in enumerate(geometries) if geometry is finest or serves(geometry))
 
@@ -217,9 +240,12 @@ class _Level:
 
     def __init__(
         self, device: Device, buffers: Buffers, matcher: Matcher, exemplar: np.ndarray, usable: np.ndarray | None,
-        recipe: Recipe, scale: float,
+        recipe: Recipe, scale: float, guidance: Guidance = NOTHING, held: np.ndarray | None = None,
     ):  # fmt: skip
         self._device, self._buffers, self._matcher, self._recipe = device, buffers, matcher, recipe
+        self._free = None if held is None else held[..., 0] == OUTSIDE
+        if held is not None:
+            device.write(buffers["held"], held)
         g = self._geometry = matcher.geometry
         self._usable = usable
         values = self._counted(exemplar)
@@ -228,11 +254,19 @@ class _Level:
         self._entries = int(self._high.max()) - self._first + 1
         sigma = None if recipe.sigma is None else recipe.sigma * scale
         if recipe.contrast > 0:
-            goal = self._counted(self._goal_image(exemplar, sigma))
+            if held is not None and guidance.held.is_goal and not self._free.all():
+                goal = held[~self._free]
+            else:
+                goal = self._counted(self._goal_image(exemplar, sigma))
             self._goal = value_counts(goal, self._first, self._entries)
-        self._projection = None
-        if sigma is not None:
-            self._projection = self._projected(g.width, g.height, sigma, g.wrap_x, g.wrap_y)
+        self._projection: Projection | VaryingProjection | None = None
+        target = g.width, g.height
+        if guidance.sigmas is not None:
+            sigmas = np.exp(resized(np.log(guidance.sigmas)[..., None], *target)[..., 0]) * np.float32(scale)
+            stack = [self._projected(*target, one, g.wrap_x, g.wrap_y) for one in octaves(sigmas)]
+            self._projection = VaryingProjection(device, buffers, stack, sigmas)
+        elif sigma is not None:
+            self._projection = self._projected(*target, sigma, g.wrap_x, g.wrap_y)
 
     def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projection:
         cells = Cells.of(width, height, sigma)
@@ -251,59 +285,50 @@ class _Level:
 
     def _counted(self, exemplar: np.ndarray) -> np.ndarray:
         """Its pixels that may be used, (n, 3)."""
-        return exemplar.reshape(-1, 3) if self._usable is None else exemplar[self._usable]
+        return exemplar.reshape(-1, exemplar.shape[2]) if self._usable is None else exemplar[self._usable]
 
     def iterate(self, iteration: int, passes: int) -> None:
         """vote, matchHistogram, project, patchMatch: the source's own pixels have the last word (section 4.2)."""
         self._matcher.vote()
+        self._hold()
         self._match_histogram(self._recipe.alpha(iteration))
+        self._hold()
         if self._projection is not None:
             self._projection.project("image", "matched", OVERSHOOT)
             self._buffers.swap("image", "matched")
+            self._hold()
         self._matcher.improve(passes, iteration)
+
+    def _hold(self) -> None:
+        if self._free is not None:
+            self._matcher.hold()
 
     def _match_histogram(self, alpha: float) -> None:
         if alpha <= 0:
             return
         g = self._geometry
-        image = self._device.read(self._buffers["image"], (g.height, g.width, 3), np.int16)
+        image = self._device.read(self._buffers["image"], (g.height, g.width, g.channels), np.int16)
+        image = image if self._free is None else image[self._free]
         table = matching_table(value_counts(image, self._first, self._entries), self._goal, self._first, alpha)
         apply_table(self._device, self._buffers, "image", g.width * g.height, table, self._first)
 
 
-def _layout(recipe: Recipe, geometries: list[Geometry], scales: list[float]) -> dict[str, int]:
+def _layout(
+    recipe: Recipe, geometries: list[Geometry], scales: list[float], guidance: Guidance = NOTHING
+) -> dict[str, int]:
     """Device memory that every level fits into; `image` and `matched` change places, so they are of one size."""
     layout = geometries[-1].layout()
+    if guidance.held is not None:
+        layout["held"] = layout["image"]
     for geometry, scale in zip(geometries, scales, strict=True):
         if recipe.sigma is None:
             break
-        sizes = [(geometry.width, geometry.height)]
+        finest = recipe.sigma if guidance.sigmas is None else float(guidance.sigmas.min())
+        sizes = [(geometry.width, geometry.height, finest * scale)]
         if recipe.contrast > 0 and recipe.flat:
-            sizes.append((geometry.exemplar_width, geometry.exemplar_height))
-        for width, height in sizes:
-            for name, size in Cells.of(width, height, recipe.sigma * scale).layout().items():
-                layout[name] = max(layout.get(name, 0), size)
+            sizes.append((geometry.exemplar_width, geometry.exemplar_height, recipe.sigma * scale))
+        for size in sizes:
+            for name, need in Cells.of(*size).layout(geometry.channels).items():
+                layout[name] = max(layout.get(name, 0), need)
     layout["image"] = max(layout["image"], layout.get("matched", 0))
     return layout
-
-
-def coarse_mask(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray | None:
-    """The mask on a level: a coarse pixel is usable where all the pixels under it are."""
-    if allowed is None:
-        return None
-
-    def shrink(mask: np.ndarray, n: int, axis: int) -> np.ndarray:
-        first = np.arange(n) * mask.shape[axis] // n
-        return np.logical_and.reduceat(mask, first, axis=axis)
-
-    return shrink(shrink(allowed, geometry.exemplar_height, 0), geometry.exemplar_width, 1)
-
-
-def _coarse_image(exemplar: np.ndarray, allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray:
-    """The exemplar on a level: means of the pixels that may be used, so that the others do not bleed in."""
-    size = (geometry.exemplar_width, geometry.exemplar_height)
-    if allowed is None:
-        return resized(exemplar, *size)
-    weight = resized(allowed[..., None].astype(np.float32), *size)
-    sums = resized(np.where(allowed[..., None], exemplar, np.float32(0)), *size)
-    return np.where(weight > 0, sums / np.maximum(weight, np.float32(1e-6)), np.float32(0))

@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is analysed of an exemplar graph: its stack levels, and which of their texels may be jumped to.
-
-HRRG08 lets every texel of an admissible level be a candidate. Here two kinds are none: those at the borders of an
-exemplar that does not tile, and in loops those that have little detail to come.
-"""
+"""What is analysed of an exemplar graph: its stack levels, and which of their texels may be jumped to."""
 
 from __future__ import annotations
 
@@ -19,7 +15,7 @@ from .superexemplar import Levels, unrolled
 _DULL = 0.75  # share of a level's texels that are not jumped to in a loop
 
 
-def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], lock: bool = False) -> Stacks:
+def stacks_of(graph: Graph, exemplars: Sequence[Exemplar]) -> Stacks:
     """The stack levels that synthesis can come to, and which of their texels may be candidates.
 
     Parameters
@@ -27,8 +23,6 @@ def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], lock: bool = False) -
     graph : Graph
     exemplars : sequence of Exemplar
         All of one side.
-    lock : bool
-        The root is to come out as it is: its border may be a candidate of itself.
     """
     root = exemplars[graph.root]
     finest = root.side.bit_length() - 1
@@ -36,30 +30,20 @@ def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], lock: bool = False) -
     seen = root.values if root.opaque is None else root.values[root.opaque]
     middle = seen[..., :3].reshape(-1, 3).mean(0, dtype=np.float64)
     planes = np.empty((len(levels.stacks), root.side, root.side, 4), np.int16)
-    opaque = np.ones(planes.shape[:3], bool)
+    usable = np.ones(planes.shape[:3], bool)
     for n, exemplar in enumerate(exemplars):
         numbers = [m for m, (i, _) in enumerate(levels.stacks) if i == n]
         planes[numbers] = grid_stack(exemplar, middle, [levels.stacks[m][1] for m in numbers], finest)
         if exemplar.opaque is not None:
-            opaque[numbers] = exemplar.opaque
+            usable[numbers] = exemplar.opaque
     periodic = tuple(exemplars[i].periodic for i, _ in levels.stacks)
-    inner = np.array([inner_texels(levels, m, root.side) | closed for m, closed in enumerate(periodic)])
     loops = [n for n in range(len(exemplars)) if graph.in_loop(n)]
-    targets = _where_any(opaque, inner, lively_texels(levels, planes, loops, periodic))
-    kept = [inner[m] | (lock and i == graph.root) for m, (i, _) in enumerate(levels.stacks)]
-    return Stacks(levels, planes, _where_any(opaque, np.array(kept)), targets, periodic)
+    lively = usable & lively_texels(levels, planes, periodic, loops)
+    targets = np.where(lively.any((1, 2), keepdims=True), lively, usable)
+    return Stacks(levels, planes, usable, targets, periodic)
 
 
-def _where_any(*masks: np.ndarray) -> np.ndarray:
-    """Where all (levels, side, side) say yes; a mask that would leave nothing of a level is not heard there."""
-    found = masks[0]
-    for mask in masks[1:]:
-        both = found & mask
-        found = np.where(both.any((1, 2), keepdims=True), both, found)
-    return found
-
-
-def lively_texels(levels: Levels, planes: np.ndarray, loops: Collection[int], periodic: Sequence[bool]) -> np.ndarray:
+def lively_texels(levels: Levels, planes: np.ndarray, periodic: Sequence[bool], loops: Collection[int]) -> np.ndarray:
     """Texels that hold much of what their exemplar has finer than their level; all, of exemplars in no loop.
 
     Where a zoom never ends, flat matches flat, and every turn of the loop makes more of it (HRRG08 leaves this open:

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plane without end, ready to be looked at: a graph's exemplars read and analysed, and windows of it as pixels.
+
+What --texsynth and --texzoom share. Pixels are made as texels and offsets (`States`), and shown as copies of exemplars'
+pixels with their offset on them (`Plane.pixels`).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ..files import read
+from ..images import Image
+from ..session import Session
+from ..tiles import assembled
+from ..windows import Window
+from ..working import Lens
+from .candidates import Analysis, analyse
+from .exemplars import Graph, read_graph
+from .multiscale import KEPT_IN_LOOPS, Settings, State, Synthesizer, default_jitter
+from .stacks import STEPS, Exemplar, load_exemplars, nearest_opaque, shown_level
+from .targets import stacks_of
+
+log = logging.getLogger("oiiotex")
+
+_CELL = 1 << 19  # pixels made at once: large beside their halo, small beside the memory
+_STATE_BYTES = 12  # of a pixel that is kept as texel and offset
+_FARTHEST = 1 << 30  # px; a file's windows lie nearer
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A graph with its exemplars.
+
+    Attributes
+    ----------
+    graph : Graph
+    images : tuple of Image
+        One for each exemplar.
+    exemplars : tuple of Exemplar
+    lens : Lens
+        How the root is seen.
+    analysis : Analysis
+    finest : int
+        L: on that level a pixel is as large as one of the root.
+    """
+
+    graph: Graph
+    images: tuple[Image, ...]
+    exemplars: tuple[Exemplar, ...]
+    lens: Lens
+    analysis: Analysis
+    finest: int
+    _planes: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
+
+    @property
+    def root(self) -> Image:
+        """The image that says space, channels, type and size."""
+        return self.images[self.graph.root]
+
+    def settings(
+        self, *, seed: int | None, lock: bool | int, around: tuple[int, int] | None = None, around_level: int = 0
+    ) -> Settings:
+        """How it is made; the graph's own seed and jitter where they are not said.
+
+        `lock` says the last level without jitter (HRRG08 figure 7); 0: none, 1 or True: L.
+        """
+        jitter = self.graph.jitter or default_jitter(self.finest)
+        if lock:
+            last = self.finest if lock == 1 else int(lock)
+            longer = (*jitter, *jitter[-1:] * (last + 1))
+            jitter = tuple(0.0 if n <= last else rho for n, rho in enumerate(longer))
+        loops = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
+        return Settings(
+            seed=seed if seed is not None else self.graph.seed or 0,
+            jitter=jitter,
+            kept=KEPT_IN_LOOPS if loops else 1.0,
+            around=around,
+            around_level=around_level,
+        )
+
+    def pixels(self, state: State) -> np.ndarray:
+        """What pixels look like: (height, width, channels) of the root's pixel type.
+
+        All channels of what they copy, with their offset added in Lab.
+        """
+        number, y, x = self.places(state)
+        used = np.flatnonzero(np.bincount(number.ravel(), minlength=1))
+        at = (y << self.analysis.stacks.side_bits) + x
+        out = np.empty((*number.shape, self.exemplars[0].pixels.shape[2]), self.exemplars[0].pixels.dtype)
+        for n in used:
+            mine = slice(None) if len(used) == 1 else number == n
+            out[mine] = self._shown(int(n))[at[mine]]
+        moved = state.offset.any(-1)
+        if moved.any():
+            rows = out[moved][None]
+            values, opaque = self.lens.values(rows)
+            values[..., :3] += state.offset[moved][None, :, :3] * np.float32(1 / STEPS)
+            out[moved] = self.lens.replaced(rows, values, opaque)[0]
+        return out
+
+    def places(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(number of the stack level, y, x) of what pixels copy."""
+        bits = self.analysis.stacks.side_bits
+        at, inside = state.texel.astype(np.int64), (1 << bits) - 1
+        return at >> 2 * bits, (at >> bits) & inside, at & inside
+
+    def _shown(self, number: int) -> np.ndarray:
+        """(side^2, channels) of a stack level; transparent pixels show the nearest opaque one."""
+        if number not in self._planes:
+            of, level = self.analysis.stacks.levels.stacks[number]
+            plane = shown_level(self.exemplars[of], level, self.finest)
+            plane = plane.reshape(-1, plane.shape[2])
+            opaque = self.exemplars[of].opaque
+            self._planes[number] = plane if opaque is None else plane[nearest_opaque(opaque).ravel()]
+        return self._planes[number]
+
+
+def graph_images(path: str | Path, session: Session) -> tuple[Graph, tuple[Image, ...]]:
+    """The graph of a document, and its exemplars' files, opened.
+
+    Raises
+    ------
+    ImageError
+        As by `exemplars.read_graph` and `files.read`.
+    """
+    graph = read_graph(path)
+    return graph, tuple(read(file, session.cache) for file in graph.files)
+
+
+def opened(
+    session: Session, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int, correct: bool,
+    data: bool,
+) -> Plane:  # fmt: skip
+    """Read and analyse the exemplars of a graph.
+
+    Parameters
+    ----------
+    session : Session
+    graph : Graph
+    images : sequence of Image
+    name : str
+        The graph's, for messages.
+    side : int
+        Of the exemplars' squares, at most; px.
+    dims : int
+        Of projected neighbourhoods.
+    correct : bool
+        Bring exemplars that do not agree in colour together.
+    data : bool
+        The channels are no colours.
+
+    Raises
+    ------
+    ImageError, ColorError, DeviceError
+        As by `stacks.load_exemplars`, `Graph.require_levels` and `candidates.analyse`.
+    """
+    with session.stats.time("read and colour"):
+        config = None if data else session.color
+        exemplars, lens = load_exemplars(images, graph.factors, config, session.autocc, side, graph.root)
+    finest = exemplars[0].side.bit_length() - 1
+    graph.require_levels(finest, name)
+    analysis = _analysed(session, graph, exemplars, dims, correct)
+    _report_shares(graph, analysis)
+    return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
+
+
+def _analysed(session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool) -> Analysis:
+    import platformdirs
+
+    with session.stats.time("Gaussian stacks"):
+        stacks = stacks_of(graph, exemplars)
+    folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
+    return analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+
+
+def _report_shares(graph: Graph, analysis: Analysis) -> None:
+    """Say how much of what may be replaced by each exemplar is; warn of one that appears nowhere (section 8)."""
+    of = np.array([exemplar for exemplar, _ in analysis.stacks.levels.stacks])
+    for n, name in enumerate(graph.names):
+        if n == graph.root:
+            continue
+        numbers = [
+            m
+            for m, onward in enumerate(analysis.stacks.levels.admissible)
+            if of[m] != n and n in of[[k for k, _ in onward]]
+        ]
+        if not numbers:
+            continue
+        into = of[(analysis.links[numbers] >> np.uint32(2 * analysis.stacks.side_bits)).astype(np.int64)]
+        share = float((into == n).any(-1).mean())
+        log.info("exemplar '%s' is a candidate of %.1f %% of the texels that it may replace", name, 100 * share)
+        if share == 0:
+            log.warning("exemplar '%s' appears nowhere: others match better everywhere (HRRG08 section 8)", name)
+
+
+class States:
+    """Pixels of a level as texels and offsets, made in cells that are kept for a while.
+
+    `place` and `display` are in an image's own coordinates, which begin at 0 where the plane's do not fit 32 bits.
+    """
+
+    def __init__(self, session: Session, maker: Synthesizer, level: int, window: Window, display: Window):
+        self._cache, self._maker, self._level = session.cache, maker, level
+        near = max(map(abs, display)) < _FARTHEST
+        self._shift = (0, 0) if near else (display.left, display.top)
+        self.place, self.display = (w.shifted(-self._shift[0], -self._shift[1]) for w in (window, display))
+        row = _STATE_BYTES * self.place.width
+        height = max(32, min(512, session.cache.limit // 3 // row))
+        self._cell = max(32, _CELL // height), height
+
+    def read(self, window: Window) -> State:
+        """The pixels of a window."""
+        packed = assembled(
+            window, self._cell, self.place, lambda at: self._cache.get((self, at), lambda: self._made(at))
+        )
+        texel = np.ascontiguousarray(packed[..., :2]).view(np.uint32)[..., 0]
+        return State(texel, packed[..., 2:])
+
+    def _made(self, place: Window) -> np.ndarray:
+        """(height, width, 6) int16: a texel number in two halves, an offset."""
+        state = self._maker.window(self._level, place.shifted(*self._shift))
+        return np.concatenate([np.ascontiguousarray(state.texel)[..., None].view(np.int16), state.offset], -1)
