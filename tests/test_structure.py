@@ -17,6 +17,7 @@ PACKAGE = ROOT / "oiiotex"
 FLOORS = [
     {"errors", "stats", "windows"},
     {"temporary"},
+    {"kept"},
     {"params", "text_values", "__init__"},
     {"op"},
     {"opencl_runtime"},

@@ -11,17 +11,14 @@ contrast without it.
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 
 from ..device import Buffers, Device
-from ..errors import Error
-from ..temporary import temporary_beside
+from ..kept import Arrays, hash_of, kept
 from .superexemplar import Levels
 
 DIMS = 16  # of cl/projected.h
@@ -32,7 +29,7 @@ _BITS = 12  # of the fraction of the basis
 _JUMPS = (8, 4, 2, 1)
 _ROUNDS = 5
 _SAMPLES = 2000  # neighbourhoods of a level that the basis is found from
-_VERSION = b"oiiotex candidates 2"
+_VERSION = "oiiotex candidates 4"  # to be counted up where the same stacks lead to another analysis
 
 
 @dataclass(frozen=True)
@@ -159,13 +156,30 @@ def analyse(
     advance : callable
         Told (done, total).
     cache : Path or None
-        A folder where candidates are kept from one run to the next.
+        A folder where it is kept from one run to the next.
 
     Raises
     ------
     DeviceError
         It does not fit.
     """
+    facts = (getattr(stacks, of.name) for of in fields(stacks))
+    name = hash_of(_VERSION, *facts, dims, correct, DISC, _ROUNDS, _JUMPS)
+    steps = 2 * len(stacks.planes) + 1
+
+    def step(number: int) -> None:
+        advance(number, steps)
+
+    found = kept(cache, name, lambda: _analysed(device, stacks, dims, correct, budget, step))
+    step(steps)
+    basis, links, records, offsets, variance = found
+    return Analysis(stacks, basis, links, records, offsets, float(variance[0]))
+
+
+def _analysed(
+    device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, step: Callable[[int], None]
+) -> Arrays:
+    """What follows from the stacks, of an `Analysis`: basis, links, records, offsets, variance."""
     basis, variance = basis_of(stacks, dims)
     count, side = stacks.planes.shape[:2]
     projections = np.empty((count, side * side, DIMS), np.int16)
@@ -174,17 +188,10 @@ def analyse(
         around = neighbourhoods(plane, stacks.levels.spacing(number), stacks.periodic[number])
         projections[number] = project(around, basis)
         means[number] = around.reshape(-1, 25, 3).mean(1)
-        advance(number + 1, 2 * count)
-    told = iter(range(count + 1, 2 * count + 1))
-
-    def step() -> None:
-        advance(next(told), 2 * count)
-
-    links = _kept(cache, stacks, basis, lambda: _searched(device, stacks, projections, budget, step))
-    for number in told:
-        advance(number, 2 * count)
+        step(number + 1)
+    links = _searched(device, stacks, projections, budget, step)
     offsets, records = _transfers(stacks, links, projections, means, basis, correct)
-    return Analysis(stacks, basis, links, records, offsets, variance)
+    return basis, links, records, offsets, np.array([variance])
 
 
 def _transfers(
@@ -212,7 +219,7 @@ def _transfers(
 
 
 def _searched(
-    device: Device, stacks: Stacks, projections: np.ndarray, budget: int, step: Callable[[], None]
+    device: Device, stacks: Stacks, projections: np.ndarray, budget: int, step: Callable[[int], None]
 ) -> np.ndarray:
     """The candidates of every texel: (levels, side^2, 2) uint32."""
     count, texels = projections.shape[:2]
@@ -224,7 +231,7 @@ def _searched(
         device.write(buffers["usable"], stacks.targets.view(np.uint8))
         for number in range(count):
             links[number] = _level(device, buffers, stacks, number)
-            step()
+            step(count + number + 1)
     return links
 
 
@@ -267,32 +274,3 @@ def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, exclud
     found = device.read(buffers["texel"], (1 << 2 * side,), np.uint32)
     missed = device.read(buffers["cost"], (1 << 2 * side,), np.uint32) == NONE
     return np.where(missed & (excluded != NONE), excluded, found)
-
-
-# --- from one run to the next ---
-
-
-def _kept(cache: Path | None, stacks: Stacks, basis: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:
-    """The candidates out of the cache, by what they follow from; made and put there where they are missing."""
-    if cache is None:
-        return make()
-    seen = hashlib.sha256(_VERSION)
-    for said in (stacks.planes, stacks.usable, stacks.targets, basis):
-        seen.update(np.ascontiguousarray(said))
-    seen.update(repr((stacks.levels, stacks.periodic, DISC, _ROUNDS, _JUMPS)).encode())
-    path = cache / f"{seen.hexdigest()}.npy"
-    texels = stacks.usable.size
-    try:
-        found = np.load(path, allow_pickle=False)
-        if found.shape == (len(stacks.planes), texels // len(stacks.planes), 2) and found.max() < texels:
-            return found
-    except (OSError, ValueError):  # absent, or spoiled
-        pass
-    made = make()
-    try:
-        os.makedirs(cache, exist_ok=True)
-        with temporary_beside(path) as temporary, open(temporary, "wb") as file:
-            np.save(file, made)
-    except (OSError, Error):  # a run does not fail for want of a cache
-        pass
-    return made

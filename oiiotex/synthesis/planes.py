@@ -29,6 +29,7 @@ from .targets import stacks_of
 log = logging.getLogger("oiiotex")
 
 _CELL = 1 << 19  # pixels made at once: large beside their halo, small beside the memory
+_SLAB = 1 << 17  # pixels shown at once: what is computed on the way fits the caches
 _STATE_BYTES = 12  # of a pixel that is kept as texel and offset
 _FARTHEST = 1 << 30  # px; a file's windows lie nearer
 
@@ -89,20 +90,26 @@ class Plane:
 
         All channels of what they copy, with their offset added in Lab.
         """
-        number, y, x = self.places(state)
-        used = np.flatnonzero(np.bincount(number.ravel(), minlength=1))
-        at = (y << self.analysis.stacks.side_bits) + x
-        out = np.empty((*number.shape, self.exemplars[0].pixels.shape[2]), self.exemplars[0].pixels.dtype)
+        exemplar = self.exemplars[0].pixels
+        out = np.empty((*state.texel.shape, exemplar.shape[2]), exemplar.dtype)
+        rows = max(1, _SLAB // max(1, out.shape[1]))
+        for top in range(0, len(out), rows):
+            self._show(state.texel[top : top + rows], state.offset[top : top + rows], out[top : top + rows])
+        return out
+
+    def _show(self, texel: np.ndarray, offset: np.ndarray, out: np.ndarray) -> None:
+        bits = 2 * self.analysis.stacks.side_bits
+        number, at = texel >> np.uint32(bits), texel & np.uint32((1 << bits) - 1)
+        used = np.flatnonzero(np.bincount(number.ravel()))
         for n in used:
             mine = slice(None) if len(used) == 1 else number == n
             out[mine] = self._shown(int(n))[at[mine]]
-        moved = state.offset.any(-1)
+        moved = offset.any(-1)
         if moved.any():
             rows = out[moved][None]
             values, opaque = self.lens.values(rows)
-            values[..., :3] += state.offset[moved][None, :, :3] * np.float32(1 / STEPS)
+            values[..., :3] += offset[moved][None, :, :3] * np.float32(1 / STEPS)
             out[moved] = self.lens.replaced(rows, values, opaque)[0]
-        return out
 
     def places(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(number of the stack level, y, x) of what pixels copy."""
