@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .errors import ImageError, Interrupted
 from .stats import Stats
@@ -75,6 +75,7 @@ class Session:
     stats: Stats = field(default_factory=Stats)
     words: tuple[str, ...] = ()
     written: set[str] = field(default_factory=set)
+    _last: tuple[str, Any] = ("", None)
 
     @functools.cached_property
     def device(self) -> Device:
@@ -108,6 +109,13 @@ class Session:
         Work must be computing alone: what reads an image may itself be waiting for these threads.
         """
         return self._workers.map(work, pieces)
+
+    def once(self, key: str, make: Callable[[], Made]) -> Made:
+        """What `make` gives, or gave when it was last asked under that key: for frames that share their preparation."""
+        if self._last[0] != key:
+            self._last = "", None  # not two of them in memory
+            self._last = key, make()
+        return self._last[1]
 
     def require(self, need: int, what: str, advice: str = "make the image smaller") -> None:
         """Refuse what does not fit the budget.

@@ -77,7 +77,7 @@ from oiiotex.synthesis.exemplars import Edge, Graph
 from oiiotex.synthesis.multiscale import Settings, Synthesizer
 from oiiotex.synthesis.superexemplar import unrolled
 from oiiotex.windows import Window
-graph = Graph(("a",), (Path("a"),), 0, (Edge(0, 0, 1),), (1.0,))
+graph = Graph(("a",), (Path("a"),), 0, (Edge(0, 0, 1),), (1.0,), (None,))
 levels = unrolled(graph, 4)
 planes = np.random.default_rng(0).integers(-900, 900, (len(levels.stacks), 16, 16, 4)).astype(np.int16)
 planes[..., 3] = 0

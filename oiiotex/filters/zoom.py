@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar
@@ -66,7 +67,7 @@ class Zoom(Multiscale):
         zoom = self._zoom(plane)
         side = 1 << plane.finest
         at = tuple(Fraction(n) / side for n in self.at or (side / 2, side / 2))
-        if max(map(abs, at)) * 2 ** (int(zoom) + 1) > _FARTHEST:
+        if max(map(abs, at)) * 2 ** math.ceil(zoom) > _FARTHEST:
             raise ParameterError(f"at={self.at}: at {zoom:.6g} octaves it is more than 2^60 px away from 0,0")
         maker = Synthesizer(
             session.device, plane.analysis, plane.settings(seed=self.seed, lock=self.lock), session.budget

@@ -183,13 +183,18 @@ def _analysed(
     basis, variance = basis_of(stacks, dims)
     count, side = stacks.planes.shape[:2]
     projections = np.empty((count, side * side, DIMS), np.int16)
+    shapes = projections
+    if correct and any(map(stacks.levels.turns, range(count))):
+        shapes = np.empty_like(projections)
     means = np.empty((count, side * side, 3))
     for number, plane in enumerate(stacks.planes):
         around = neighbourhoods(plane, stacks.levels.spacing(number), stacks.periodic[number])
         projections[number] = project(around, basis)
         means[number] = around.reshape(-1, 25, 3).mean(1)
+        if shapes is not projections:
+            shapes[number] = project(around - np.tile(np.rint(means[number]), 25), basis)
         step(number + 1)
-    links = _searched(device, stacks, projections, budget, step)
+    links = _searched(device, stacks, projections, shapes, budget, step)
     offsets, records = _transfers(stacks, links, projections, means, basis, correct)
     return basis, links, records, offsets, np.array([variance])
 
@@ -219,17 +224,23 @@ def _transfers(
 
 
 def _searched(
-    device: Device, stacks: Stacks, projections: np.ndarray, budget: int, step: Callable[[int], None]
-) -> np.ndarray:
-    """The candidates of every texel: (levels, side^2, 2) uint32."""
+    device: Device, stacks: Stacks, projections: np.ndarray, shapes: np.ndarray, budget: int,
+    step: Callable[[int], None],
+) -> np.ndarray:  # fmt: skip
+    """The candidates of every texel: (levels, side^2, 2) uint32.
+
+    Where a zoom turns, neighbourhoods are compared by `shapes`, less their means: the transfer function takes up the
+    difference of these, and a flat place of any colour may come to detail of any other.
+    """
     count, texels = projections.shape[:2]
     links = np.empty((count, texels, 2), np.uint32)
     layout = {"projections": projections.nbytes, "usable": stacks.usable.size, "excluded": 4 * texels}
     layout |= dict.fromkeys(("texel", "cost", "texel_next", "cost_next"), 4 * texels)
     with Buffers(device, layout, budget, "the analysis of the exemplars", held=projections.nbytes) as buffers:
-        device.write(buffers["projections"], projections)
         device.write(buffers["usable"], stacks.targets.view(np.uint8))
         for number in range(count):
+            if number == 0 or stacks.levels.turns(number) != stacks.levels.turns(number - 1):
+                device.write(buffers["projections"], shapes if stacks.levels.turns(number) else projections)
             links[number] = _level(device, buffers, stacks, number)
             step(count + number + 1)
     return links

@@ -9,7 +9,8 @@ A graph is a small JSON file (YAML where PyYAML is installed):
      "jitter": [0, 0.6, 0.6], "seed": 7}
 
 `r` is log2 of how many times smaller a pixel of `to` is; `scale` says the ratio itself. `nodes` may stand for
-`exemplars`, and `title`, `note` and where a photo was taken from are passed over.
+`exemplars`, and `title`, `note` and where a photo was taken from are passed over. `wrap` of an exemplar says what is
+at its borders, `periodic` or `mirror`; what it looks like when left out.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from ..errors import ImageError
 from ..params import nearest
 
 _TOP = ("exemplars", "nodes", "root", "edges", "jitter", "seed", "title", "note")
-_NODE = ("id", "file", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
+_NODE = ("id", "file", "wrap", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
 _EDGE = ("from", "to", "r", "scale", "note", "to_origin_in_from_px")
 LOOP_R = 3  # of an exemplar to itself where nobody says it: with less the contrast of a long zoom fades sooner
 _ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
@@ -52,6 +53,8 @@ class Graph:
         Those with r = 0 from an exemplar to itself, which HRRG08 implies, are left out.
     factors : tuple of float
         How much larger each exemplar is to be resampled, so that all ratios are powers of two; within sqrt(2).
+    wraps : tuple of str or None
+        "periodic" or "mirror": what is at the borders of each exemplar; None: what they look like.
     jitter : tuple of float or None
         rho by level; the last holds for all finer ones.
     seed : int or None
@@ -62,18 +65,19 @@ class Graph:
     root: int
     edges: tuple[Edge, ...]
     factors: tuple[float, ...]
+    wraps: tuple[str | None, ...]
     jitter: tuple[float, ...] | None = None
     seed: int | None = None
 
     @classmethod
     def single(cls, name: str) -> Graph:
         """One exemplar without scale edges: Lefebvre & Hoppe 2005."""
-        return cls((name,), (Path(name),), 0, (), (1.0,))
+        return cls((name,), (Path(name),), 0, (), (1.0,), (None,))
 
     @classmethod
     def loop(cls, name: str, r: int) -> Graph:
         """One exemplar with an edge to itself: a zoom that never ends (HRRG08 figure 3)."""
-        return cls((name,), (Path(name),), 0, (Edge(0, 0, r),), (1.0,))
+        return cls((name,), (Path(name),), 0, (Edge(0, 0, r),), (1.0,), (None,))
 
     def leads_on(self, exemplar: int) -> bool:
         """Whether an edge leaves that exemplar."""
@@ -152,14 +156,14 @@ def parse_graph(document: Any, path: Path) -> Graph:
     nodes = _listed(top, "exemplars" if "exemplars" in top else "nodes", where)
     if not nodes:
         raise ImageError(f"{where}: there is no exemplar")
-    names, files = _exemplars(nodes, path)
+    names, files, wraps = _exemplars(nodes, path)
     drawn = [_edge(found, names, where) for found in _listed(top, "edges", where)]
     root = _root(top.get("root"), names, [(i, j) for i, j, _ in drawn], where)
     edges, factors = _placed(drawn, root, names, where)
     seed = top.get("seed")
     if seed is not None and (not _whole(seed) or not 0 <= seed < 2**32):
         raise ImageError(f"{where}: seed={seed}: allowed is a whole number >= 0 and <= 4294967295")
-    return Graph(names, files, root, edges, factors, _jitter(top.get("jitter"), where), seed)
+    return Graph(names, files, root, edges, factors, wraps, _jitter(top.get("jitter"), where), seed)
 
 
 def _mapping(found: Any, known: tuple[str, ...], where: str) -> dict[str, Any]:
@@ -178,9 +182,10 @@ def _listed(top: dict[str, Any], name: str, where: str) -> list[Any]:
     return found
 
 
-def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Path, ...], tuple[str | None, ...]]:
     names: list[str] = []
     files: list[Path] = []
+    wraps: list[str | None] = []
     for n, found in enumerate(nodes):
         node = _mapping(found, _NODE, f"{path}: exemplar {n}")
         file = node.get("file")
@@ -191,9 +196,13 @@ def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Pat
             raise ImageError(f"{path}: exemplar '{name}' has no file")
         if name in names:
             raise ImageError(f"{path}: there are two exemplars '{name}'")
+        wrap = node.get("wrap")
+        if wrap not in (None, "periodic", "mirror"):
+            raise ImageError(f"{path}: exemplar '{name}': wrap={wrap}: allowed is periodic or mirror")
         names.append(name)
         files.append(path.parent / file)
-    return tuple(names), tuple(files)
+        wraps.append(wrap)
+    return tuple(names), tuple(files), tuple(wraps)
 
 
 def _edge(found: Any, names: tuple[str, ...], where: str) -> tuple[int, int, float]:

@@ -112,9 +112,12 @@ class Settings:
         return self.around[0] >> (self.around_level - level), self.around[1] >> (self.around_level - level)
 
 
-def default_jitter(finest: int, locked: int = -1) -> tuple[float, ...]:
-    """rho by level: none on the two finest of the root and beyond, none up to level `locked`."""
-    return tuple(JITTER if max(0, locked) < level <= finest - 2 else 0.0 for level in range(finest))
+def default_jitter(finest: int, endless: bool = False) -> tuple[float, ...]:
+    """rho by level: none on the two finest of the root and beyond.
+
+    A zoom that never ends is jittered on all further levels, or places that are alike stay alike for ever.
+    """
+    return (0.0, JITTER) if endless else tuple(JITTER if 0 < level <= finest - 2 else 0.0 for level in range(finest))
 
 
 class State(NamedTuple):

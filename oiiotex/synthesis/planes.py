@@ -7,6 +7,7 @@ pixels with their offset on them (`Plane.pixels`).
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -71,12 +72,12 @@ class Plane:
 
         `lock` says the last level without jitter (HRRG08 figure 7); 0: none, 1 or True: L.
         """
-        jitter = self.graph.jitter or default_jitter(self.finest)
+        loops = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
+        jitter = self.graph.jitter or default_jitter(self.finest, endless=loops)
         if lock:
             last = self.finest if lock == 1 else int(lock)
             longer = (*jitter, *jitter[-1:] * (last + 1))
             jitter = tuple(0.0 if n <= last else rho for n, rho in enumerate(longer))
-        loops = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         return Settings(
             seed=seed if seed is not None else self.graph.seed or 0,
             jitter=jitter,
@@ -169,12 +170,21 @@ def opened(
     """
     with session.stats.time("read and colour"):
         config = None if data else session.color
-        exemplars, lens = load_exemplars(images, graph.factors, config, session.autocc, side, graph.root)
+        exemplars, lens = load_exemplars(images, graph, config, session.autocc, side)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
-    analysis = _analysed(session, graph, exemplars, dims, correct)
-    _report_shares(graph, analysis)
+    key = _digest(graph, exemplars, dims, correct)
+    analysis = session.once(key, lambda: _analysed(session, graph, exemplars, dims, correct))
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
+
+
+def _digest(graph: Graph, exemplars: tuple[Exemplar, ...], *more: object) -> str:
+    """What an analysis follows from, as a word."""
+    seen = hashlib.blake2b(repr((graph, more)).encode())
+    for exemplar in exemplars:
+        for array in (exemplar.values, exemplar.opaque):
+            seen.update(b"" if array is None else np.ascontiguousarray(array))
+    return seen.hexdigest()
 
 
 def _analysed(session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool) -> Analysis:
@@ -183,7 +193,9 @@ def _analysed(session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], d
     with session.stats.time("Gaussian stacks"):
         stacks = stacks_of(graph, exemplars)
     folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
-    return analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    found = analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    _report_shares(graph, found)
+    return found
 
 
 def _report_shares(graph: Graph, analysis: Analysis) -> None:

@@ -21,6 +21,7 @@ from ..errors import ImageError
 from ..images import Image, dtype_of, resized
 from ..windows import Window
 from ..working import Lens, in_type, lens_of
+from .exemplars import Graph
 
 LEAST, MOST = 16, 1024  # px; sides of exemplars
 STEPS = 8  # integer steps per Lab unit, as elsewhere
@@ -65,7 +66,7 @@ class Exemplar:
 
 
 def load_exemplars(
-    images: Sequence[Image], factors: Sequence[float], config: ColorConfig | None, autocc: bool, most: int, root: int
+    images: Sequence[Image], graph: Graph, config: ColorConfig | None, autocc: bool, most: int
 ) -> tuple[tuple[Exemplar, ...], Lens]:
     """All exemplars, of one size and in the root's colour space, and how the root is seen.
 
@@ -75,15 +76,13 @@ def load_exemplars(
     Parameters
     ----------
     images : sequence of Image
-    factors : sequence of float
-        How much larger each is to be resampled first.
+    graph : Graph
+        Its root says space, channels and type.
     config : ColorConfig or None
         None: channels are data.
     autocc : bool
     most : int
         The longest side an exemplar may have, px.
-    root : int
-        Which of them says space, channels and type.
 
     Raises
     ------
@@ -92,6 +91,7 @@ def load_exemplars(
     ColorError
         As by `lens_of`.
     """
+    factors, root = graph.factors, graph.root
     shortest = min(
         min(_scaled_size(image, factor)) for image, factor in zip(images, factors, strict=True)
     )  # the side is common to all: HRRG08 section 3.1
@@ -101,9 +101,9 @@ def load_exemplars(
     side = 1 << (min(shortest, most).bit_length() - 1)
     lens = lens_of(images[root], config, autocc)
     found = []
-    for image, factor in zip(images, factors, strict=True):
+    for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):
         own = lens if image is images[root] else _fitting(image, images[root], lens, config, autocc)
-        found.append(_cut(image, factor, side, own, lens, np.dtype(dtype_of(images[root].first.spec))))
+        found.append(_cut(image, factor, side, wrap, own, lens, np.dtype(dtype_of(images[root].first.spec))))
     return tuple(found), lens
 
 
@@ -128,7 +128,7 @@ def _fitting(image: Image, root: Image, lens: Lens, config: ColorConfig | None, 
     return own
 
 
-def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens, kind: np.dtype) -> Exemplar:
+def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, root: Lens, kind: np.dtype) -> Exemplar:
     part = image.first
     width, height = _scaled_size(image, factor)
     place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
@@ -150,7 +150,8 @@ def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens, kind: np
     if pixels.dtype != kind:
         pixels = in_type(as_float(pixels), kind)
     values = np.ascontiguousarray(values, np.float32)
-    return Exemplar(image.source, pixels, values, opaque, place, factor, tiles(values))
+    periodic = wrap == "periodic" if wrap else tiles(values)
+    return Exemplar(image.source, pixels, values, opaque, place, factor, periodic)
 
 
 def sigma_of(level: int, finest: int) -> float:

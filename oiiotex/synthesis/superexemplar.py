@@ -37,6 +37,11 @@ class Levels:
         """h = 2^(L - k), px: how far apart a level's texels stand in a neighbourhood."""
         return 1 << (self.finest - self.stacks[number][1])
 
+    def turns(self, number: int) -> bool:
+        """Whether the only way on from a level is to coarser ones of its own exemplar: a zoom's next turn."""
+        exemplar = self.stacks[number][0]
+        return all(r > 0 and self.stacks[to][0] == exemplar for to, r in self.admissible[number])
+
 
 def unrolled(graph: Graph, finest: int) -> Levels:
     """All levels that are reached from the root's coarsest by refining (red edges) and replacing (black edges)."""
@@ -58,13 +63,16 @@ def unrolled(graph: Graph, finest: int) -> Levels:
 def _admissible(graph: Graph, at: tuple[int, int], last: list[int]) -> list[tuple[int, int, int]]:
     """A(E_k^i) as (exemplar, level, r): HRRG08 section 3.3; the level itself where nothing else is admissible.
 
-    `last` says the finest level of each exemplar that may be used.
+    `last` says the finest level of each exemplar that may be used. Departure: an edge from an exemplar to itself is
+    taken where its levels end, not before. A zoom that may turn at any level stays at the coarse ones, which are
+    alike twice of themselves because they hold nothing, and never comes to the fine ones.
     """
     exemplar, level = at
     found = [(exemplar, level, 0)] if level <= last[exemplar] else []
     for source, destination, r in graph.edges:
         to = (destination, level - r, r)
-        if source == exemplar and r <= level <= last[destination] + r and to not in found:
+        early = source == destination and level <= last[exemplar]
+        if source == exemplar and r <= level <= last[destination] + r and not early and to not in found:
             found.append(to)
     return found or [(exemplar, level, 0)]
 
