@@ -8,24 +8,22 @@ import pytest
 
 from oiiotex.device import Device, choose
 from oiiotex.errors import DeviceError, ParameterError
-from oiiotex.synthesis.candidates import Stacks, analyse, lively_texels
+from oiiotex.synthesis.candidates import analyse
 from oiiotex.synthesis.exemplars import Graph
 from oiiotex.synthesis.multiscale import KEPT_IN_LOOPS, Settings, Synthesizer, default_jitter, plan, schedule
+from oiiotex.synthesis.targets import stacks_of
 from oiiotex.windows import Window
 from tests import pictures
 from tests.reference.multiscale import Oracle
-from tests.test_candidates import exemplar_of, graph_of, stacks_of
+from tests.test_candidates import exemplar_of, graph_of
 
 BUDGET = 1 << 30
 FAR = 1 << 40
 
 
-def analysed(device, graph, *pictures_of, correct=True):
-    stacks = stacks_of(graph, *map(exemplar_of, pictures_of))
-    loops = [n for n in range(len(graph.names)) if graph.in_loop(n)]
-    lively = lively_texels(stacks.levels, stacks.planes, loops) if loops else None
-    stacks = Stacks(stacks.levels, stacks.planes, stacks.usable, lively)
-    return analyse(device, stacks, 16, correct, BUDGET, lambda done, total: None, None)
+def analysed(device, graph, *pictures_of, periodic=False):
+    stacks = stacks_of(graph, [exemplar_of(picture, periodic=periodic) for picture in pictures_of])
+    return analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +35,7 @@ def loop(device):
 
 @pytest.fixture(scope="module")
 def plain(device):
-    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1))
+    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1), periodic=True)
 
 
 def settings(**more):
@@ -129,7 +127,7 @@ def test_without_jitter_the_root_itself_comes_out(device, plain):
 
 def test_jitter_by_level():
     assert default_jitter(6) == (0.0, 0.6, 0.6, 0.6, 0.6, 0.0)
-    assert default_jitter(6, locked=3) == (0.0, 0.0, 0.0, 0.0, 0.6, 0.0)
+    assert default_jitter(6, endless=True) == (0.0, 0.6)  # the last holds for all further ones
     assert settings().rho(9) == round(256 * 0.3)
 
 
@@ -154,7 +152,7 @@ def test_a_zoom_without_end_keeps_its_contrast(device, name):
     photo = getattr(data, name)()[:128, :128, None] / 255.0 * np.ones(3)
     made = analysed(device, graph_of("a", ("a", "a", 1)), photo)
     plain = made.stacks
-    maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7), kept=KEPT_IN_LOOPS), BUDGET)
+    maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7, True), kept=KEPT_IN_LOOPS), BUDGET)
     exemplar = plain.planes[plain.levels.stacks.index((0, 7))][..., 0].astype(np.float64)
     for level in (12, 20, 40):
         found = []

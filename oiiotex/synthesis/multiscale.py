@@ -23,7 +23,7 @@ from .candidates import DIMS, Analysis
 FIRST_CORRECTED = 2  # level; coarser ones have less than a neighbourhood of the root
 JITTER = 0.6  # rho on the levels that are jittered: less is undone by the correction, and the root shows as tiles
 PENALTY = 1.5  # kappa: by how much a second candidate must be better
-KEPT_IN_LOOPS = 0.8  # of the transfer function per level: it would drift out of all colours where a zoom never ends
+KEPT_IN_LOOPS = 0.87  # of the transfer function per level: it would drift out of all colours where a zoom never ends
 PASSES = 2
 _RUN = 16  # pixels that a work item corrects on a CPU, so that it does not wait for memory one by one
 MOST_LEVEL = 60  # places on it fit 64 bits with room for the halo
