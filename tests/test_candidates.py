@@ -52,22 +52,26 @@ def test_levels_of_a_chain():
     assert [levels.spacing(number[0, k]) for k in range(6)] == [32, 16, 8, 4, 2, 1]
 
 
-def test_levels_of_a_loop_do_not_end():
-    levels = unrolled(graph_of("a", ("a", "a", 1)), 5)
-    assert len(levels.stacks) == 6
+@pytest.mark.parametrize("r, early, end", [(1, (), 5), (2, (), 5), (3, (), 5), (1, (0,), 4)])
+def test_a_loop_turns_where_its_levels_end(r, early, end):
+    """Not before; and by two octaves or more."""
+    levels = unrolled(graph_of("a", ("a", "a", r)), 5, early)
     number = {at: n for n, at in enumerate(levels.stacks)}
-    assert levels.admissible[number[0, 4]] == ((number[0, 4], 0),)  # it turns where its levels end, not before
-    assert levels.admissible[number[0, 5]] == ((number[0, 4], 1),)
-    assert [levels.turns(number[0, k]) for k in range(6)] == [False] * 5 + [True]
+    assert len(levels.stacks) == end + 1  # finer ones are never come to
+    for k in range(end):
+        assert levels.admissible[number[0, k]] == ((number[0, k], 0),)
+    turn = max(r, 2)
+    assert levels.admissible[number[0, end]] == ((number[0, end - turn], turn),)
+    assert [levels.turns(number[0, k]) for k in range(end + 1)] == [False] * end + [True]
 
 
 def test_an_exemplar_is_left_while_the_next_ones_levels_are_admissible():
-    """Before an edge with r = 0 into a loop, two levels lead on: at the last one nothing would be admissible."""
-    levels = unrolled(graph_of("ab", ("a", "b", 0), ("b", "b", 1)), 5)
+    """Before an edge with r = 0 into a loop more levels lead on: else, at the last one nothing would be admissible."""
+    levels = unrolled(graph_of("ab", ("a", "b", 0), ("b", "b", 3)), 6)
     number = {at: n for n, at in enumerate(levels.stacks)}
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 4]]] == [(1, 4)]
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 3]]] == [(0, 3), (1, 3)]
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[1, 5]]] == [(1, 4)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 5]]] == [(1, 5)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 4]]] == [(0, 4), (1, 4)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[1, 6]]] == [(1, 3)]
 
 
 def test_levels_that_are_not_reached_take_no_part():
@@ -214,7 +218,7 @@ def test_candidates_come_near_the_exact_ones(device, picture):
     q = projections_of(stacks)
     found_cost, exact_cost = 0.0, 0.0
     with buffers_of(device, stacks, q) as buffers:
-        for number in range(2, 7):
+        for number in range(2, len(q)):
             excluded = (number * 4096 + np.arange(4096)).astype(np.uint32)
             found = candidates.search(device, buffers, stacks, number, excluded).astype(np.int64)
             cost = ((q[number].astype(np.int64) - q.reshape(-1, 16)[found]) ** 2).sum(1)
@@ -299,13 +303,37 @@ def test_a_second_run_takes_all_from_the_cache(device, tmp_path, monkeypatch):
 def test_in_a_loop_only_texels_with_detail_to_come_are_jumped_to(device):
     flat = np.full((64, 64, 3), 0.5)
     flat[16:48, 16:48] = pictures.moss(32, 32, 1)  # detail in a quarter of it
-    plain = stacks_of(graph_of("a", ("a", "a", 1)), [exemplar_of(flat)])
+    plain = stacks_of(graph_of("a", ("a", "a", 2)), [exemplar_of(flat)])
     assert lively_texels(plain.levels, plain.planes, plain.periodic, []).all() and not plain.targets.all()
-    finest = plain.levels.stacks.index((0, 6))
+    (end,) = filter(plain.levels.turns, range(len(plain.planes)))
     made = analyse(device, plain, 16, True, BUDGET, lambda d, t: None, None)
-    y, x = np.divmod(made.links[finest] & 4095, 64)
+    y, x = np.divmod(made.links[end] & 4095, 64)
     assert ((y >= 12) & (y < 52) & (x >= 12) & (x < 52)).all()
     without = replace(plain, targets=plain.usable)
     without = analyse(device, without, 16, True, BUDGET, lambda d, t: None, None)
-    y, x = np.divmod(without.links[finest] & 4095, 64)
+    y, x = np.divmod(without.links[end] & 4095, 64)
     assert ((y < 12) | (y >= 52)).any()
+
+
+def test_a_turn_is_found_by_shape_not_by_colour(device):
+    """One half of a picture is 40 Lab darker: texels come to the other half as if it were not."""
+    picture = 0.5 + blurred(np.random.default_rng(0).random((64, 64, 1)) - 0.5, 1.0) * np.ones(3)
+    picture[:, 32:] += 0.4
+    stacks = stacks_of(graph_of("a", ("a", "a", 3)), [exemplar_of(picture, periodic=False)])
+    (end,) = filter(stacks.levels.turns, range(len(stacks.planes)))
+    across = {}
+    for correct in (True, False):
+        links = analyse(device, stacks, 16, correct, BUDGET, lambda d, t: None, None).links[end]
+        across[correct] = ((links.reshape(64, 64, 2)[:, 2:24] & 63) >= 32).mean()
+    assert across[True] > 0.2 > 0.02 > across[False]  # without transfer functions colours have to be alike
+
+
+def test_a_blurred_exemplar_turns_early():
+    """Where the finest octave holds nothing, a turn of two octaves is made of the two before it."""
+    random = np.random.default_rng(0).random((64, 64, 1)) * np.ones(3)
+    ends = {}
+    for sigma in (0.0, 2.0):
+        picture = blurred(random, sigma)
+        levels = stacks_of(graph_of("a", ("a", "a", 2)), [exemplar_of(picture)]).levels
+        ends[sigma] = next(levels.stacks[n][1] for n in range(len(levels.stacks)) if levels.turns(n))
+    assert ends == {0.0: 6, 2.0: 5}

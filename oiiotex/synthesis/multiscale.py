@@ -19,8 +19,8 @@ from ..device import Buffers, Device
 from ..errors import ParameterError
 from ..windows import Window
 from .candidates import DIMS, Analysis
+from .superexemplar import FIRST_CORRECTED
 
-FIRST_CORRECTED = 2  # level; coarser ones have less than a neighbourhood of the root
 JITTER = 0.6  # rho on the levels that are jittered: less is undone by the correction, and the root shows as tiles
 PENALTY = 1.5  # kappa: by how much a second candidate must be better
 KEPT_IN_LOOPS = 0.87  # of the transfer function per level: it would drift out of all colours where a zoom never ends

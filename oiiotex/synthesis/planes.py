@@ -22,6 +22,7 @@ from ..tiles import assembled
 from ..windows import Window
 from ..working import Lens
 from .candidates import Analysis, analyse
+from .coverage import MUCH, RARE, shares, unmatched
 from .exemplars import Graph, read_graph
 from .multiscale import KEPT_IN_LOOPS, Settings, State, Synthesizer, default_jitter
 from .stacks import STEPS, Exemplar, load_exemplars, nearest_opaque, shown_level
@@ -194,28 +195,28 @@ def _analysed(session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], d
         stacks = stacks_of(graph, exemplars)
     folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
     found = analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
-    _report_shares(graph, found)
+    _report(graph, exemplars, found)
     return found
 
 
-def _report_shares(graph: Graph, analysis: Analysis) -> None:
-    """Say how much of what may be replaced by each exemplar is; warn of one that appears nowhere (section 8)."""
-    of = np.array([exemplar for exemplar, _ in analysis.stacks.levels.stacks])
-    for n, name in enumerate(graph.names):
-        if n == graph.root:
-            continue
-        numbers = [
-            m
-            for m, onward in enumerate(analysis.stacks.levels.admissible)
-            if of[m] != n and n in of[[k for k, _ in onward]]
-        ]
-        if not numbers:
-            continue
-        into = of[(analysis.links[numbers] >> np.uint32(2 * analysis.stacks.side_bits)).astype(np.int64)]
-        share = float((into == n).any(-1).mean())
+def _report(graph: Graph, exemplars: Sequence[Exemplar], analysis: Analysis) -> None:
+    """Say how often each exemplar is taken, and warn of what will not show well (HRRG08 section 8)."""
+    for n, share in shares(graph, analysis):
+        name = graph.names[n]
         log.info("exemplar '%s' is a candidate of %.1f %% of the texels that it may replace", name, 100 * share)
-        if share == 0:
-            log.warning("exemplar '%s' appears nowhere: others match better everywhere (HRRG08 section 8)", name)
+        if share < RARE:
+            log.warning(
+                "exemplar '%s' appears %s: others match better (%.2g %% of the texels that it may replace; HRRG08"
+                " section 8)", name, "nowhere" if share == 0 else "hardly anywhere", 100 * share,
+            )  # fmt: skip
+    for n, share, x, y, away in unmatched(analysis):
+        if share >= MUCH:
+            place, factor = exemplars[n].place, exemplars[n].factor
+            log.warning(
+                "exemplar '%s': nothing finer is like %.0f %% of it (%.0f Lab units off at most, at %d,%d px):"
+                " its detail is another's there (HRRG08 section 8)",
+                graph.names[n], 100 * share, away, (place.left + x) / factor, (place.top + y) / factor,
+            )  # fmt: skip
 
 
 class States:
