@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import functools
+import logging
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -14,12 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from .errors import ImageError, Interrupted
+from .keeping import Keeper
 from .stats import Stats
 from .tiles import PieceCache
 
 if TYPE_CHECKING:
     from .color import ColorConfig
     from .device import Device
+
+log = logging.getLogger("oiiotex")
 
 Progress = Callable[[int, int], bool | None]
 Piece, Made = TypeVar("Piece"), TypeVar("Made")
@@ -59,6 +64,8 @@ class Session:
         The command line, for what files say of the program that wrote them.
     written : set of str
         Real paths of files that ops wrote beside their result; `-o` must not overwrite them.
+    keeper : Keeper or None
+        Of the file that is being written: where ops with resume=1 keep what is finished.
     """
 
     device_name: str | None = None
@@ -75,6 +82,7 @@ class Session:
     stats: Stats = field(default_factory=Stats)
     words: tuple[str, ...] = ()
     written: set[str] = field(default_factory=set)
+    keeper: Keeper | None = None
     _last: tuple[str, Any] = ("", None)
 
     @functools.cached_property
@@ -116,6 +124,28 @@ class Session:
             self._last = "", None  # not two of them in memory
             self._last = key, make()
         return self._last[1]
+
+    @contextlib.contextmanager
+    def keeping(self, path: str | os.PathLike) -> Iterator[None]:
+        """While this lasts, ops with resume=1 keep finished pieces beside `path`: for who writes it.
+
+        They are removed when it ends well; else they are there for the next run.
+        """
+        self.keeper = keeper = Keeper(Path(path))
+        try:
+            yield
+        except Exception:
+            raise
+        except BaseException:  # someone wants it to end, and should know
+            if keeper.count:
+                log.warning(
+                    "%d finished pieces are kept in %s: the same run goes on there", keeper.count, keeper.folder
+                )
+            raise
+        else:
+            keeper.discard()
+        finally:
+            self.keeper = None
 
     def require(self, need: int, what: str, advice: str = "make the image smaller") -> None:
         """Refuse what does not fit the budget.

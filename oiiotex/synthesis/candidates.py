@@ -126,6 +126,11 @@ def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
     return found, float(variances[::-1][:dims].sum() / max(variances.sum(), 1e-12))
 
 
+def texels_at_once(device: Device) -> int:
+    """RUN of cl/projected.h: how many texels or pixels of a row a work item does; a power of two, at most 16."""
+    return 16 if device.lanes > 1 else 1
+
+
 def project(around: np.ndarray, basis: np.ndarray) -> np.ndarray:
     """Neighbourhoods (n, 75) of whole numbers -> (n, 16) int16, exactly as cl/multiscale.cl does it."""
     return _scaled(around @ basis.astype(np.float64))
@@ -265,8 +270,8 @@ def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, exclud
 
     Where a disc leaves nothing, it is what was excluded.
     """
-    run, side = device.program("candidates"), stacks.side_bits
-    shape = (1 << side, 1 << side)
+    at_once, side = texels_at_once(device), stacks.side_bits
+    run, shape = device.program("candidates", RUN=at_once), ((1 << side) // at_once, 1 << side)
     admissible = device.upload(np.array(stacks.levels.admissible[number], np.int32))
     device.write(buffers["excluded"], excluded)
     disc = round((DISC * (1 << side)) ** 2)

@@ -250,7 +250,7 @@ def shown_level(exemplar: Exemplar, level: int, finest: int) -> np.ndarray:
     """A level as it is seen, all channels in the exemplar's own type: (side, side, channels)."""
     if level == finest:
         return exemplar.pixels
-    seen = blurred(as_float(exemplar.pixels), sigma_of(level, finest), periodic=exemplar.periodic)
+    seen = blurred(as_float(exemplar.pixels), sigma_of(level, finest), exemplar.opaque, exemplar.periodic)
     return in_type(seen.astype(np.float32), exemplar.pixels.dtype)
 
 
