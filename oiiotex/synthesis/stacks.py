@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..analysis.stationarity import seam_ratio
+from ..analysis.quality import seam_ratio, wrap_percentile
 from ..color import ColorConfig, as_float
 from ..errors import ImageError
 from ..images import Image, dtype_of, resized
@@ -26,7 +26,7 @@ from .exemplars import Graph
 LEAST, MOST = 16, 1024  # px; sides of exemplars
 STEPS = 8  # integer steps per Lab unit, as elsewhere
 _CLOSED = 1.5  # times the mean jump between lines: a wrap that is no steeper does not show
-_RARE = 0.99  # of the lines: nor does one that is not steeper than the steepest hundredth of them
+_RARE = 99.0  # per cent of the lines: nor does one that is not steeper than the steepest hundredth of them
 _REACH = 2400  # steps: what is further from the mean decides as if it were this far
 
 
@@ -165,13 +165,8 @@ def tiles(values: np.ndarray) -> bool:
     The jump from the last line to the first is like those between other lines: at most half as high again as their
     mean, or one of a hundred is as high (a border may lie in a joint between bricks).
     """
-    light = values[..., :1].astype(np.float64)
-    return all(seam_ratio(light, axis) <= _CLOSED or _is_usual(light, axis) for axis in (0, 1))
-
-
-def _is_usual(light: np.ndarray, axis: int) -> bool:
-    jumps = np.abs(light - np.roll(light, 1, axis)).mean((1 - axis, 2))  # the first is across the border
-    return bool(jumps[0] <= np.quantile(jumps[1:], _RARE))
+    light = values[..., 0].astype(np.float64)
+    return all(seam_ratio(light, axis) <= _CLOSED or wrap_percentile(light, axis) <= _RARE for axis in (0, 1))
 
 
 def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None, periodic: bool = True) -> np.ndarray:
