@@ -131,14 +131,14 @@ def chain() -> np.ndarray:
     """Figure 9: splotches, dabs of paint and grain at three scales, drawn without regard to each other."""
     yellow, ground, blue = np.array([0.9, 0.75, 0.2]), np.array([0.55, 0.25, 0.15]), np.array([0.15, 0.3, 0.7])
     splotch = (pictures.pebbles(128, 128, 1).mean(-1, keepdims=True) > 0.5) * 1.0
-    specks = np.random.default_rng(0).random((128, 128, 1)) < 0.01
-    root = np.where(specks, blue, splotch * yellow + (1 - splotch) * ground)
-    random = np.random.default_rng(1)
+    root = splotch * yellow + (1 - splotch) * ground
     dabs = np.broadcast_to(ground, (128, 128, 3)).copy()
     y, x = np.mgrid[:128, :128]
-    for _ in range(25):
-        v, u, wide = *random.integers(0, 128, 2), random.uniform(3, 9)
-        dabs[((x - u) / (2.5 * wide)) ** 2 + ((y - v + 3 * np.sin(x / 5)) / wide) ** 2 < 1] = blue
+    random = np.random.default_rng(1)
+    for canvas, count, wide, wave in ((root, 40, 1.5, 0.0), (dabs, 9, 6.0, 3.0)):
+        for _ in range(count):
+            v, u = random.integers(0, 128, 2)
+            canvas[((x - u) / (2 * wide)) ** 2 + ((y - v + wave * np.sin(x / 3)) / wide) ** 2 < 1] = blue
     grain = 0.5 + 0.25 * pictures.noise(128, 128, 3)[..., None] * np.ones(3)
     with tempfile.TemporaryDirectory() as folder:
         graph = graph_of(Path(folder), [("root", "dabs", 2), ("dabs", "grain", 2)], root=root, dabs=dabs, grain=grain)
