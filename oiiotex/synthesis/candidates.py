@@ -6,7 +6,7 @@ HRRG08 sections 4.4, 5 and 6. Everything is decided on integers, so that every d
 Departures: one basis serves all levels (from level 4 of 7 on it holds at most .03 less of the variance than one each);
 neighbours are searched as PatchMatch does instead of exactly (tests/test_candidates.py states how near they come);
 a transfer function is found for levels of one exemplar, too, where HRRG08 takes the identity: self-loops lose their
-contrast without it.
+contrast without it; and where a zoom turns, candidates are found by shape, whatever their mean colour is.
 """
 
 from __future__ import annotations

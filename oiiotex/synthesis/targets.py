@@ -76,7 +76,8 @@ def lively_texels(levels: Levels, planes: np.ndarray, periodic: Sequence[bool], 
 
     Where a zoom never ends, flat matches flat, and every turn of the loop makes more of it (HRRG08 leaves this open:
     with its candidates a zoom loses its contrast). So in a loop only those texels are jumped to that have more detail
-    to come than `_DULL` of all: squared differences to the finest level, summed up over what a neighbourhood sees.
+    to come than `_DULL` of all: squared differences to the level where they turn, summed up over what a neighbourhood
+    sees.
     """
     found = np.ones(planes.shape[:3], bool)
     for number, (exemplar, level) in enumerate(levels.stacks):
