@@ -24,7 +24,7 @@ from .windows import Window
 log = logging.getLogger("oiiotex")
 
 _NAME = re.compile(r"[0-9a-f]{32}\.\d+x\d+[+-]\d+[+-]\d+\.piece")
-_SPEED = 1  # of zlib: it takes a tenth of what synthesis does, and its checksum tells a spoiled piece
+_SPEED = 1  # of zlib: it takes a tenth of what synthesis takes, and its checksum tells a spoiled piece
 
 
 class Keeper:
