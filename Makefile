@@ -23,6 +23,7 @@ lint: $(VENV)/test
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.pages
 	$(BIN)/python -m docs.pictures
+	$(BIN)/python -m docs.decompose_pictures
 	$(BIN)/python -m docs.dominant_pictures
 	$(BIN)/python -m docs.multiscale_pictures
 	$(BIN)/python -m docs.synth_pictures
