@@ -146,6 +146,13 @@ class Device:
         array = np.ascontiguousarray(array)
         return self._cl.Buffer(self._context, flags.READ_ONLY | flags.COPY_HOST_PTR, hostbuf=array)
 
+    def lend(self, array: np.ndarray) -> cl.Buffer:
+        """The same for an array that does not change: where the device is the CPU, it is read where it lies."""
+        flags = self._cl.mem_flags
+        array = np.ascontiguousarray(array)
+        how = flags.USE_HOST_PTR if self.info.kind == "cpu" else flags.COPY_HOST_PTR
+        return self._cl.Buffer(self._context, flags.READ_ONLY | how, hostbuf=array)
+
     def write(self, buffer: cl.Buffer, array: np.ndarray, offset: int = 0) -> None:
         """Copy `array` into `buffer`, `offset` bytes from its start."""
         array = np.ascontiguousarray(array)
@@ -225,6 +232,8 @@ class Buffers:
         Who asks, for the error's text.
     held : int
         Bytes that the asker holds beside them.
+    tables : dict of name to array
+        What is only read; it must not change. Where the device is the CPU it is not copied.
 
     Raises
     ------
@@ -232,9 +241,14 @@ class Buffers:
         It does not fit; the text says how much is needed and what there is.
     """
 
-    def __init__(self, device: Device, layout: dict[str, int], budget: int, what: str, held: int = 0):
+    def __init__(
+        self, device: Device, layout: dict[str, int], budget: int, what: str, held: int = 0,
+        tables: dict[str, np.ndarray] | None = None,
+    ):  # fmt: skip
         cl = device._cl
-        need, largest = held + sum(layout.values()), max(layout.values())
+        tables = tables or {}
+        sizes = [*layout.values(), *(table.nbytes for table in tables.values())]
+        need, largest = held + sum(sizes), max(sizes)
         if need > budget:
             raise DeviceError(
                 f"{what} needs {_megabytes(need)} MB, the budget is {_megabytes(budget)} MB:"
@@ -248,6 +262,7 @@ class Buffers:
         flags = cl.mem_flags.READ_WRITE
         try:
             self._held = {name: cl.Buffer(device._context, flags, max(1, size)) for name, size in layout.items()}
+            self._held |= {name: device.lend(table) for name, table in tables.items()}
         except cl.Error as error:
             raise DeviceError(f"{what}: {device.info.name} could not allocate {_megabytes(need)} MB") from error
 

@@ -17,10 +17,11 @@ PACKAGE = ROOT / "oiiotex"
 FLOORS = [
     {"errors", "stats", "windows"},
     {"temporary"},
+    {"kept"},
     {"params", "text_values", "__init__"},
     {"op"},
     {"opencl_runtime"},
-    {"device", "images"},
+    {"device", "images", "keeping"},
     {"tiles"},
     {"files", "color", "cryptomatte"},
     {"formats"},

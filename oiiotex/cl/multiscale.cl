@@ -10,12 +10,6 @@
 #define RECORD (2 * DIMS) // of a texel: its two candidates' neighbourhoods, a cache line
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
 
-#if defined(__x86_64__) && RUN > 1
-#define PREFETCH(at) __builtin_prefetch((const void *)(size_t)(at))
-#else
-#define PREFETCH(at)
-#endif
-
 inline short4 offset_sum(int4 r) {
   r = r > MOST_OFFSET ? (int4)(MOST_OFFSET) : r;
   r = r < -MOST_OFFSET ? (int4)(-MOST_OFFSET) : r;
@@ -165,8 +159,7 @@ inline uint best_candidate(const uint *texels, projected wanted, const __global 
 
 // One subpass: pixels (first_x + 2 i, first_y + 2 j) take the candidate of their 3 x 3 neighbours (eq. 3) that fits
 // best by eq. 5. They look at the texels of neighbours of other parities and at colours that change only in
-// multiscale_colour, so their order does not matter. On a CPU an item does RUN pixels of a row: most of the time would
-// be spent waiting for records, so all of them are fetched first.
+// multiscale_colour, so their order does not matter. An item does RUN pixels of a row.
 // Departures: a neighbour's texel is shifted before its candidates are looked up, so that they need no correction of
 // their own; the second candidates' costs count (16 + penalty) / 16 times.
 __kernel void multiscale_correct(__global uint *restrict texel, __global short4 *restrict r,

@@ -243,8 +243,12 @@ class Stationarize(_PatchSynthesis):
         le=1,
         help="instead of sigma: how stationary it shall look, in even steps that hang on the photo (see --texsigmas)",
     )
-    contrast: float = param(
-        0.7, ge=0, le=1, help="how strongly the overall histogram is held to the target's; 0: not at all"
+    contrast: float | None = param(
+        None,
+        ge=0,
+        le=1,
+        help="how strongly the overall histogram is held to the target's; 0: not at all; when left out 0.7, with"
+        " within 0",
     )
     target: str = param(
         "flat",
@@ -260,7 +264,8 @@ class Stationarize(_PatchSynthesis):
         """MJH17 by the measure that was asked for."""
         order = order_of(self.measure, self.order)
         sigma = self.sigma or max(width, height) / 32
-        plain = self._recipe(width, height, sigma, self.contrast, self.target == "flat")
+        contrast = self.contrast if self.contrast is not None else 0.7 if self.within is None else 0.0
+        plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         return replace(plain, measure=self.measure, order=order)
 
     def controlled(

@@ -11,15 +11,14 @@ contrast without it.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 
 from ..device import Buffers, Device
-from .cache import kept
+from ..kept import Arrays, hash_of, kept
 from .stacks import blurred
 from .superexemplar import Levels
 
@@ -32,7 +31,7 @@ _JUMPS = (8, 4, 2, 1)
 _ROUNDS = 5
 _DULL = 0.75  # share of a level's texels that are not jumped to in a loop
 _SAMPLES = 2000  # neighbourhoods of a level that the basis is found from
-_VERSION = b"oiiotex candidates 1"
+_VERSION = "oiiotex candidates 3"  # to be counted up where the same stacks lead to another analysis
 
 
 @dataclass(frozen=True)
@@ -136,6 +135,11 @@ def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
     return found, float(variances[::-1][:dims].sum() / max(variances.sum(), 1e-12))
 
 
+def texels_at_once(device: Device) -> int:
+    """RUN of cl/projected.h: how many texels or pixels of a row a work item does; a power of two, at most 16."""
+    return 16 if device.lanes > 1 else 1
+
+
 def project(around: np.ndarray, basis: np.ndarray) -> np.ndarray:
     """Neighbourhoods (n, 75) of whole numbers -> (n, 16) int16, exactly as cl/multiscale.cl does it."""
     return _scaled(around @ basis.astype(np.float64))
@@ -166,13 +170,30 @@ def analyse(
     advance : callable
         Told (done, total).
     cache : Path or None
-        A folder where candidates are kept from one run to the next.
+        A folder where it is kept from one run to the next.
 
     Raises
     ------
     DeviceError
         It does not fit.
     """
+    facts = (getattr(stacks, of.name) for of in fields(stacks))
+    name = hash_of(_VERSION, *facts, dims, correct, DISC, _ROUNDS, _JUMPS)
+    steps = 2 * len(stacks.planes) + 1
+
+    def step(number: int) -> None:
+        advance(number, steps)
+
+    found = kept(cache, name, lambda: _analysed(device, stacks, dims, correct, budget, step))
+    step(steps)
+    basis, links, records, offsets, variance = found
+    return Analysis(stacks, basis, links, records, offsets, float(variance[0]))
+
+
+def _analysed(
+    device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, step: Callable[[int], None]
+) -> Arrays:
+    """What follows from the stacks, of an `Analysis`: basis, links, records, offsets, variance."""
     basis, variance = basis_of(stacks, dims)
     count, side = stacks.planes.shape[:2]
     projections = np.empty((count, side * side, DIMS), np.int16)
@@ -181,17 +202,10 @@ def analyse(
         around = neighbourhoods(plane, stacks.levels.spacing(number))
         projections[number] = project(around, basis)
         means[number] = around.reshape(-1, 25, 3).mean(1)
-        advance(number + 1, 2 * count)
-    told = iter(range(count + 1, 2 * count + 1))
-
-    def step() -> None:
-        advance(next(told), 2 * count)
-
-    links = _kept(cache, stacks, basis, lambda: _searched(device, stacks, projections, budget, step))
-    for number in told:
-        advance(number, 2 * count)
+        step(number + 1)
+    links = _searched(device, stacks, projections, budget, step)
     offsets, records = _transfers(stacks, links, projections, means, basis, correct)
-    return Analysis(stacks, basis, links, records, offsets, variance)
+    return basis, links, records, offsets, np.array([variance])
 
 
 def _transfers(
@@ -219,7 +233,7 @@ def _transfers(
 
 
 def _searched(
-    device: Device, stacks: Stacks, projections: np.ndarray, budget: int, step: Callable[[], None]
+    device: Device, stacks: Stacks, projections: np.ndarray, budget: int, step: Callable[[int], None]
 ) -> np.ndarray:
     """The candidates of every texel: (levels, side^2, 2) uint32."""
     count, texels = projections.shape[:2]
@@ -232,7 +246,7 @@ def _searched(
         device.write(buffers["usable"], usable.view(np.uint8))
         for number in range(count):
             links[number] = _level(device, buffers, stacks, number)
-            step()
+            step(count + number + 1)
     return links
 
 
@@ -261,8 +275,8 @@ def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, exclud
 
     Where a disc leaves nothing, it is what was excluded.
     """
-    run, side = device.program("candidates"), stacks.side_bits
-    shape = (1 << side, 1 << side)
+    at_once, side = texels_at_once(device), stacks.side_bits
+    run, shape = device.program("candidates", RUN=at_once), ((1 << side) // at_once, 1 << side)
     admissible = device.upload(np.array(stacks.levels.admissible[number], np.int32))
     device.write(buffers["excluded"], excluded)
     disc = round((DISC * (1 << side)) ** 2)
@@ -281,21 +295,3 @@ def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, exclud
     found = device.read(buffers["texel"], (1 << 2 * side,), np.uint32)
     missed = device.read(buffers["cost"], (1 << 2 * side,), np.uint32) == NONE
     return np.where(missed & (excluded != NONE), excluded, found)
-
-
-# --- from one run to the next ---
-
-
-def _kept(cache: Path | None, stacks: Stacks, basis: np.ndarray, make: Callable[[], np.ndarray]) -> np.ndarray:
-    """The candidates out of the cache, by what they follow from; made and put there where they are missing."""
-    if cache is None:
-        return make()
-    seen = hashlib.sha256(_VERSION)
-    lively = stacks.usable if stacks.lively is None else stacks.lively
-    for said in (stacks.planes, stacks.usable, lively, basis):
-        seen.update(np.ascontiguousarray(said))
-    seen.update(repr((stacks.levels, DISC, _ROUNDS, _JUMPS)).encode())
-    texels = stacks.usable.size
-    shape = len(stacks.planes), texels // len(stacks.planes), 2
-    path = cache / f"{seen.hexdigest()}.npy"
-    return kept(path, lambda found: found.shape == shape and found.max() < texels, make)

@@ -18,14 +18,13 @@ import numpy as np
 from ..device import Buffers, Device
 from ..errors import ParameterError
 from ..windows import Window
-from .candidates import DIMS, Analysis
+from .candidates import DIMS, Analysis, texels_at_once
 
 FIRST_CORRECTED = 2  # level; coarser ones have less than a neighbourhood of the root
 JITTER = 0.6  # rho on the levels that are jittered: less is undone by the correction, and the root shows as tiles
 PENALTY = 1.5  # kappa: by how much a second candidate must be better
 KEPT_IN_LOOPS = 0.8  # of the transfer function per level: it would drift out of all colours where a zoom never ends
 PASSES = 2
-_RUN = 16  # pixels that a work item corrects on a CPU, so that it does not wait for memory one by one
 MOST_LEVEL = 60  # places on it fit 64 bits with room for the halo
 
 # Parities (x, y) of the pixels that the subpasses of a pass correct. Odd passes go another way round, so that the last
@@ -139,8 +138,8 @@ class Synthesizer:
     def __init__(self, device: Device, analysis: Analysis, settings: Settings, budget: int):
         self._device, self._settings, self._budget = device, settings, budget
         self._side = analysis.stacks.side_bits
-        self._length = _RUN if device.lanes > 1 else 1
-        self._run = device.program("multiscale", RUN=self._length)
+        self._at_once = texels_at_once(device)
+        self._run = device.program("multiscale", RUN=self._at_once)
         levels = analysis.stacks.levels
         tables = {
             "links": analysis.links,
@@ -151,9 +150,7 @@ class Synthesizer:
             "finer": np.array(levels.finer, np.int32),
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
         }
-        self._tables = Buffers(device, {k: v.nbytes for k, v in tables.items()}, budget, "the analysed exemplars")
-        for name, table in tables.items():
-            device.write(self._tables[name], table)
+        self._tables = Buffers(device, {}, budget, "the analysed exemplars", tables=tables)
         self._first = ((1 << self._side) // 2 << self._side) + (1 << self._side) // 2  # the middle of level 0
         self._turn = threading.Lock()
 
@@ -207,12 +204,12 @@ class Synthesizer:
         count = (after.right - left + 1) // 2, (after.bottom - top + 1) // 2
         if min(count) < 1:
             return
-        run, tables, length = self._run, self._tables, self._length
+        run, tables = self._run, self._tables
         place = whole.width, left - whole.left, top - whole.top, *count
         run(
-            "correct", (-(-count[0] // length), count[1]), held["texel"], held["r"], held["colour"], tables["links"],
-            tables["records"], tables["offsets"], tables["basis"], tables["spacing"], self._side, *place,
-            round(16 * (self._settings.penalty - 1)),
+            "correct", (-(-count[0] // self._at_once), count[1]), held["texel"], held["r"], held["colour"],
+            tables["links"], tables["records"], tables["offsets"], tables["basis"], tables["spacing"], self._side,
+            *place, round(16 * (self._settings.penalty - 1)),
         )  # fmt: skip
         run("colour", count, held["texel"], held["r"], tables["stack"], held["colour"], *place)
 

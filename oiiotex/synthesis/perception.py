@@ -13,7 +13,6 @@ the steps that were measured with its own sigmas are what a scale says of itself
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -22,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ..device import Device
-from .cache import kept
+from ..kept import hash_of, kept
 from .guidance import coarse_image, coarse_mask
 from .patchmatch import unpack
 from .stationarize import Recipe, synthesize
@@ -34,7 +33,7 @@ ROUNDS = 2  # of spreading sigmas anew
 SMALLEST, LARGEST = 1 / 64, 1 / 2  # of the tile's longer side: what sigmas lie between
 _ITERATIONS = 15  # on the coarsest level: more change no histogram
 _GRID = 257  # places at which the sums of rounds are averaged
-_VERSION = b"oiiotex sigmas 1"
+_VERSION = "sigmas 1"
 
 
 @dataclass(frozen=True)
@@ -113,9 +112,9 @@ class Palette:
         )
         iterations = min(recipe.iterations, _ITERATIONS)
         self.recipe, self._full = replace(recipe, width=width, height=height, iterations=iterations), recipe
-        self._usable = coarse_mask(usable, e_width, e_height)
-        if self._usable is not None and not self._usable.any():  # thin: too little is left of it
-            self._usable, self._factor, self.recipe = usable, 1.0, recipe
+        self.usable = coarse_mask(usable, e_width, e_height)
+        if self.usable is not None and not self.usable.any():  # thin: too little is left of it
+            self.usable, self._factor, self.recipe = usable, 1.0, recipe
             e_width, e_height = values.shape[1::-1]
         self.photo = coarse_image(values, usable, e_width, e_height)
 
@@ -128,7 +127,7 @@ class Palette:
         """(height, width, channels) float32."""
         recipe = replace(self.recipe, sigma=sigma * self._factor, seed=(self.recipe.seed + seed) % 2**32)
         made = synthesize(
-            self._device, self.photo, self._usable, recipe, self._budget, advance, self._ruled_out
+            self._device, self.photo, self.usable, recipe, self._budget, advance, self._ruled_out
         )  # fmt: skip
         return self.photo[unpack(made.source)]
 
@@ -168,23 +167,7 @@ class Palette:
 
 def perceived_scale(palette: Palette, count: int, advance: Callable[[int, int], None], folder: Path) -> Scale:
     """`Palette.scale`, out of the cache where the same photo was asked for with the same recipe before."""
-    seen = hashlib.sha256(_VERSION)
-    seen.update(np.ascontiguousarray(palette.photo))
-    seen.update(b"" if palette._usable is None else np.packbits(palette._usable).tobytes())
     recipe = replace(palette.recipe, sigma=None)
-    seen.update(repr((recipe, palette.limits(), palette.photo.shape, count, SIDE, SEEDS, ROUNDS)).encode())
-
-    def make() -> np.ndarray:
-        scale = palette.scale(count, advance)
-        table = np.zeros((5, _GRID))
-        for row, values in zip(table, vars(scale).values(), strict=True):
-            row[: len(values)] = values
-        return table
-
-    def fits(table: np.ndarray) -> bool:
-        if table.shape != (5, _GRID) or table.dtype != np.float64 or not np.isfinite(table).all():
-            return False
-        return bool((np.diff(table[0, :count]) >= 0).all() and (np.diff(table[4]) >= 0).all() and table[0, 0] > 0)
-
-    table = kept(folder / f"{seen.hexdigest()}.npy", fits, make)
-    return Scale(table[0, :count], table[1, : count - 1], table[2, :count], table[3, : count - 1], table[4])
+    settings = (palette.limits(), count, SIDE, SEEDS, ROUNDS)
+    name = hash_of(_VERSION, palette.photo, palette.usable, recipe, settings)
+    return Scale(*kept(folder, name, lambda: tuple(vars(palette.scale(count, advance)).values())))
