@@ -23,6 +23,8 @@ lint: $(VENV)/test
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.pages
 	$(BIN)/python -m docs.pictures
+	$(BIN)/python -m docs.stationarized
+	$(BIN)/python -m docs.comparison
 	$(BIN)/python -m docs.dominant_pictures
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit

@@ -191,7 +191,7 @@ def main() -> None:
     table = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
     table += [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
     pictures = "\n\n".join(f"{name}\n\n![{name}](pictures/comparison_{name}.jpg)" for name in PHOTOS)
-    text = TEXT.format(side=SIDE, columns=", ".join(names), sigma=SIGMA, table="\n".join(table), pictures=pictures)
+    text = TEXT.format(side=SIDE, columns="; ".join(names), sigma=SIGMA, table="\n".join(table), pictures=pictures)
     (Path(__file__).parent / "comparison.md").write_text(text)
 
 
