@@ -26,6 +26,7 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.stationarized
 	$(BIN)/python -m docs.comparison
 	$(BIN)/python -m docs.dominant_pictures
+	$(BIN)/python -m docs.multiscale_pictures
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden

@@ -24,7 +24,8 @@ SIDE = 512
 KINDS = ("photos colour", "photos gray", "drawn gray", "all colour")
 _SETS = {
     "tune": (
-        "photos/clover_lawn.jpg", "photos/facade_tiles.jpg", "photos/pebbles_beach_shadow.jpg", "photos/roof_slates.jpg",
+        "photos/clover_lawn.jpg", "photos/facade_tiles.jpg", "photos/pebbles_beach_shadow.jpg",
+        "photos/roof_slates.jpg",
         "photos/sandstone_wall_cracked.jpg", "photos/fabric_gingham_weave.jpg", "photos/moss_grass_stones_ground.jpg",
         "photos/stained_plaster_wall.jpg", "multiscale/sand_grain_ladder/sand_0355um.jpg",
         "multiscale/sand_grain_ladder/sand_1400um.jpg", "skimage/brick.png", "skimage/grass.png",

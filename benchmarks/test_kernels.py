@@ -20,16 +20,22 @@ import OpenImageIO as oiio
 import pytest
 
 from benchmarks.numba_histograms import BoundProjection
+from benchmarks.numba_multiscale import BoundCorrection
 from benchmarks.numba_patchmatch import BoundMatcher
 from docs.demo import gravel, save, stained
 from oiiotex.color import working_values
 from oiiotex.device import Buffers, Device, open_device
+from oiiotex.files import read as read_image
 from oiiotex.filters.stationarize import Stationarize
 from oiiotex.images import from_buffer
 from oiiotex.session import Session
+from oiiotex.synthesis.exemplars import Graph
 from oiiotex.synthesis.histograms import Cells, Projection
+from oiiotex.synthesis.multiscale import PASSES, LevelPlan, Synthesizer, parents, plan, schedule
 from oiiotex.synthesis.patchmatch import Geometry, Matcher, _penalty_unit, allowed_patches, random_field, to_grid
+from oiiotex.synthesis.planes import opened
 from oiiotex.synthesis.stationarize import OVERSHOOT, Recipe, synthesize
+from oiiotex.windows import Window
 
 ROUNDS, WARMUPS = 15, 2
 STEP = 1000  # numbers the iteration; any that has not been
@@ -176,3 +182,80 @@ def test_projection(benchmark, project: Project, by: str) -> None:
     benchmark.group = "projection"
     run = project.project if by == "opencl" else project.project_bound
     benchmark.pedantic(run, rounds=ROUNDS, warmup_rounds=WARMUPS)
+
+
+@dataclass(frozen=True)
+class Correct:
+    """The finest level of a window of 1024 x 1024 pixels, upsampled, to be corrected by both."""
+
+    device: Device
+    maker: Synthesizer
+    entry: LevelPlan
+    buffers: Buffers
+    bound: BoundCorrection
+    before: dict[str, np.ndarray]
+    now: dict[str, np.ndarray]
+
+    def reset(self) -> None:
+        """What was there before the first subpass."""
+        for name, array in self.before.items():
+            self.device.write(self.buffers[name], array)
+            self.now[name][:] = array
+        self.device.finish()
+
+    def correct(self) -> None:
+        for parity, after in zip(schedule(PASSES), self.entry.windows[1:], strict=True):
+            self.maker._correct(self.buffers, self.entry.windows[0], after, parity)
+        self.device.finish()
+
+    def correct_bound(self) -> None:
+        self.bound.correct(**self.now, windows=self.entry.windows, parities=schedule(PASSES))
+
+
+@pytest.fixture(scope="module")
+def correct() -> Iterator[Correct]:
+    session, finest = Session(device_name=os.environ.get("OIIOTEX_DEVICE") or "cpu"), 8
+    device = open_device(session.device_name)
+    with tempfile.TemporaryDirectory() as folder:
+        save(stained(gravel()), Path(folder) / "photo.png")
+        image = read_image(Path(folder) / "photo.png")
+        plane = opened(session, Graph.single("gravel"), [image], "gravel", side=256, dims=16, correct=True, data=False)
+    settings = plane.settings(seed=1, lock=False)
+    maker = Synthesizer(device, plane.analysis, settings, session.budget)
+    window = Window(0, 0, 1024, 1024)
+    entry = plan(window, finest, PASSES)[-1]
+    shape = entry.windows[0].height, entry.windows[0].width
+    before = parents(entry.windows[0])
+    state = maker.window(finest - 1, before)
+    layout = {name: shape[0] * shape[1] * size for name, size in (("texel", 4), ("r", 8), ("colour", 8))}
+    with Buffers(
+        device, layout | {"parent": layout["texel"], "parent_r": layout["r"]}, session.budget, "it"
+    ) as buffers:
+        device.write(buffers["parent"], state.texel)
+        device.write(buffers["parent_r"], state.offset)
+        maker._upsample(buffers, entry, before)
+        made = {
+            "texel": device.read(buffers["texel"], shape, np.uint32),
+            "r": device.read(buffers["r"], (*shape, 4), np.int16),
+            "colour": device.read(buffers["colour"], (*shape, 4), np.int16),
+        }
+        bound = BoundCorrection(plane.analysis, round(16 * (settings.penalty - 1)))
+        both = Correct(device, maker, entry, buffers, bound, made, {k: v.copy() for k, v in made.items()})
+        both.reset()
+        both.correct()
+        both.correct_bound()
+        assert (both.now["texel"] != made["texel"]).mean() > 0.05, "there was nothing to do"
+        for name, mine in both.now.items():
+            np.testing.assert_array_equal(mine[..., :3], device.read(buffers[name], mine.shape, mine.dtype)[..., :3])
+        np.testing.assert_array_equal(
+            both.now["texel"][window.inside(entry.windows[0])], maker.window(finest, window).texel
+        )
+        yield both
+
+
+@pytest.mark.parametrize("by", ["opencl", "numba"])
+def test_correction(benchmark, correct: Correct, by: str) -> None:
+    """correct, colour, eight subpasses of a level, D = 16."""
+    benchmark.group = "multiscale correction"
+    run = correct.correct if by == "opencl" else correct.correct_bound
+    benchmark.pedantic(run, setup=correct.reset, rounds=ROUNDS, warmup_rounds=WARMUPS)

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import math
+import sys
+import types
 from pathlib import Path
 
 import pytest
@@ -72,16 +74,34 @@ def test_the_test_graphs_are_imported(name, depth):
     assert all(abs(f - 1) < 0.26 for f in graph.factors)
 
 
-def test_yaml_says_the_same_where_it_can_be_read(tmp_path):
-    path = tmp_path / "g.yaml"
-    path.write_text("exemplars: [{id: a, file: a.png}]\nedges: [{from: a, to: a, r: 1}]\n")
+@pytest.fixture
+def yaml(monkeypatch):
+    """PyYAML, or what stands for it where it is not installed: JSON is YAML."""
     try:
-        import yaml  # noqa: F401
+        import yaml
     except ImportError:
-        with pytest.raises(ImageError, match="PyYAML is not installed"):
-            read_graph(path)
-    else:
-        assert read_graph(path).edges == (Edge(0, 0, 1),)
+        yaml = types.ModuleType("yaml")
+        yaml.YAMLError = json.JSONDecodeError
+        yaml.safe_load = json.loads
+        monkeypatch.setitem(sys.modules, "yaml", yaml)
+    return yaml
+
+
+def test_yaml_says_the_same(tmp_path, yaml):
+    path = tmp_path / "g.yaml"
+    path.write_text('{"exemplars": [{"id": "a", "file": "a.png"}], "edges": [{"from": "a", "to": "a", "r": 1}]}')
+    assert read_graph(path).edges == (Edge(0, 0, 1),)
+    path.write_text('{"exemplars": [\n')
+    with pytest.raises(ImageError, match=r"g\.yaml: not YAML: .*line 2") as caught:
+        read_graph(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_yaml_wants_a_package_that_may_not_be_there(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    (tmp_path / "g.yml").write_text("exemplars: [{id: a, file: a.png}]")
+    with pytest.raises(ImageError, match="PyYAML is not installed: pip install pyyaml, or write the graph as JSON"):
+        read_graph(tmp_path / "g.yml")
 
 
 WRONG = [

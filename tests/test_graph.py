@@ -48,6 +48,8 @@ def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
     assert graph.edges == (Edge(0, 1, 2), Edge(1, 2, 2)) and graph.factors == pytest.approx((1, 1, 4 / 3))
     assert all(file.is_file() for file in graph.files)
     takes(folder, "sub/chain.json")
+    run(folder, "small.png", "small.png", "--texgraph:json=small.json", "-o", "small_graph.png")
+    assert read_graph(folder / "small.json").edges == (Edge(0, 1, 1),)  # r_max = L - 3
     done = run(folder, "moss.png", "moss.png", "--texgraph:json=twice.json:loop=1", "-o", "twice.png")
     assert "scale is not said: each photo is taken to be 8 times finer" in done.stderr
     graph = read_graph(folder / "twice.json")
@@ -55,8 +57,8 @@ def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
 
 
 def test_one_photo_gets_an_edge_to_itself(folder):
-    for photo, r in (("moss.png", 3), ("small.png", 1)):  # r_max = L - 3
-        run(folder, photo, "--texgraph:json=loop.json", "-o", "loop.png")
+    for more, r in ((":loop=3", 3), ("", 1)):
+        run(folder, "moss.png", f"--texgraph:json=loop.json{more}", "-o", "loop.png")
         assert read_graph(folder / "loop.json").edges == (Edge(0, 0, r),)
     takes(folder, "loop.json")
 

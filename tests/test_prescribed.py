@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.analysis.stationarity import seam_ratio
+from oiiotex.analysis.quality import seam_ratio
 from oiiotex.device import Buffers
 from oiiotex.synthesis import guidance, histograms
 from tests import pictures

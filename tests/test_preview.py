@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.analysis.stationarity import seam_ratio
+from oiiotex.analysis.quality import seam_ratio
 from oiiotex.session import Session
 from oiiotex.synthesis.layouts import area_means, made_seamless, plane_in_perspective, repeated
 from tests import pictures

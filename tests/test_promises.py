@@ -25,6 +25,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     """Cheap parameters that the op has."""
     names = {p.name for p in op.parameters()}
     found = {name: value for name, value in {**SMALL, **more}.items() if name in names}
+    found |= {"n": 3} if op.name in SHEETS else {}
     return {**found, "labels": quarters()} if op.name in LABELLED else found
 
 
@@ -89,7 +90,8 @@ MASKS = ("dominant",)  # their results are 0 or 1
 LABELLED = ("composite", "palette", "paint")  # take a picture with its label maps
 PAINTINGS = ("paint",)  # and a painting of labels
 OWN_KIND = (*MEASURES, *LABELS)
-PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS]  # take pictures
+SHEETS = ("sigmas",)  # draw many results for people, at their own size: tests/test_sigmas.py holds them to the rest
+PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS + SHEETS]  # take pictures
 COLOUR = [op for op in PICTURES if op.space is Space.LAB]
 every_filter = of(PICTURES)
 colour_filters = of(COLOUR)

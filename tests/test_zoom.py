@@ -22,7 +22,7 @@ def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("zoom")
     save(pictures.pebbles(64, 64, 1), made / "photo.png", space=SRGB)
     nodes = '[{"id": "photo", "file": "photo.png"}]'
-    (made / "loop.json").write_text(f'{{"exemplars": {nodes}, "edges": [{{"from": "photo", "to": "photo", "r": 3}}]}}')
+    (made / "loop.json").write_text(f'{{"exemplars": {nodes}, "edges": [{{"from": "photo", "to": "photo", "r": 1}}]}}')
     (made / "plain.json").write_text(f'{{"exemplars": {nodes}}}')
     return made
 

@@ -27,7 +27,7 @@ def _gaussian_derivatives() -> np.ndarray:
 
 
 def _angular() -> np.ndarray:
-    """(orientation, order k along x) of (cos d/dx + sin d/dy)^3 = sum_k binomial(3, k) cos^k sin^(3 - k) d^3."""
+    """(orientation, order along x): (cos d/dx + sin d/dy)^3 is a sum over k of these times d^k/dx d^(3 - k)/dy."""
     angle = np.arange(ORIENTATIONS)[:, None] * math.pi / ORIENTATIONS
     order = np.arange(4)
     return np.array([1.0, 3.0, 3.0, 1.0]) * np.cos(angle) ** order * np.sin(angle) ** (3 - order)

@@ -65,12 +65,12 @@ class Settings:
     """
 
     features: str = "bank"
-    bins: int = 40
+    bins: int = 64
     radius: float = 36.0
     shift: float = 24.0
     scales: int = 1
     search: str = "grid"
-    threshold: float = 0.75
+    threshold: float = 0.73
     step: int = 16
     refine: bool = True
     assign: str = "competition"

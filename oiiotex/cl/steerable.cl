@@ -1,10 +1,11 @@
 // Steerable filters of MJH17 eq. 4 and the way back (section 4.3): analysis/steerable.py says what they are.
 //
-// Images are interleaved, so a row is CHANNELS width values and a tap lies CHANNELS further. `rows` holds four planes of
+// Images are interleaved, so a row is CHANNELS * width values and a tap lies CHANNELS values further. `rows` holds four planes of
 // floats, one for every order of the derivative along x. A band keeps the root of a response, with its sign: a
 // histogram of roots has fine bins where responses are small, and matching does not care how values are spaced.
 // An item makes WIDE neighbouring values; all widths do the same sums in the same order.
 #pragma OPENCL FP_CONTRACT OFF
+
 #include "cells.h"
 
 #define OUTSIDE SHRT_MIN   // histograms.OUTSIDE: no pixel of the image; what sees one is no response
@@ -106,20 +107,21 @@ __kernel void steerable_columns(const __global float *restrict rows, __global sh
   }
 }
 
-// What matching changed in a response; nothing where it is none.
-inline wide change(wide_short before, wide_short after, float unit) {
-  wide_int b = CONVERTED(before, wide_int), a = CONVERTED(after, wide_int);
-  wide from = CONVERTED(b * (b < 0 ? -b : b), wide), to = CONVERTED(a * (a < 0 ? -a : a), wide);
-  return b == OUTSIDE ? (wide)0.0f : (to - from) * unit;
+// A response, from the root that a band keeps; nothing where it is none.
+inline wide response(wide_short root, float unit) {
+  wide_int v = CONVERTED(root, wide_int);
+  wide squared = CONVERTED(v * (v < 0 ? -v : v), wide) * unit;
+  return v == OUTSIDE ? (wide)0.0f : squared;
 }
 
-// MJH17 section 4.3, after Heeger and Bergen: the changes as weights of the filters, turned back and spread along y.
+// MJH17 section 4.3, after Heeger and Bergen: responses are weights of the filters, which are turned back and spread,
+// first along y. With `changes` it is what matching changed in them, else the responses themselves.
 __kernel void steerable_spread(const __global short *restrict before0, const __global short *restrict before1,
                                const __global short *restrict before2, const __global short *restrict before3,
                                const __global short *restrict after0, const __global short *restrict after1,
                                const __global short *restrict after2, const __global short *restrict after3,
                                __global float *restrict rows, __constant float *taps, __constant float *angular,
-                               float unit, int width, int height, int wrap) {
+                               float unit, int changes, int width, int height, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
   if (i >= n || y >= height) return;
   const __global short *before[4] = {before0, before1, before2, before3}, *after[4] = {after0, after1, after2, after3};
@@ -127,8 +129,14 @@ __kernel void steerable_spread(const __global short *restrict before0, const __g
   for (int t = 0; t < TAPS; t++) {
     int at = within(y + t - RADIUS, height, wrap) * n;
     wide d[4];
-    for (int o = 0; o < 4; o++)
-      d[o] = change(read_short(before[o] + at, i, 0, width, 0), read_short(after[o] + at, i, 0, width, 0), unit);
+    for (int o = 0; o < 4; o++) {
+      wide_short root = read_short(before[o] + at, i, 0, width, 0);
+      d[o] = response(root, unit);
+      if (!changes) continue;
+      wide_short matched = read_short(after[o] + at, i, 0, width, 0);
+      wide_int seen = CONVERTED(root, wide_int);
+      d[o] = seen == OUTSIDE ? (wide)0.0f : response(matched, unit) - d[o];
+    }
     for (int k = 0; k < 4; k++)
       sum[k] += taps[(3 - k) * TAPS + t] *
                 (angular[k] * d[0] + angular[4 + k] * d[1] + angular[8 + k] * d[2] + angular[12 + k] * d[3]);
@@ -136,22 +144,45 @@ __kernel void steerable_spread(const __global short *restrict before0, const __g
   for (int k = 0; k < 4; k++) write_float(rows + (k * height + y) * n, i, n, sum[k]);
 }
 
-// ... and along x, added to the image. The filters are odd, so going back is subtracting.
+// Then along x. The filters are odd, so turned back they are themselves with the other sign.
+inline wide spread_along_x(const __global float *rows, __constant float *taps, int i, int y, int width, int height, int wrap) {
+  wide sum = 0.0f;
+  for (int k = 0; k < 4; k++)
+    for (int t = 0; t < TAPS; t++)
+      sum -= taps[k * TAPS + t] * read_float(rows + (k * height + y) * CHANNELS * width, i, t - RADIUS, width, wrap);
+  return sum;
+}
+
+// To the nearest: what is shifted is positive, and C's conversion rounds towards zero.
+inline wide_short rounded(wide v) { return CONVERTED(CONVERTED(v + 32768.5f, wide_int) - 32768, wide_short); }
+
+// What no filter sees: the image less its own responses, spread. The residuals of the pyramid, in one.
+__kernel void steerable_rest(const __global short *restrict image, const __global float *restrict rows,
+                             __global short *restrict rest, __constant float *taps, int width, int height, int wrap) {
+  int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
+  if (i >= n || y >= height) return;
+  wide_int v = CONVERTED(read_short(image + y * n, i, 0, width, 0), wide_int);
+  wide left = CONVERTED(v, wide) - spread_along_x(rows, taps, i, y, width, height, wrap);
+  left = v == OUTSIDE ? (wide)OUTSIDE : left;
+  write_short(rest + y * n, i, n, rounded(left));
+}
+
+// The image and `strength` times what matching changed in its responses, spread, and in the rest.
 __kernel void steerable_add(const __global short *restrict image, const __global float *restrict rows,
+                            const __global short *restrict rest, const __global short *restrict rest_matched,
                             __global short *restrict matched, __constant float *taps, __constant float *low,
                             __constant float *high, float strength, int width, int height, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
   if (i >= n || y >= height) return;
-  wide sum = 0.0f, least = 0.0f, most = 0.0f;
-  for (int k = 0; k < 4; k++)
-    for (int t = 0; t < TAPS; t++)
-      sum += taps[k * TAPS + t] * read_float(rows + (k * height + y) * n, i, t - RADIUS, width, wrap);
+  wide least = 0.0f, most = 0.0f;
   for (int k = 0; k < WIDE; k++) {
     LANE(least, k) = low[(i + k) % CHANNELS];
     LANE(most, k) = high[(i + k) % CHANNELS];
   }
-  wide v = CONVERTED(read_short(image + y * n, i, 0, width, 0), wide) - strength * sum;
+  wide moved = CONVERTED(read_short(rest_matched + y * n, i, 0, width, 0), wide) -
+               CONVERTED(read_short(rest + y * n, i, 0, width, 0), wide);
+  wide v = CONVERTED(read_short(image + y * n, i, 0, width, 0), wide) +
+           strength * (spread_along_x(rows, taps, i, y, width, height, wrap) + moved);
   v = v < least ? least : v > most ? most : v;
-  // to the nearest: what is shifted is positive, and C's conversion rounds towards zero
-  write_short(matched + y * n, i, n, CONVERTED(CONVERTED(v + 32768.5f, wide_int) - 32768, wide_short));
+  write_short(matched + y * n, i, n, rounded(v));
 }

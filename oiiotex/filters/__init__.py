@@ -26,6 +26,7 @@ from .palette import Palette
 from .plugins import installed
 from .preview import Preview
 from .quilt import Quilting
+from .sigmas import Sigmas
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
@@ -35,7 +36,7 @@ from .zoom import Zoom
 
 _OURS: tuple[type[Op], ...] = (
     Stationarize, PatchMatch, Quilting, Synth, Zoom, ExemplarGraph, Join, Cut, Composite, Palette, Paint,
-    Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Flatten, Sigmas, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
     Preview,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
@@ -53,6 +54,7 @@ zoom = function_of(Zoom)
 graph = function_of(ExemplarGraph)
 join = function_of(Join)
 stationarity = function_of(Stationarity)
+sigmas = function_of(Sigmas)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 decompose = function_of(Decompose)

@@ -33,6 +33,7 @@ from .labelview import TAG, sampled, shown_pixels
 
 log = logging.getLogger("oiiotex")
 
+_OCTAVES = 3  # between photos, where nobody says it
 _LEAST = 16  # px; an exemplar's side
 _KEPT = (".exr", ".tif", ".tiff", ".png")  # formats that hold what they are given
 
@@ -60,7 +61,7 @@ class ExemplarGraph(Op):
         None, ge=1, help="how many times smaller the pixels of each photo are than those before, or one for all; 8"
     )
     loop: int | None = param(
-        None, ge=0, le=7, help="r of an edge from the last exemplar to itself; 0: none; 3 for one photo, else 0"
+        None, ge=0, le=7, help="r of an edge from the last exemplar to itself; 0: none; 1 for one photo, else 0"
     )
     scales: int = param(1, ge=1, le=16, help="cut so many exemplars out of one photo, scale apart (2): written by json")
     side: int = param(256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="of an exemplar, at most")
@@ -112,7 +113,7 @@ class ExemplarGraph(Op):
     def _document(self, photos: Sequence[Image]) -> dict[str, Any]:
         """The graph as it is written: a chain, and perhaps a loop at its end."""
         highest = max(1, _common_side(photos, [1.0] * len(photos), self.side).bit_length() - 4)  # r_max = L - 3
-        usual = 1 if self.scales > 1 else min(LOOP_R, highest)
+        usual = 1 if self.scales > 1 else min(_OCTAVES, highest)
         given = tuple(self.scale or ())
         if not given and len(photos) > 1 and self.scales == 1:
             log.warning("%s: scale is not said: each photo is taken to be %d times finer than the one before",
@@ -122,7 +123,7 @@ class ExemplarGraph(Op):
         ratios = given if len(given) > 1 else (given or (2.0**usual,)) * (len(photos) - 1)
         names = _names(photos)
         edges = [{"from": a, "to": b, **_relation(q)} for a, b, q in zip(names, names[1:], ratios, strict=False)]
-        loop = self.loop if self.loop is not None else usual if len(photos) == 1 else 0
+        loop = self.loop if self.loop is not None else LOOP_R if len(photos) == 1 else 0
         if loop:
             edges.append({"from": names[-1], "to": names[-1], "r": loop})
         folder = self.json.parent if self.json is not None else Path()

@@ -49,8 +49,9 @@ class MomentProjection:
     ):  # fmt: skip
         self._device, self._buffers, self._cells, self._order = device, buffers, cells, order
         self.channels = len(low)
-        constants = {"SKEWNESSES": SKEWNESSES, "KURTOSES": KURTOSES, "SCORES": SCORES, "CHANNELS": self.channels}
-        self._run = device.program("moments", INVERSE=INVERSE, **constants)
+        self._run = device.program(
+            "moments", INVERSE=INVERSE, SKEWNESSES=SKEWNESSES, KURTOSES=KURTOSES, SCORES=SCORES, CHANNELS=self.channels
+        )
         self._wrap_x, self._wrap_y, self._sigma = wrap_x, wrap_y, sigma
         self._low, self._high = np.asarray(low, np.float64), np.asarray(high, np.float64)
         self._bin = np.maximum(1.0, self._high - self._low) / (BINS - 1)

@@ -2,7 +2,7 @@
 """The Pearson system in closed form (Johnson & Kotz 1970, as MJH17 section 4.3 has it): a distribution by four moments.
 
 All here are standardised: mean 0, variance 1. Types I to III and V to VII, and the normal distribution, are scipy's;
-type IV, which scipy lacks, has a closed density whose cumulative is summed up over its angle.
+type IV, which scipy lacks, has a closed density whose cumulative is summed up.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ SKEWNESSES, KURTOSES, SCORES = 33, 33, 65  # entries of the table
 _SCORE = 4.0  # shares of the table are those below normal scores from -4 to 4, in equal steps
 _MOST_SKEWNESS, _MOST_EXCESS = 9.0, 60.0  # of the table; what lies beyond is taken as this
 _NEAR = 1e-6  # to a border between two types, relative: there the neighbour's formula loses its digits
-_ANGLES = 4097  # at which the density of type IV is summed
+_PLACES, _FAR = 4097, 10.0  # at which the density of type IV is summed: up to sinh(10) deviations away
 
 
 def pearson_ppf(shares: np.ndarray, skewness: float, kurtosis: float) -> np.ndarray:
@@ -84,14 +84,15 @@ def _inverse_gamma(shares: np.ndarray, root: float, c1: float, c2: float, d: flo
 
 
 def _fourth_type(shares: np.ndarray, c0: float, c1: float, c2: float, d: float) -> np.ndarray:
-    """Type IV: with u = middle + width tan(angle), p du = cos(angle)^(d / c2 - 2) exp(-lean angle) d angle."""
+    """Type IV: p = ((u - middle)^2 + width^2)^(-d / (2 c2)) exp(-lean arctan((u - middle) / width))."""
     middle, width = -c1 / (2 * c2), math.sqrt(4 * c0 * c2 - c1**2) / (2 * c2)
     lean = (d * middle + c1) / (c2 * width)
-    angles = np.linspace(-np.pi / 2, np.pi / 2, _ANGLES)[1:-1]
-    log_density = (d / c2 - 2) * np.log(np.cos(angles)) - lean * angles
-    density = np.exp(log_density - log_density.max())
+    steps = np.linspace(-_FAR, _FAR, _PLACES)
+    u = np.sinh(steps)
+    log_density = -d / (2 * c2) * np.log((u - middle) ** 2 + width**2) - lean * np.arctan((u - middle) / width)
+    density = np.exp(log_density - log_density.max()) * np.cosh(steps)
     below = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
-    return middle + width * np.tan(np.interp(shares, below / below[-1], angles))
+    return np.sinh(np.interp(shares, below / below[-1], steps))
 
 
 def table_shares() -> np.ndarray:

@@ -277,4 +277,5 @@ class States:
 
     def _made(self, window: Window) -> np.ndarray:
         state = self._maker.window(self._level, window)
+        self._session.device.collect(self._session.stats)  # now: a stream would hold the events of all its cells
         return np.concatenate([np.ascontiguousarray(state.texel)[..., None].view(np.int16), state.offset], -1)

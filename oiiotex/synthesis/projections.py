@@ -13,7 +13,7 @@ from .histograms import Cells, Projection
 
 
 class Projecting(Protocol):
-    """What brings an image nearer to looking the same everywhere; `channels` are the values of its pixels."""
+    """What brings an image nearer to looking the same everywhere."""
 
     channels: int
 
@@ -32,6 +32,6 @@ def projection(
     return (steerable.SteerableProjection if measure == "steerable" else Projection)(*what)
 
 
-def layout(measure: str, cells: Cells, channels: int) -> dict[str, int]:
+def layout(measure: str, cells: Cells, channels: int = 3) -> dict[str, int]:
     """Memory that it needs, in bytes by name."""
     return {"moments": moments.layout, "steerable": steerable.layout}.get(measure, Cells.layout)(cells, channels)
