@@ -24,6 +24,7 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.pages
 	$(BIN)/python -m docs.pictures
 	$(BIN)/python -m docs.dominant_pictures
+	$(BIN)/python -m docs.multiscale_pictures
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden

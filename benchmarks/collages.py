@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Collages of textures with exact truth: of photos (`$OIIOTEX_TEST_DATA`) and of the tests' procedural pictures."""
+"""Collages of the tests' procedural pictures, with exact truth; benchmarks.mosaics has more kinds."""
 
 from __future__ import annotations
 
@@ -12,12 +12,6 @@ from benchmarks.labels import Case
 from benchmarks.measures import data_folder
 from oiiotex.images import from_buffer
 from tests import pictures
-
-STATIONARY = (  # photos that look the same nearly everywhere
-    "bark_flaky.jpg", "clover_lawn.jpg", "drone_forest_canopy.jpg", "fabric_gingham_weave.jpg", "facade_tiles.jpg",
-    "fieldstone_wall_kodim01.jpg", "flower_meadow_stones.jpg", "grass_gray.png", "moss_grass_stones_ground.jpg",
-    "pebbles_beach_shadow.jpg", "roof_slates.jpg", "sandstone_wall_cracked.jpg", "stone_breccia.jpg",
-)  # fmt: skip
 
 
 def layout(side: int, count: int, seed: int) -> np.ndarray:
@@ -42,26 +36,6 @@ def _photo(name: str, gray: bool) -> np.ndarray:
     if pixels.shape[2] == 1:
         pixels = np.repeat(pixels, 3, axis=2)
     return np.repeat(pixels.mean(-1, keepdims=True), 3, -1) if gray else pixels
-
-
-def photo_collage(seed: int, side: int = 512, count: int = 5, gray: bool = False) -> Case:
-    """Pieces of photos at full or half size; `gray` ones have equal means and contrasts: only structure is left."""
-    random = np.random.default_rng([seed, 7])
-    fields = layout(side, count, seed)
-    picture = np.zeros((side, side, 3))
-    for n, name in enumerate(random.choice(STATIONARY, count, replace=False)):
-        photo = _photo(str(name), gray)
-        if min(photo.shape[:2]) >= 2 * side and random.random() < 0.5:
-            photo = photo[: photo.shape[0] // 2 * 2, : photo.shape[1] // 2 * 2]
-            photo = (photo[::2, ::2] + photo[1::2, ::2] + photo[::2, 1::2] + photo[1::2, 1::2]) / 4
-        photo = np.pad(photo, [(0, max(0, side - s)) for s in photo.shape[:2]] + [(0, 0)], mode="symmetric")
-        top, left = (random.integers(0, s - side + 1) for s in photo.shape[:2])
-        here = photo[top : top + side, left : left + side]
-        if gray:
-            here = np.clip(0.5 + 0.15 * (here - here.mean()) / max(here.std(), 1e-3), 0, 1)
-        picture[fields == n] = here[fields == n]
-    kind = "gray" if gray else "colour"
-    return _case(f"collage_{kind}_{seed}", picture, fields)
 
 
 def drawn_collage(seed: int, side: int = 384) -> Case:

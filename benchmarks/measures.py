@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
-from scipy.ndimage import gaussian_filter
+
+from oiiotex.analysis.quality import low_frequency, sharpness, wrap_percentile
+
+__all__ = ["data_folder", "load", "low_frequency", "luma", "sharpness", "wrap_percentile"]
 
 LUMA = np.array([0.299, 0.587, 0.114])
 
@@ -21,22 +24,6 @@ def data_folder() -> Path:
 def luma(rgb: np.ndarray) -> np.ndarray:
     """Rec. 601 luma of 8-bit pixels, 0 to 255."""
     return rgb[..., :3].astype(np.float64) @ LUMA
-
-
-def low_frequency(gray: np.ndarray) -> float:
-    """LowF: standard deviation of the luma blurred with sigma 16; what repeats visibly when tiled."""
-    return float(gaussian_filter(gray, 16, mode="wrap").std())
-
-
-def sharpness(gray: np.ndarray) -> float:
-    """mean |Y - G1 Y|."""
-    return float(np.abs(gray - gaussian_filter(gray, 1, mode="wrap")).mean())
-
-
-def wrap_percentile(gray: np.ndarray, axis: int) -> float:
-    """Share of the interior lines whose jump is smaller than the wrap line's, in percent: 50 is invisible."""
-    jumps = np.abs(gray - np.roll(gray, 1, axis=axis)).mean(axis=1 - axis)
-    return float(100.0 * (jumps[1:] < jumps[0]).mean())
 
 
 def load(path: Path, longer_side: int) -> oiio.ImageBuf:

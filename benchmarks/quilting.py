@@ -7,7 +7,8 @@ guided: LSA16 figure 12: an exemplar of 2560 x 1920 and a guide to 16638 x 11776
 quality: seams, verbatim copies and the most repeated region on test photos.
 patches: the same on three photos that are smooth between large edges, by the side of a patch.
 peers: 1024 x 1024 from 256 x 256 crops of four photos, beside all the tools that synthesize and are installed: time,
-verbatim copies and the most repeated region, by where the exemplar has each block of the result (benchmarks/copies.py).
+verbatim copies and the most repeated region, by where the exemplar has each block of the result
+(oiiotex/analysis/copies.py).
 fidelity: how much of a guide is found again, on six photos: in the labels of the sources, and in what the result looks
 like (benchmarks/relabel.py).
 """
@@ -25,11 +26,11 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
+from oiiotex.analysis.copies import copies, most_shown
 from oiiotex.files import read
 from oiiotex.synthesis.patchmatch import hash_at
 from oiiotex.synthesis.plans import Plan
 
-from .copies import copies, most_shown
 from .peers import CROPS, PEERS, SYNTHESIZERS, ToolError
 from .relabel import far_from_borders, relabelled
 

@@ -3,23 +3,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import functools
+import logging
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .errors import ImageError, Interrupted
+from .keeping import Keeper
 from .stats import Stats
 from .tiles import PieceCache
 
 if TYPE_CHECKING:
     from .color import ColorConfig
     from .device import Device
+
+log = logging.getLogger("oiiotex")
 
 Progress = Callable[[int, int], bool | None]
 Piece, Made = TypeVar("Piece"), TypeVar("Made")
@@ -59,6 +64,8 @@ class Session:
         The command line, for what files say of the program that wrote them.
     written : set of str
         Real paths of files that ops wrote beside their result; `-o` must not overwrite them.
+    keeper : Keeper or None
+        Of the file that is being written: where ops with resume=1 keep what is finished.
     """
 
     device_name: str | None = None
@@ -75,6 +82,8 @@ class Session:
     stats: Stats = field(default_factory=Stats)
     words: tuple[str, ...] = ()
     written: set[str] = field(default_factory=set)
+    keeper: Keeper | None = None
+    _last: tuple[str, Any] = ("", None)
 
     @functools.cached_property
     def device(self) -> Device:
@@ -108,6 +117,35 @@ class Session:
         Work must be computing alone: what reads an image may itself be waiting for these threads.
         """
         return self._workers.map(work, pieces)
+
+    def once(self, key: str, make: Callable[[], Made]) -> Made:
+        """What `make` gives, or gave when it was last asked under that key: for frames that share their preparation."""
+        if self._last[0] != key:
+            self._last = "", None  # not two of them in memory
+            self._last = key, make()
+        return self._last[1]
+
+    @contextlib.contextmanager
+    def keeping(self, path: str | os.PathLike) -> Iterator[None]:
+        """While this lasts, ops with resume=1 keep finished pieces beside `path`: for who writes it.
+
+        They are removed when it ends well; else they are there for the next run.
+        """
+        self.keeper = keeper = Keeper(Path(path))
+        try:
+            yield
+        except Exception:
+            raise
+        except BaseException:  # someone wants it to end, and should know
+            if keeper.count:
+                log.warning(
+                    "%d finished pieces are kept in %s: the same run goes on there", keeper.count, keeper.folder
+                )
+            raise
+        else:
+            keeper.discard()
+        finally:
+            self.keeper = None
 
     def require(self, need: int, what: str, advice: str = "make the image smaller") -> None:
         """Refuse what does not fit the budget.

@@ -16,7 +16,9 @@ from tests.conftest import oiiotex, save
 FOLDER = Path(__file__).parents[1] / "golden"
 
 
-_SYNTHESES = tuple(f"--tex{n}" for n in ("stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint"))
+_SYNTHESES = tuple(
+    f"--tex{n}" for n in ("stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "synth")
+)
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,7 @@ class Case:
     @property
     def synthesis(self) -> bool:
         """Whether it chooses pixels; else it computes them, and the result holds to a tolerance."""
-        return self.words[-1].startswith(_SYNTHESES)
-        return self.words[0].startswith(("--texstationarize", "--texpatchmatch", "--texsynth"))
+        return any(word.startswith(_SYNTHESES) for word in self.words)
 
     @property
     def labels(self) -> bool:
@@ -63,6 +64,25 @@ CASES = {
         ("--texstationarize:target=exemplar:contrast=1",),
         "lin_rec709_scene",
     ),
+    "stationarize_within_moss_hdr": Case(
+        lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
+        ("second.exr", "--texstationarize:within=1:seed=3:patch=7"),
+        "lin_rec709_scene",
+        second=lambda: (np.hypot(*(np.indices((112, 96)) - np.array([46, 60])[:, None, None])) < 24)[..., None] * 1.0,
+    ),
+    "stationarize_sigmamap_bricks": Case(
+        lambda: pictures.stained(pictures.bricks(96, 128, 1)),
+        ("second.exr", "--texstationarize:sigmamap=1:seed=1"),
+        second=lambda: np.geomspace(3, 40, 128)[None, :, None].repeat(96, 0),
+    ),
+    "stationarize_material": Case(
+        lambda: pictures.stained(pictures.bricks(96, 128, 1)),
+        ("second.exr", "--texstationarize:n=2:match=1,0.5:seed=1:patch=7", "--pop"),
+        second=lambda: pictures.moss(96, 128, 2),
+    ),
+    "stationarize_wang": Case(
+        lambda: pictures.pebbles(128, 128, 2), ("--texstationarize:variants=9:size=64x56:seed=2:patch=7",)
+    ),
     "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tile=x",)),
     "flatten_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texflatten",)),
     "flatten_moss_hdr": Case(
@@ -72,6 +92,11 @@ CASES = {
     ),
     "flatten_alpha_hole": Case(_with_hole, ("--texflatten:sigma=9",)),
     "stationarity_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarity",)),
+    "preview_bricks": Case(
+        lambda: pictures.bricks(96, 128, 1),
+        ("second.exr", "--texpreview:exemplar=1:height=64"),
+        second=lambda: pictures.stained(pictures.bricks(80, 112, 1)),
+    ),
     "lab_moss_hdr": Case(lambda: 8 * pictures.moss(64, 80, 3) - 0.1, ("--texlab",), "lin_rec709_scene"),
     "superpixel_bricks": Case(
         lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texsuperpixel:finest=6:sigma=12",)
@@ -97,6 +122,9 @@ CASES = {
         ("--texdominant",),
     ),
     "synth_pebbles_larger": Case(lambda: pictures.pebbles(96, 112, 2), ("--texsynth:size=192x160:seed=1",)),
+    "zoom_pebbles_between_octaves": Case(
+        lambda: pictures.pebbles(64, 64, 2), ("--texzoom:size=96x80:frame=10:speed=0.15:at=20,40",)
+    ),
     "patchmatch_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texpatchmatch:seed=1",)),
 }
 
@@ -104,11 +132,11 @@ CASES = {
 def make(name: str, folder: Path) -> Path:
     """Run a case; a synthesis with its source map: it says which pixel was chosen, whatever the pixel looks like."""
     case = CASES[name]
-    *before, last = case.words
+    words = [word + ":stmap=1" if word.startswith(_SYNTHESES) else word for word in case.words]
     save(case.picture(), folder / "in.exr", "half", case.space)
     if case.second is not None:
         save(case.second(), folder / "second.exr", "float")
-    done = oiiotex("in.exr", *before, last + (":stmap=1" if case.synthesis else ""), "-o", f"{name}.exr", cwd=folder)
+    done = oiiotex("in.exr", *words, "-o", f"{name}.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / f"{name}.exr"
 

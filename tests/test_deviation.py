@@ -99,7 +99,7 @@ def test_the_map_is_data_in_floats_over_the_images_windows(caplog):
     assert (found.nchannels, found.channelnames, found.format, found.alpha_channel) == (1, ("Y",), oiio.FLOAT, -1)
     assert (found.x, found.y, found.full_width, found.full_height) == (5, -7, 100, 90)
     assert found.get_string_attribute("oiio:ColorSpace") == "data"
-    assert f"stationarity cost {cost_of(made):.2f} Lab at sigma 6 px" in caplog.text
+    assert f"stationarity cost {cost_of(made):.2f} Lab (MJH17 eq. 1) at sigma 6 px" in caplog.text
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1)])

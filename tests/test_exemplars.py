@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import math
+import sys
+import types
 from pathlib import Path
 
 import pytest
@@ -54,6 +56,14 @@ def test_ratios_become_whole_octaves_counted_from_the_root():
     assert all(1 / math.sqrt(2) <= f <= math.sqrt(2) for f in graph.factors)
 
 
+def test_more_is_resampled_where_it_is_asked_for():
+    """scale says what the files are, r what they are to be."""
+    within = parsed(document([edge("a", "b", scale=3, r=2)], "ab"))
+    assert within.edges == (Edge(0, 1, 2),) and within.factors == pytest.approx((1.0, 4 / 3))
+    far = parsed(document([edge("a", "b", scale=3, r=3), edge("b", "b", r=1)], "ab", resample=True))
+    assert far.edges == (Edge(0, 1, 3), Edge(1, 1, 1)) and far.factors == pytest.approx((1.0, 8 / 3))
+
+
 @pytest.mark.parametrize(
     "name, depth", [("map1800_bobruisk", 4), ("mars", 3), ("drone_caliterra", 2), ("sand_grain_ladder", 2)]
 )
@@ -64,16 +74,34 @@ def test_the_test_graphs_are_imported(name, depth):
     assert all(abs(f - 1) < 0.26 for f in graph.factors)
 
 
-def test_yaml_says_the_same_where_it_can_be_read(tmp_path):
-    path = tmp_path / "g.yaml"
-    path.write_text("exemplars: [{id: a, file: a.png}]\nedges: [{from: a, to: a, r: 1}]\n")
+@pytest.fixture
+def yaml(monkeypatch):
+    """PyYAML, or what stands for it where it is not installed: JSON is YAML."""
     try:
-        import yaml  # noqa: F401
+        import yaml
     except ImportError:
-        with pytest.raises(ImageError, match="PyYAML is not installed"):
-            read_graph(path)
-    else:
-        assert read_graph(path).edges == (Edge(0, 0, 1),)
+        yaml = types.ModuleType("yaml")
+        yaml.YAMLError = json.JSONDecodeError
+        yaml.safe_load = json.loads
+        monkeypatch.setitem(sys.modules, "yaml", yaml)
+    return yaml
+
+
+def test_yaml_says_the_same(tmp_path, yaml):
+    path = tmp_path / "g.yaml"
+    path.write_text('{"exemplars": [{"id": "a", "file": "a.png"}], "edges": [{"from": "a", "to": "a", "r": 1}]}')
+    assert read_graph(path).edges == (Edge(0, 0, 1),)
+    path.write_text('{"exemplars": [\n')
+    with pytest.raises(ImageError, match=r"g\.yaml: not YAML: .*line 2") as caught:
+        read_graph(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_yaml_wants_a_package_that_may_not_be_there(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    (tmp_path / "g.yml").write_text("exemplars: [{id: a, file: a.png}]")
+    with pytest.raises(ImageError, match="PyYAML is not installed: pip install pyyaml, or write the graph as JSON"):
+        read_graph(tmp_path / "g.yml")
 
 
 WRONG = [
@@ -87,8 +115,13 @@ WRONG = [
     (document((), "aa"), "there are two exemplars 'a'"),
     (document([edge("a", "x", r=1)]), "edge a -> x: there is no exemplar 'x'; there is a, b, c"),
     (document([{"from": "a", "r": 1}]), r"edge a -> \?: there is no exemplar named by 'to'"),
-    (document([edge("a", "b")]), "edge a -> b: either r or scale"),
-    (document([edge("a", "b", r=1, scale=2)]), "edge a -> b: either r or scale"),
+    (document([edge("a", "b")]), "edge a -> b: r or scale says how their pixels relate"),
+    (
+        document([edge("a", "b", r=3, scale=3), edge("b", "c", r=1)]),
+        r"edge a -> b: for r=3 exemplar 'b' would be resampled 2.667 times, more than sqrt\(2\): say .resample.: true",
+    ),
+    (document([*CHAIN, edge("b", "c", scale=2, r=2)]), "edge b -> c: r=2, but by the other edges it is 1"),
+    (document(CHAIN, resample=1), "resample=1: allowed is true or false"),
     (document([edge("a", "b", r=1.5)]), r"edge a -> b: r=1.5: allowed is a whole number >= 0"),
     (document([edge("a", "b", r=-1)]), r"edge a -> b: r=-1: allowed is a whole number >= 0"),
     (document([edge("a", "b", scale=0.5)]), r"edge a -> b: scale=0.5: allowed is a number >= 1"),

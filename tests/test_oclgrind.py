@@ -27,11 +27,23 @@ print(*sorted(opened._events))
 # what runs all kernels of some files in cl/
 USES = {
     "patchmatch histograms": """
+from oiiotex.synthesis.guidance import Guidance, Held
 from oiiotex.synthesis.stationarize import Recipe, synthesize
 exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
 for wrap in (True, False):
     recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
                     uniformity=0.05, contrast=0.7, flat=True)
+    synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
+exemplar = (np.random.default_rng(0).random((12, 13, 5)) * 100).astype(np.float32)
+held = Held(np.indices((9, 11)).sum(0) < 6, np.zeros((9, 11), np.uint32), is_goal=True)
+synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None, guidance=Guidance(held=held))
+""",
+    "moments steerable": """
+from oiiotex.synthesis.stationarize import Recipe, synthesize
+exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
+for wrap, measure in ((True, "moments"), (False, "steerable")):
+    recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
+                    uniformity=0.05, contrast=0.7, flat=True, measure=measure, order=4)
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
     "superpixels": """

@@ -8,6 +8,7 @@ import pytest
 
 from oiiotex.device import Buffers, Device
 from oiiotex.synthesis import patchmatch as pm
+from oiiotex.synthesis.histograms import OUTSIDE
 from tests.reference import patchmatch as reference
 
 BUDGET = 1 << 30
@@ -17,8 +18,8 @@ def setup(device: Device, geometry: pm.Geometry, seed: int = 0, uniformity: floa
     """A matcher on random images with a random field, and what it was given."""
     random = np.random.default_rng(seed)
     g = geometry
-    target = random.integers(-spread, spread, (g.height, g.width, 3)).astype(np.int16)
-    exemplar = random.integers(-spread, spread, (g.exemplar_height, g.exemplar_width, 3)).astype(np.int16)
+    target = random.integers(-spread, spread, (g.height, g.width, g.channels)).astype(np.int16)
+    exemplar = random.integers(-spread, spread, (g.exemplar_height, g.exemplar_width, g.channels)).astype(np.int16)
     y = random.integers(0, g.exemplar_rows, (g.rows, g.columns))
     x = random.integers(0, g.exemplar_columns, (g.rows, g.columns))
     buffers = Buffers(device, g.layout(), BUDGET, "test")
@@ -32,6 +33,7 @@ GEOMETRIES = [
     pm.Geometry(21, 15, 16, 14, 5, False, True),
     pm.Geometry(13, 22, 15, 18, 7, True, False),
     pm.Geometry(16, 19, 21, 13, 11, False, False),
+    pm.Geometry(14, 13, 17, 12, 5, True, False, channels=7),  # Lab, a normal and a roughness
 ]
 
 
@@ -47,14 +49,41 @@ def test_the_distance_of_a_patch_is_the_plain_sum_of_squares(any_lanes, patch):
 
 
 def test_the_largest_distance_that_the_grid_allows_fits_32_bits(any_lanes):
-    for patch in (11, 21):
-        ends = pm.to_grid(np.array([[-1e9, -1e9, -1e9], [1e9, 1e9, 1e9]]), patch)
-        g = pm.Geometry(patch, patch, patch, patch, patch, True, True)
+    for patch, channels in ((11, 3), (21, 3), (11, 10)):
+        ends = pm.to_grid(np.array([[-1e9] * channels, [1e9] * channels]), patch)
+        g = pm.Geometry(patch, patch, patch, patch, patch, True, True, channels)
         matcher, buffers, *_ = setup(any_lanes, g)
-        any_lanes.write(buffers["image"], np.broadcast_to(ends[0], (patch, patch, 3)))
-        any_lanes.write(buffers["exemplar"], np.broadcast_to(ends[1], (patch, patch, 3)))
+        any_lanes.write(buffers["image"], np.broadcast_to(ends[0], (patch, patch, channels)))
+        any_lanes.write(buffers["exemplar"], np.broadcast_to(ends[1], (patch, patch, channels)))
         matcher.improve(0, 0)
-        assert (matcher.distances() == 3 * patch**2 * (300 * pm.grid_steps(patch)) ** 2).all()
+        assert (matcher.distances() == channels * patch**2 * (300 * pm.grid_steps(patch, channels)) ** 2).all()
+
+
+def test_pixels_that_are_held_are_put_back(any_lanes):
+    g = GEOMETRIES[-1]
+    matcher, buffers, target, *_ = setup(any_lanes, g)
+    kept = np.random.default_rng(1).random((g.height, g.width, 1)) < 0.4
+    held = np.where(kept, -target, OUTSIDE).astype(np.int16)
+    with Buffers(any_lanes, {"held": held.nbytes}, BUDGET, "test") as more:
+        any_lanes.write(more["held"], held)
+        buffers._held["held"] = more["held"]
+        matcher.hold()
+        found = any_lanes.read(buffers["image"], target.shape, np.int16)
+    np.testing.assert_array_equal(found, np.where(kept, -target, target))
+
+
+def test_a_price_divides_the_use_that_a_patch_pays_for(any_lanes):
+    """Twice as dear is as if it were used twice as often; what is forbidden is never taken."""
+    g = GEOMETRIES[0]
+    random = np.random.default_rng(2)
+    price = random.choice([0.5, 1.0, 2.0], (g.exemplar_rows, g.exemplar_columns)).astype(np.float32)
+    matcher, buffers, _, exemplar, y, x = setup(any_lanes, g, 3, 0.05)
+    any_lanes.write(buffers["price"], price)
+    matcher._count_uses()
+    found = any_lanes.read(buffers["penalty"], price.shape, np.int32)
+    plain = reference.penalties(y, x, g, 0.05 * pm._penalty_unit(exemplar, g))
+    assert np.abs(found - plain * price).max() <= 2  # of rounding down before or behind the price
+    assert plain.max() > 1000
 
 
 @pytest.mark.parametrize("g", GEOMETRIES)
@@ -74,7 +103,7 @@ def test_a_pass_of_propagation_and_search_is_the_oracles(any_lanes, g, uniformit
 def test_the_vote_is_the_rounded_mean_of_all_patches_over_a_pixel(any_lanes, g):
     matcher, buffers, _, exemplar, y, x = setup(any_lanes, g, 1)
     matcher.vote()
-    image = any_lanes.read(buffers["image"], (g.height, g.width, 3), np.int16)
+    image = any_lanes.read(buffers["image"], (g.height, g.width, g.channels), np.int16)
     votes = reference.votes(exemplar, y, x, g)
     for r in range(g.height):
         for c in range(g.width):

@@ -25,6 +25,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     """Cheap parameters that the op has."""
     names = {p.name for p in op.parameters()}
     found = {name: value for name, value in {**SMALL, **more}.items() if name in names}
+    found |= {"n": 3} if op.name in SHEETS else {}
     return {**found, "labels": quarters()} if op.name in LABELLED else found
 
 
@@ -83,12 +84,14 @@ def of(found: list[type[Op]]) -> pytest.MarkDecorator:
 # What is true of few is said here; a new filter is held to everything else.
 MEASURES = ("stationarity", "lab", "dominant")  # their results are data in floats, whatever the source was
 LABELS = ("superpixel", "label", "decompose")  # their results are ids
-VIEWS = ("labelview", "content")  # take label maps and draw them for people
+VIEWS = ("labelview", "content", "graph")  # draw what they take for people, label maps here
+RESAMPLED = ("zoom",)  # their results are pixels of another size
 MASKS = ("dominant",)  # their results are 0 or 1
 LABELLED = ("composite", "palette", "paint")  # take a picture with its label maps
 PAINTINGS = ("paint",)  # and a painting of labels
 OWN_KIND = (*MEASURES, *LABELS)
-PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS]  # take pictures
+SHEETS = ("sigmas",)  # draw many results for people, at their own size: tests/test_sigmas.py holds them to the rest
+PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS + SHEETS]  # take pictures
 COLOUR = [op for op in PICTURES if op.space is Space.LAB]
 every_filter = of(PICTURES)
 colour_filters = of(COLOUR)
@@ -162,6 +165,7 @@ def test_any_window_is_the_whole_cropped(op, tile, tmp_path):
     for threads in (1, 3):
         second = from_buffer(operands(op, buffer(PHOTO))[-1])
         images = dict(zip((i.name for i in op.images()), (read(tmp_path / "a.exr"), second), strict=False))
+        images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
         given = settings(op)
         if op.name in LABELLED:
             given["labels"] = from_buffer(given["labels"])
@@ -191,7 +195,7 @@ def test_every_pixel_is_a_copy_of_a_source_pixel_with_all_channels(op):
     assert np.abs(pixels(made)[..., :3].astype(float)).max() > 5  # HDR stays HDR
 
 
-@of([op for op in COLOUR if not op.copies and op.name not in OWN_KIND])
+@of([op for op in COLOUR if not op.copies and op.name not in OWN_KIND + RESAMPLED])
 def test_what_changes_colour_leaves_the_rest_alone(op):
     random = np.random.default_rng(0)
     many = np.concatenate(

@@ -21,7 +21,7 @@ FLOORS = [
     {"params", "text_values", "__init__"},
     {"op"},
     {"opencl_runtime"},
-    {"device", "images"},
+    {"device", "images", "keeping"},
     {"tiles"},
     {"files", "color", "cryptomatte"},
     {"formats"},

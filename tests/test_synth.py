@@ -146,6 +146,31 @@ def test_lock_keeps_the_root_as_it_is(folder):
     assert (load(folder / "loose.png") != load(folder / "locked.png")).any(-1).mean() > 0.3
 
 
+def test_lock_takes_a_level(folder):
+    """Up to it a texture is as it is without jitter, and then jittered; 1 stands for the root's own."""
+
+    def made(lock, level):
+        photo = oiio.ImageBuf(str(folder / "photo.png"))
+        return filters.synth(photo, size=(48, 48), lock=lock, level=level).get_pixels(oiio.UINT8)
+
+    np.testing.assert_array_equal(made(3, 3), made(True, 3))
+    assert (made(3, 3) != made(False, 3)).any() and (made(3, 6) != made(True, 6)).any()
+    np.testing.assert_array_equal(made(1, 6), made(True, 6))
+    np.testing.assert_array_equal(made(60, 6), made(True, 6))
+
+
+def test_a_locked_texture_downsampled_is_its_root(folder):
+    """Super-resolution, HRRG08 figure 7: finer detail for the root as it is."""
+    stripes = load(folder / "stripes.png")[..., :3] / 255
+    away = {}
+    for lock in (1, 0):
+        run(folder, f"--texsynth:graph=map.json:lock={lock}:size=512x512", "-d", "float", "-o", "locked.exr")
+        found = load(folder / "locked.exr")
+        assert np.abs(found - np.kron(stripes, np.ones((8, 8, 1)))).mean() > 0.02  # detail was added
+        away[lock] = np.sqrt(np.square(low_passed(found, 8) - stripes).mean())
+    assert away[1] < 0.12 and away[1] < 0.75 * away[0], away  # stripes stand 0.32 away from their mean
+
+
 def test_a_map_re_makes_the_texture(folder):
     run(folder, "photo.png", "--texsynth:size=90x100:stmap=st.exr", "-o", "a.png")
     run(folder, "photo.png", "st.exr", "--texwarp", "-o", "b.png")
@@ -195,6 +220,11 @@ WRONG = [
     (("--texsynth:graph=loop.json:level=61",), "level=61: allowed is a whole number >= 0 and <= 60"),
     (("--texsynth:graph=loop.json:stmap=loop.json",), "would overwrite"),
     (("photo.png", "--texsynth:stmap=photo.png"), "would overwrite"),
+    (("photo.png", "--texsynth:size=100x64:toroidal=1"), "size=100x64: on level 6 allowed are multiples of 64 px"),
+    (("photo.png", "--texsynth:toroidal=1"), "toroidal=1: say size, after which the texture repeats"),
+    (("photo.png", "--texsynth:size=70x50:tiles=4/3"), "tiles=4/3: allowed is I/N, I from 1 to N, N at most 50 rows"),
+    (("photo.png", "--texsynth:lock=61"), "lock=61: allowed is 0 or 1 or a whole number >= 0 and <= 60"),
+    (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),
     (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: an exemplar has 16 or more"),
     (("clear.png", "--texsynth"), "clear.png: the 16x16 px in its middle are transparent"),
     (("--texsynth:size=9x9",), "takes 1 image"),

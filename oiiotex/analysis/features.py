@@ -225,8 +225,13 @@ def _neighbourly(positions: np.ndarray, sigma: float) -> sparse.csr_array:
     return near + sparse.eye_array(n, format="csr")
 
 
-def texton_map(lab: np.ndarray, seen: np.ndarray, session: Session, most: int = TEXTONS) -> np.ndarray:
-    """The texton of every pixel, (h, w) int64, below `most`: lab (h, w, 3) float32, seen (h, w) bool."""
+def texton_map(
+    lab: np.ndarray, seen: np.ndarray, session: Session, most: int = TEXTONS, colour: float = math.sqrt(3.0)
+) -> np.ndarray:
+    """The texton of every pixel, (h, w) int64, below `most`: lab (h, w, 3) float32, seen (h, w) bool.
+
+    `colour` is the weight of each of three colours against each of 21 responses.
+    """
     light = lab[..., 0]
 
     def energies(wave: float) -> list[np.ndarray]:
@@ -239,7 +244,7 @@ def texton_map(lab: np.ndarray, seen: np.ndarray, session: Session, most: int = 
     layers += session.spread(spots, (1.4, 2.8, 5.6))
     layers += [gaussian_filter(lab[..., c], 1.0) for c in range(3)]
     known = np.flatnonzero(seen.ravel())
-    weights = [1.0] * (len(layers) - 3) + [math.sqrt(3.0)] * 3  # colour against 21 responses
+    weights = [1.0] * (len(layers) - 3) + [colour] * 3
     planes = [_standard(layer.ravel(), known, weight) for layer, weight in zip(layers, weights, strict=True)]
     if len(known) > _SAMPLES:
         known = known[np.random.default_rng(0).choice(len(known), _SAMPLES, replace=False)]

@@ -29,11 +29,13 @@ from .textons import (
     weighted_counts,
 )
 
-ROUNDS = 6  # of the competition
 _CELL = 4  # px, of filter bank textons
 _LEAST = 0.02  # of the image: smaller subtextures lose their pixels in the competition
-_SMOOTH = 2.0  # cells, of the last vote
-_WIDE, _NARROW, _SHRINK = 0.4, 0.15, 0.75  # the window's sigma per radius at first, at last; from round to round
+_COUPLINGS = (2, 4, 6, 8, 8)  # of a cell with its surroundings in each round, nats; its own textons: nats per pixel
+_UPDATES = 4  # of the memberships in a round
+_NEAR = 1 / 3  # sigma of the surroundings per radius
+_PRIOR = 5  # px of every texton that a subtexture is thought to have before it is looked at
+_SMOOTH = 1.0  # cells, of the last vote
 
 
 @dataclass(frozen=True)
@@ -63,12 +65,12 @@ class Settings:
     """
 
     features: str = "bank"
-    bins: int = 40
+    bins: int = 64
     radius: float = 36.0
     shift: float = 24.0
     scales: int = 1
     search: str = "grid"
-    threshold: float = 0.75
+    threshold: float = 0.73
     step: int = 16
     refine: bool = True
     assign: str = "competition"
@@ -182,28 +184,32 @@ def _gathered(counts: Counts, times: int) -> Counts:
 def _competed(counts: Counts, labels: np.ndarray, radius: float, shape: tuple[int, int]) -> np.ndarray:
     """Subtextures compete for cells: (h, w) labels of pixels.
 
-    In every round a subtexture has the texton distribution of its cells, and a cell goes to the one under which the
-    textons around it are most likely; the window shrinks from round to round, so that borders settle late.
+    In every round a subtexture has the texton distribution of its cells. A cell is a member of each by a share: the
+    likelihood of its textons times what its surroundings are members of (the mean field of a Potts model with
+    Gaussian neighbourhoods). Surroundings count for more from round to round, so that borders settle late.
     """
-    values = counts.values.astype(np.float32) / 255
-    height, width = values.shape[:2]
+    values = counts.values.astype(np.float32) / (255 * counts.side**2)
+    height, width, bins = values.shape
     if labels.shape != (height, width):
         labels = labels[:: labels.shape[0] // height or 1, :: labels.shape[1] // width or 1][:height, :width]
-    for step in range(ROUNDS):
-        names, labels = np.unique(labels, return_inverse=True)
-        labels = labels.reshape(height, width)
-        area = np.bincount(labels.ravel(), values.sum(-1).ravel(), len(names))
-        kept = area >= min(_LEAST * area.sum(), area.max())
-        flat = values.reshape(-1, values.shape[-1]).T
-        sums = np.stack([np.bincount(labels.ravel(), k, len(names)) for k in flat], 1)[kept] + 0.5
-        chances = np.log(sums / sums.sum(1, keepdims=True)).astype(np.float32)
-        likely = values @ chances.T
-        sigma = max(_NARROW, _WIDE * _SHRINK**step) * radius / counts.side
-        likely = np.stack([gaussian_filter(c, sigma, truncate=2.5) for c in np.moveaxis(likely, -1, 0)])
-        labels = likely.argmax(0)
+    seen = values.any(-1).astype(np.float32)
+    areas = np.bincount(labels.ravel(), seen.ravel())
+    largest = np.argsort(-areas, kind="stable")[: int(1 / _LEAST)]
+    member = (labels[..., None] == largest).astype(np.float32) * seen[..., None]
+    sigma = max(1.0, _NEAR * radius / counts.side)
+    for coupling in _COUPLINGS:
+        areas = member.sum((0, 1), dtype=np.float64)
+        member = member[..., areas >= min(_LEAST * areas.sum(), areas.max())]
+        found = member.reshape(height * width, -1).T @ values.reshape(height * width, bins)
+        chances = found + np.float32(_PRIOR / counts.side**2)
+        likely = values @ np.log(chances / chances.sum(1, keepdims=True)).T
+        likely = _blurred(likely - likely.max(-1, keepdims=True), 1.0)
+        for _ in range(_UPDATES):
+            member = likely + np.float32(coupling) * _blurred(member, sigma)
+            member = np.exp(member - member.max(-1, keepdims=True))
+            member *= seen[..., None] / member.sum(-1, keepdims=True)
     best = None
-    for n in range(int(labels.max()) + 1):
-        votes = gaussian_filter((labels == n).astype(np.float32), _SMOOTH, truncate=2.5)
+    for n, votes in enumerate(np.moveaxis(_blurred(member, _SMOOTH), -1, 0)):
         votes = _enlarged(votes, counts.side, shape)
         if best is None:
             best, found = votes, np.zeros(shape, np.int64)
@@ -211,6 +217,10 @@ def _competed(counts: Counts, labels: np.ndarray, radius: float, shape: tuple[in
             found[votes > best] = n
             np.maximum(best, votes, out=best)
     return found
+
+
+def _blurred(values: np.ndarray, sigma: float) -> np.ndarray:
+    return gaussian_filter(values, (sigma, sigma, 0), truncate=2.5)
 
 
 def _enlarged(values: np.ndarray, side: int, shape: tuple[int, int]) -> np.ndarray:

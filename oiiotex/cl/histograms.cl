@@ -5,9 +5,7 @@
 // (departure: cells instead of blocks). A histogram is BINS floats; the grid holds [channel][cell y][cell x][bin].
 // Every cell is summed by one work-item in one fixed order, so the bits do not depend on the device.
 #pragma OPENCL FP_CONTRACT OFF
-#ifndef CHANNELS
-#define CHANNELS 3   // values of a pixel; each has histograms of its own
-#endif
+#include "cells.h"
 
 #if LANES > 1
 #define BIN_LANES 16
@@ -17,18 +15,10 @@ typedef float bin_lane __attribute__((ext_vector_type(16), aligned(4)));
 typedef float bin_lane;
 #endif
 
-// C's conversion rounds towards zero; this is floor() without the call that some CPU runtimes do not inline.
-inline int floor_int(float v) { int i = (int)v; return i - (v < (float)i); }
-
 // A value's place among the bins: soft membership (a triangular Parzen window) of bins `bin` and `bin + 1`.
 inline float place_in_bins(short value, float low, float per_bin) {
   float t = ((float)value - low) * per_bin;
   return t < 0.0f ? 0.0f : t > (float)(BINS - 1) ? (float)(BINS - 1) : t;
-}
-
-// Index of a cell at or beyond the border: wrapped, or -1 where there is none.
-inline int cell_at(int i, int n, int wrap) {
-  return i >= 0 && i < n ? i : !wrap ? -1 : i < 0 ? i + n : i - n;
 }
 
 // Each pixel is shared bilinearly among the four cells around it. Seen from a cell: it gathers every pixel less

@@ -293,3 +293,14 @@ __kernel void patchmatch_hold(const __global short *restrict held, __global shor
   if (p >= pixels || held[CHANNELS * p] == SHRT_MIN) return;
   for (int c = 0; c < CHANNELS; c++) image[CHANNELS * p + c] = held[CHANNELS * p + c];
 }
+
+// Takes back a change near the pixels that stay: `changed` becomes share / 255 of the way from `image` to it.
+__kernel void patchmatch_ease(const __global short *restrict image, __global short *restrict changed,
+                              const __global uchar *restrict share, int pixels) {
+  int p = get_global_id(0);
+  if (p >= pixels) return;
+  for (int c = 0; c < CHANNELS; c++) {
+    int from = image[CHANNELS * p + c], far = (changed[CHANNELS * p + c] - from) * share[p];
+    changed[CHANNELS * p + c] = (short)(from + (far + (far < 0 ? -127 : 127)) / 255);
+  }
+}

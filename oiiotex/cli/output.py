@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import logging
 import os
 import re
@@ -19,11 +20,13 @@ import OpenImageIO as oiio
 from .. import __version__
 from ..errors import ImageError, ParameterError
 from ..formats import Format
-from ..images import Image, type_named
+from ..images import Image, Part, cropped, type_named
 from ..params import Size, param
+from ..windows import Window
 from ..writing import write
 from .chain import Chain
 from .parse import Option
+from .sequences import Tile, names_tiles, tile_name
 
 log = logging.getLogger("oiiotex")
 
@@ -36,6 +39,9 @@ class WriteModifiers:
     """Of -o."""
 
     all: int | None = param(None, ge=0, help="write all images of the stack: %d in the name counts from this number")
+    udim: Size | None = param(
+        None, ge=1, le=10, help="cut the image into so many UDIM tiles of one size; the name holds <UDIM>"
+    )
     type: str | None = param(None, help="pixel type, as of -d")
     datatype: str | None = param(None, help="the same")
     bits: int | None = param(None, ge=1, le=64, help="significant bits")
@@ -52,8 +58,10 @@ class WriteModifiers:
 
 
 def write_output(chain: Chain, path: str, **modifiers: Any) -> None:
-    """Write the top image, or all."""
+    """Write the top image, or all, or its UDIM tiles."""
     given = WriteModifiers(**modifiers)
+    if given.udim is not None:
+        return _write_tiles(chain, path, given.udim, dataclasses.replace(given, udim=None))
     if given.all is None:
         return _write_one(chain, path, given)
     saved = list(chain.stack)
@@ -68,6 +76,35 @@ def write_output(chain: Chain, path: str, **modifiers: Any) -> None:
     return None
 
 
+def _write_tiles(chain: Chain, path: str, count: Size, given: WriteModifiers) -> None:
+    """Cut the top image into tiles, 1001 at the lower left as UDIM counts, and write each."""
+    if given.all is not None:
+        raise ParameterError("udim and all: -o takes one of them")
+    if not names_tiles(path):
+        raise ParameterError(f"udim={count}: '{path}' has no <UDIM> for the number of the tile")
+    image = chain.top
+    spec = image.first.spec
+    width, height = spec.width // count.width, spec.height // count.height
+    if (width * count.width, height * count.height) != (spec.width, spec.height):
+        raise ParameterError(f"udim={count}: an image of {spec.width}x{spec.height} has no {count} tiles of one size")
+    for v, u in itertools.product(range(count.height), range(count.width)):
+        window = Window.sized(spec.x + u * width, spec.y + (count.height - 1 - v) * height, width, height)
+        chain.stack[-1] = Image((_tile(image.first, window),), image.source)
+        _write_one(chain, tile_name(path, Tile(v, u)), given)
+    chain.stack[-1] = image
+
+
+def _tile(part: Part, window: Window) -> Part:
+    """That window of a part as an image of its own, which goes on in others and not in itself."""
+
+    def begin_at_0(spec: oiio.ImageSpec) -> None:
+        spec.x = spec.y = spec.full_x = spec.full_y = 0
+        spec.full_width, spec.full_height = window.width, window.height
+        spec.attribute("wrapmodes", "black,black")
+
+    return cropped(part, window).respecced(begin_at_0)
+
+
 def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
     if os.path.realpath(path) in chain.session.written:
         raise ParameterError(f"{path} has just been written by an op's modifier")
@@ -80,7 +117,7 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
         image, how = _converted(chain, image, path, how, bool(given.unpremult))
     log.info("writing %s", path)
     if not chain.settings.get("-n"):
-        with chain.session.stats.time("write"):
+        with chain.session.stats.time("write"), chain.session.keeping(path):
             write(_with_provenance(chain, image), path, how, chain.session.advance)
         if chain.settings.get("--adjust-time"):
             _adjust_time(path, image)

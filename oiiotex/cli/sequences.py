@@ -148,9 +148,10 @@ def _survey(words: Sequence[str]) -> _Survey:
     for index, word in (left := iter(enumerate(words))):
         output = word.startswith("-o") and index + 1 < len(words)
         scanned = on and not (output and ":all=" in word)  # there %d counts the subimages
+        cut = output and ":udim=" in word  # there <UDIM> counts the tiles that are made
         if output:
             index, word = next(left)
-        survey.off |= set() if on else {index - output, index}
+        survey.off |= set() if on and not cut else {index - output, index}
         setting = _option(word)
         if setting in ("--frames", "--framepadding", "--views", "--threads") and index + 1 < len(words):
             _set(survey, setting, next(left)[1])
@@ -339,9 +340,8 @@ def tile_files(pattern: str) -> dict[Tile, str]:
         return {}
     matches = _matches(directory or ".", _fitting(name, _Groups()))
     found = {_tile(match): os.path.join(directory, match[0]) for match in matches}
-    return {
-        tile: found[tile] for tile in sorted(found) if min(tile) >= 0
-    }  # no 1000, and no u0 where tiles count from 1
+    kept = sorted(tile for tile in found if min(tile) >= 0)  # no 1000, and no u0 where tiles count from 1
+    return {tile: found[tile] for tile in kept}
 
 
 def _tile(match: re.Match[str]) -> Tile:

@@ -83,7 +83,9 @@ def write_texture(mode: oiio.MakeTextureMode) -> Any:
         part = chain.top.first
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
         chain.session.require(3 * size, "a MIP-mapped texture")
-        with chain.session.stats.time("make texture"), temporary_beside(Path(checked_name(path))) as temporary:
+        session = chain.session
+        timed, keeping = session.stats.time("make texture"), session.keeping(path)
+        with timed, keeping, temporary_beside(Path(checked_name(path))) as temporary:
             config = _config(chain, part.stored, given)
             made = oiio.ImageBufAlgo.make_texture(mode, part.buffer(part.window), str(temporary), config)
             if not made or not temporary.exists():

@@ -16,13 +16,17 @@ from .decompose import Decompose
 from .dominant import Dominant
 from .flatten import Flatten
 from .functions import function_of, result
+from .graph import ExemplarGraph
+from .join import Join
 from .lab import Lab
 from .label import Label
 from .labelview import LabelView
 from .paint import Paint
 from .palette import Palette
 from .plugins import installed
+from .preview import Preview
 from .quilt import Quilting
+from .sigmas import Sigmas
 from .stationarity import Stationarity
 from .stationarize import PatchMatch, Stationarize
 from .superpixel import Superpixel
@@ -31,8 +35,9 @@ from .warp import Warp
 from .zoom import Zoom
 
 _OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Synth, Zoom, Cut, Composite, Palette, Paint,
-    Flatten, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Stationarize, PatchMatch, Quilting, Synth, Zoom, ExemplarGraph, Join, Cut, Composite, Palette, Paint,
+    Flatten, Sigmas, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
+    Preview,
 )  # fmt: skip
 FILTERS = (*_OURS, *installed(_OURS))
 
@@ -46,7 +51,10 @@ paint = function_of(Paint)
 flatten = function_of(Flatten)
 synth = function_of(Synth)
 zoom = function_of(Zoom)
+graph = function_of(ExemplarGraph)
+join = function_of(Join)
 stationarity = function_of(Stationarity)
+sigmas = function_of(Sigmas)
 superpixel = function_of(Superpixel)
 label = function_of(Label)
 decompose = function_of(Decompose)
@@ -55,6 +63,7 @@ labelview = function_of(LabelView)
 content = function_of(Content)
 lab = function_of(Lab)
 warp = function_of(Warp)
+preview = function_of(Preview)
 
 
 __all__ = ["FILTERS", "result"]

@@ -64,9 +64,11 @@ def result(op: Op, session: Session) -> Image | tuple[Image, ...]:
 
 def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> Op:
     declared = op.taken(values)
-    if len(images) != len(declared):
+    many = declared[0] if len(declared) == 1 and declared[0].many else None
+    if not images if many else len(images) != len(declared):
         raise ParameterError(
-            f"{op.name} takes {len(declared)} images ({', '.join(i.name for i in declared)}), not {len(images)}"
+            f"{op.name} takes {'one image or more' if many else f'{len(declared)} images'}"
+            f" ({', '.join(i.name for i in declared)}), not {len(images)}"
         )
     optional = [i.name for i in op.optional_images()]
     further = op.further_images()
@@ -74,10 +76,11 @@ def _bound(op: type[Op], images: tuple[Images, ...], values: dict[str, Any]) -> 
     for name in values:
         if name not in known:
             raise ParameterError(f"{op.name}: unknown parameter '{name}'{nearest(name, known)}")
-    given: dict[str, Image] = {i.name: _image(buffers) for i, buffers in zip(declared, images, strict=True)}
+    held = tuple(map(_image, images))
+    given: dict[str, Any] = {many.name: held} if many else {i.name: h for i, h in zip(declared, held, strict=True)}
     for name in optional:
         if values.get(name) is not None:
-            given[name] = _keyword(op, name, values[name], next(iter(given.values()), None))
+            given[name] = _keyword(op, name, values[name], held[0] if held else None)
     if further is not None and further.name in values:
         more = tuple(map(_image, values[further.name]))
         values = {further.count: 1 + len(more)} | values | {further.name: more}
@@ -123,7 +126,9 @@ def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
 
 def _signature(op: type[Op]) -> inspect.Signature:
     kinds = inspect.Parameter
-    positional = [kinds(i.name, kinds.POSITIONAL_ONLY, annotation=Images) for i in op.images()]
+    positional = [
+        kinds(i.name, kinds.VAR_POSITIONAL if i.many else kinds.POSITIONAL_ONLY, annotation=Images) for i in op.images()
+    ]
     further = [op.further_images()] if op.further_images() else []
     named = (*op.optional_images(), *further, *op.parameters())
     keywords = [kinds(p.name, kinds.KEYWORD_ONLY, default=p.default) for p in named]
@@ -136,7 +141,8 @@ def _signature(op: type[Op]) -> inspect.Signature:
 def _docstring(op: type[Op]) -> str:
     lines = [inspect.getdoc(op) or "", "", "Parameters", "----------"]
     for i in op.images():
-        lines += [f"{i.name} : ImageBuf, or a dict of them by part", f"    {i.help}"]
+        star = "*" if i.many else ""
+        lines += [f"{star}{i.name} : ImageBuf, or a dict of them by part", f"    {i.help}"]
     for i in op.optional_images():
         lines += [f"{i.name} : ImageBuf, dict of them, or the name of a part of the first image; default None"]
         lines += [f"    {i.help}"]

@@ -72,7 +72,7 @@ class LabelView(Op):
             panels.append((_title(part, ids), coloured(ids, lightness, self.strength)))
         # superpixels beside levels of labels have no place in their tree
         levels = [n for n, part in enumerate(labels) if part.name.startswith("label.")] or list(range(len(labels)))
-        sheet = _sheet(panels, self.columns, _tree([labels[n] for n in levels], [maps[n] for n in levels]))
+        sheet = sheet_of(panels, self.columns, _tree([labels[n] for n in levels], [maps[n] for n in levels]))
         spec = oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8)
         spec.attribute(TAG, "srgb_rec709_scene")
         spec.attribute("oiio:subimagename", "view")
@@ -176,22 +176,25 @@ def _oklab(linear: np.ndarray) -> np.ndarray:
 # --- the sheet ---
 
 
-def _sheet(panels: list[tuple[str, np.ndarray]], columns: int, tree: np.ndarray) -> np.ndarray:
-    """Panels with their titles in rows, the tree to the right."""
+def sheet_of(panels: list[tuple[str, np.ndarray]], columns: int, beside: np.ndarray | None = None) -> np.ndarray:
+    """Panels with their titles in rows, a picture beside them to the right."""
     height, width = panels[0][1].shape[:2]
     columns = min(columns, len(panels))
     wide = max(width, 220)  # a title must fit
     rows = -(-len(panels) // columns)
     down = _GAP + rows * (height + TEXT + 2 * _GAP)
-    across = _GAP + columns * (wide + _GAP) + tree.shape[1] + _GAP
-    sheet = np.full((max(down, tree.shape[0] + 2 * _GAP), across, 3), PAPER)
+    across = _GAP + columns * (wide + _GAP)
+    if beside is not None:
+        down, across = max(down, beside.shape[0] + 2 * _GAP), across + beside.shape[1] + _GAP
+    sheet = np.full((down, across, 3), PAPER)
     titles = []
     for n, (title, picture) in enumerate(panels):
         top = _GAP + n // columns * (height + TEXT + 2 * _GAP) + TEXT + _GAP
         left = _GAP + n % columns * (wide + _GAP)
         sheet[top : top + height, left : left + width] = picture
         titles.append((title, left, top - _GAP // 2))
-    sheet[_GAP : _GAP + tree.shape[0], across - _GAP - tree.shape[1] : across - _GAP] = tree
+    if beside is not None:
+        sheet[_GAP : _GAP + beside.shape[0], across - _GAP - beside.shape[1] : across - _GAP] = beside
     return with_text(sheet, titles)
 
 

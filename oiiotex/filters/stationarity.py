@@ -19,6 +19,7 @@ from ..params import image, param
 from ..session import Session
 from ..windows import Window
 from ..working import lens_of
+from .measures import MEASURE, MEASURES, ORDER, cost_text, order_of
 
 log = logging.getLogger("oiiotex")
 
@@ -30,23 +31,26 @@ _FLOAT = oiio.TypeDesc(oiio.FLOAT)
 class Stationarity(Op):
     """Map how far an image is from looking the same everywhere.
 
-    The value of a pixel is the mean earth mover's distance between the Lab histogram seen there through a Gaussian
-    of sigma and those seen elsewhere: 0 where the image is as it is everywhere, high in stains, shadows and odd
-    patches. Its mean is the stationarity cost of MJH17 (eq. 1, histograms), which is logged with -v and stored in the
-    attribute oiiotex:stationarity of the result. It looks at the image once and streams.
+    The value of a pixel is the mean difference between what is seen there through a Gaussian of sigma and what is seen
+    elsewhere: 0 where the image is as it is everywhere, high in stains, shadows and odd patches. The difference is the
+    earth mover's distance between Lab histograms, or that between histograms of the responses of steerable filters,
+    or the squared difference of local moments. Its mean is the stationarity cost of MJH17 (eq. 1), which is logged
+    with -v and stored in the attribute oiiotex:stationarity of the result. It looks at the image once and streams.
     """
 
     name: ClassVar[str] = "stationarity"
     reach: ClassVar[Reach] = Reach.GLOBAL
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("deviation", "one channel of 32-bit floats in Lab units, of the image's windows"),
+        Output("deviation", "one channel of 32-bit floats in Lab units (moments: squared), of the image's windows"),
     )
 
     source: Image = image(help="the image")
     sigma: float | None = param(
         None, ge=1, le=1e6, unit="px", help="scale at which the image is looked at; longer side / 32 when left out"
     )
+    measure: str = param("histogram", choices=MEASURES, help=MEASURE)
+    order: int | None = param(None, ge=2, le=4, help=ORDER)
     data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     def compute(self, session: Session) -> Image:
@@ -54,8 +58,9 @@ class Stationarity(Op):
         part = self.source.first
         lens = lens_of(self.source, None if self.data else session.color, session.autocc)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)
-        found = deviation_of(self.source, lens, sigma, session)
-        log.info("%s: stationarity cost %.2f Lab at sigma %g px (MJH17 eq. 1)", self.flag(), found.cost, sigma)
+        order = order_of(self.measure, self.order)
+        found = deviation_of(self.source, lens, sigma, session, self.measure, order)
+        log.info("%s: %s at sigma %g px", self.flag(), cost_text(found.cost, self.measure, order), sigma)
         surface = Surface(found.local[..., None], found.cells)
 
         spec = derived_spec(part.spec)

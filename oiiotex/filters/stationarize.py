@@ -13,21 +13,23 @@ from typing import ClassVar
 import numpy as np
 import OpenImageIO as oiio
 
-from ..analysis.stationarity import seam_ratio, stationarity_cost, texture_cost
 from ..errors import ParameterError
 from ..images import Image, Part, derived_spec
 from ..op import Op, Output, Reach, Space
 from ..params import Numbers, Size, image, param
 from ..session import Session
 from ..synthesis.guidance import Guidance, Held
-from ..synthesis.patchmatch import hash_at, match_patches, unpack
+from ..synthesis.patchmatch import hash_at, unpack
+from ..synthesis.perception import PALETTE, Palette, perceived_scale
 from ..synthesis.stationarize import Recipe, Synthesis, synthesize
 from ..synthesis.wang import edges_of, runs_for, wang_tiles
 from ..windows import Window
 from ..writing import write
 from .materials import KINDS_HELP, MATCH_HELP, read_material
+from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .prescribed import SIGMAMAP, WEIGHT, WITHIN, marked_pixels, remade_places, sigmas_of, weights_of
 from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
+from .tilereport import report
 
 log = logging.getLogger("oiiotex")
 
@@ -129,12 +131,13 @@ class _PatchSynthesis(Op):
             allowed = both(allowed, more)
         usable = both(material.opaque, allowed)
         recipe = self.recipe(width, height)
+        why = ruled_out(material.opaque, allowed)
+        recipe = self.controlled(recipe, material.values, usable, why, session)
         if sigmas is not None:  # of what has one sigma for all, the photo made stationary
             recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
         budget = session.budget - sum(p.nbytes for p in pixels)
 
         def run(recipe: Recipe, guidance: Guidance, advance: Callable[[int, int], None] = session.advance) -> Synthesis:
-            why = ruled_out(material.opaque, allowed)
             return synthesize(session.device, material.values, usable, recipe, budget, advance, why, guidance)
 
         guidance = Guidance(weight=weight, sigmas=sigmas)
@@ -150,7 +153,7 @@ class _PatchSynthesis(Op):
         session.device.collect(session.stats)
         if session.measure and marked is None:
             with session.stats.time("measure"):
-                self._report(material.lab, made, recipe, session)
+                report(self.flag(), material.lab, made, recipe, session)
         tiles = tuple(
             tile_image(self, image, p, places, session, first=image is self.exemplar, as_it_was=marked is not None)
             for image, p in zip(maps, pixels, strict=True)
@@ -160,6 +163,12 @@ class _PatchSynthesis(Op):
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """The sigma at each pixel of a result of this size, where they differ."""
         return None
+
+    def controlled(
+        self, recipe: Recipe, values: np.ndarray, usable: np.ndarray | None, why: str, session: Session
+    ) -> Recipe:
+        """The recipe with what follows from the photo."""
+        return recipe
 
     def _check(self, maps: tuple[Image, ...]) -> None:
         """Refuse modifiers that do not go together."""
@@ -207,23 +216,6 @@ class _PatchSynthesis(Op):
                 tiles.append(named(tile, f"wang{number:02d}_{edges}", {EDGES: str(edges)}))
         return tuple(tiles)
 
-    def _report(self, photo: np.ndarray, made: Synthesis, recipe: Recipe, session: Session) -> None:
-        """Log the three measures before and after."""
-        y, x = unpack(made.source)
-        tile = photo[y, x]
-        sigma = recipe.sigma or max(recipe.width, recipe.height) / 32
-        before = stationarity_cost(photo, sigma, False, False)
-        after = stationarity_cost(tile, sigma, recipe.wrap_x, recipe.wrap_y)
-        log.info("%s: stationarity cost %.2f -> %.2f Lab at sigma %g px (MJH17 eq. 1)", self.name, before, after, sigma)
-        wrap = recipe.wrap_x, recipe.wrap_y
-        field = match_patches(session.device, tile, photo, made.field, recipe.patch, wrap, recipe.seed, session.budget)
-        cost = texture_cost(tile, photo, *unpack(field), recipe.patch)
-        log.info("%s: texture cost %.2f Lab^2 per pixel (MJH17 eq. 5, upper bound by PatchMatch)", self.name, cost)
-        for axis, name, wraps in ((1, "x", recipe.wrap_x), (0, "y", recipe.wrap_y)):
-            if wraps:
-                ratios = seam_ratio(photo[..., 0], axis), seam_ratio(tile[..., 0], axis)
-                log.info("%s: seam ratio %s %.2f -> %.2f (1 is invisible)", self.name, name, *ratios)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Stationarize(_PatchSynthesis):
@@ -245,8 +237,18 @@ class Stationarize(_PatchSynthesis):
         unit="px",
         help="scale above which the texture must look the same everywhere; longer side / 32 when left out",
     )
-    contrast: float = param(
-        0.7, ge=0, le=1, help="how strongly the overall histogram is held to the target's; 0: not at all"
+    amount: float | None = param(
+        None,
+        ge=0,
+        le=1,
+        help="instead of sigma: how stationary it shall look, in even steps that hang on the photo (see --texsigmas)",
+    )
+    contrast: float | None = param(
+        None,
+        ge=0,
+        le=1,
+        help="how strongly the overall histogram is held to the target's; 0: not at all; when left out 0.7, with"
+        " within 0",
     )
     target: str = param(
         "flat",
@@ -255,16 +257,38 @@ class Stationarize(_PatchSynthesis):
         " over the coarsest level) of the photo",
     )
 
+    measure: str = param("histogram", choices=MEASURES, help=MEASURE)
+    order: int | None = param(None, ge=2, le=4, help=ORDER)
+
     def recipe(self, width: int, height: int) -> Recipe:
-        """MJH17 with the histogram measure."""
-        return self._recipe(width, height, self.sigma or max(width, height) / 32, self.contrast, self.target == "flat")
+        """MJH17 by the measure that was asked for."""
+        order = order_of(self.measure, self.order)
+        sigma = self.sigma or max(width, height) / 32
+        contrast = self.contrast if self.contrast is not None else 0.7 if self.within is None else 0.0
+        plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
+        return replace(plain, measure=self.measure, order=order)
+
+    def controlled(
+        self, recipe: Recipe, values: np.ndarray, usable: np.ndarray | None, why: str, session: Session
+    ) -> Recipe:
+        """With the sigma of `amount` (MJH17 section 4.4)."""
+        if self.amount is None:
+            return recipe
+        if self.sigma is not None:
+            raise ParameterError(f"amount={self.amount:g}: sigma={self.sigma:g} says it already")
+        palette = Palette(session.device, values, usable, recipe, session.budget, why)
+        scale = perceived_scale(palette, PALETTE, session.advance, scale_folder())
+        sigma = scale.sigma_at(self.amount)
+        log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
+        return replace(recipe, sigma=sigma)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """From sigmamap."""
         if self.sigmamap is None:
             return None
-        if self.sigma is not None:
-            raise ParameterError(f"sigma={self.sigma:g}: sigmamap says it already")
+        for name, value in (("sigma", self.sigma), ("amount", self.amount)):
+            if value is not None:
+                raise ParameterError(f"{name}={value:g}: sigmamap says it already")
         return sigmas_of(self.sigmamap, width, height)
 
 

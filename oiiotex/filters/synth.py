@@ -65,6 +65,9 @@ class Synth(Multiscale):
         None, ge=0, le=MOST_LEVEL, help="octaves below a pixel as large as the root; the finest that exemplars hold"
     )
     toroidal: bool = param(False, help="the result of that size tiles")
+    resume: bool = param(
+        False, help="keep finished pieces in OUT.parts until OUT is whole: a run that was killed goes on from there"
+    )
     stmap: bool | Path = param(False, help="1: source coordinates as parts of the result; a file name: there")
 
     def single(self, name: str) -> Graph:
@@ -82,14 +85,16 @@ class Synth(Multiscale):
         settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level)
         maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
         session.device.collect(session.stats)
-        states = States(session, maker, level, window, display or window)
+        key = plane.key(settings, level) if self.resume else ""
+        states = States(session, maker, level, window, display or window, key)
         spec = texture_spec(first.spec, states.display, states.place, self.toroidal)
         spec.attribute("oiiotex:level", level)
         spec.attribute("oiiotex:window", str(window))
         texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.spec.format)
         maps = self._maps(plane, states)
         if isinstance(self.stmap, Path):
-            write(Image(maps, str(self.stmap)), self.stmap, oiio.TypeDesc(oiio.FLOAT))
+            with session.keeping(self.stmap):
+                write(Image(maps, str(self.stmap)), self.stmap, oiio.TypeDesc(oiio.FLOAT))
             session.written.add(os.path.realpath(self.stmap))
         return Image((texture, *(maps if self.stmap is True else ())), self.source)
 
@@ -156,14 +161,16 @@ class Synth(Multiscale):
         found = [("st", names, coordinates)] + ([("transfer", ("R", "G", "B"), transfers)] if several else [])
         kind = oiio.TypeDesc(oiio.FLOAT)
         return tuple(
-            Part(name, _map_spec(states.place, channels), fetch, kind, exact=True) for name, channels, fetch in found
+            Part(name, _map_spec(states, channels), fetch, kind, exact=True) for name, channels, fetch in found
         )
 
 
-def _map_spec(place: Window, channels: tuple[str, ...]) -> oiio.ImageSpec:
-    spec = oiio.ImageSpec(place.width, place.height, len(channels), oiio.FLOAT)
-    spec.x = spec.full_x = place.left
-    spec.y = spec.full_y = place.top
+def _map_spec(states: States, channels: tuple[str, ...]) -> oiio.ImageSpec:
+    """Of a part beside the texture, in the same windows: files of several parts want that."""
+    spec = oiio.ImageSpec(states.place.width, states.place.height, len(channels), oiio.FLOAT)
+    spec.x, spec.y = states.place[:2]
+    spec.full_x, spec.full_y = states.display[:2]
+    spec.full_width, spec.full_height = states.display.width, states.display.height
     spec.channelnames = channels
     spec.attribute("oiio:ColorSpace", "data")
     return spec

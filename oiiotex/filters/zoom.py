@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar
@@ -32,7 +33,7 @@ class Zoom(Multiscale):
     A frame follows from its number alone, whichever others are rendered, and only what it shows is synthesized (HRRG08:
     Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). `--frames` says the number; on
     whole octaves a frame is a window of --texsynth of that level, between them the two levels around it are resampled
-    and blended. Without `graph` the top image is zoomed into for ever: one exemplar with an edge of r=3 to itself.
+    and blended. Without `graph` the top image is zoomed into for ever: one exemplar with an edge of r=1 to itself.
     """
 
     name: ClassVar[str] = "zoom"
@@ -50,11 +51,8 @@ class Zoom(Multiscale):
     size: Size | None = param(None, ge=1, le=1 << 16, unit="px", help="of the frame; the root's own when left out")
 
     def single(self, name: str) -> Graph:
-        """One exemplar in a loop, as long as its stack allows."""
-        assert self.exemplar is not None
-        spec = self.exemplar.first.spec
-        finest = min(spec.width, spec.height, self.side).bit_length() - 1
-        return Graph.loop(name, max(1, min(LOOP_R, finest - 3)))
+        """One exemplar with an edge to itself."""
+        return Graph.loop(name, LOOP_R)
 
     def compute(self, session: Session) -> Image:
         """The frame."""
@@ -66,7 +64,7 @@ class Zoom(Multiscale):
         zoom = self._zoom(plane)
         side = 1 << plane.finest
         at = tuple(Fraction(n) / side for n in self.at or (side / 2, side / 2))
-        if max(map(abs, at)) * 2 ** (int(zoom) + 1) > _FARTHEST:
+        if max(map(abs, at)) * 2 ** math.ceil(zoom) > _FARTHEST:
             raise ParameterError(f"at={self.at}: at {zoom:.6g} octaves it is more than 2^60 px away from 0,0")
         maker = Synthesizer(
             session.device, plane.analysis, plane.settings(seed=self.seed, lock=self.lock), session.budget

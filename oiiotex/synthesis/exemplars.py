@@ -8,7 +8,8 @@ A graph is a small JSON file (YAML where PyYAML is installed):
      "edges": [{"from": "land", "to": "river", "r": 2}],
      "jitter": [0, 0.6, 0.6], "seed": 7}
 
-`r` is log2 of how many times smaller a pixel of `to` is; `scale` says the ratio itself. `nodes` may stand for
+`r` is log2 of how many times smaller a pixel of `to` is; `scale` says the ratio itself, and `to` is resampled to the
+nearest power of two. Both together say to which, and `"resample": true` allows more than sqrt(2). `nodes` may stand for
 `exemplars`, and `title`, `note` and where a photo was taken from are passed over.
 """
 
@@ -24,10 +25,10 @@ from typing import Any, NamedTuple
 from ..errors import ImageError
 from ..params import nearest
 
-_TOP = ("exemplars", "nodes", "root", "edges", "jitter", "seed", "title", "note")
+_TOP = ("exemplars", "nodes", "root", "edges", "jitter", "seed", "resample", "title", "note")
 _NODE = ("id", "file", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
 _EDGE = ("from", "to", "r", "scale", "note", "to_origin_in_from_px")
-LOOP_R = 3  # of an exemplar to itself where nobody says it: with less the contrast of a long zoom fades sooner
+LOOP_R = 1  # of an exemplar to itself where nobody says it: with 3 flat parts fade later, but tile over and over
 _ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
 
 
@@ -51,7 +52,8 @@ class Graph:
     edges : tuple of Edge
         Those with r = 0 from an exemplar to itself, which HRRG08 implies, are left out.
     factors : tuple of float
-        How much larger each exemplar is to be resampled, so that all ratios are powers of two; within sqrt(2).
+        How much larger each exemplar is to be resampled, so that all ratios are powers of two; within sqrt(2) unless
+        the document asks for more.
     jitter : tuple of float or None
         rho by level; the last holds for all finer ones.
     seed : int or None
@@ -91,6 +93,17 @@ class Graph:
             return max((e.r + longest(e.destination, passed | {e.destination}) for e in onward), default=0)
 
         return longest(self.root, frozenset([self.root]))
+
+    def octaves(self) -> tuple[int, ...]:
+        """How many octaves each exemplar is below the root, by the first way that leads there."""
+        found, waiting = {self.root: 0}, [self.root]
+        while waiting:
+            at = waiting.pop(0)
+            for edge in self.edges:
+                if edge.source == at and edge.destination not in found:
+                    found[edge.destination] = found[at] + edge.r
+                    waiting.append(edge.destination)
+        return tuple(found[n] for n in range(len(self.names)))
 
     def require_levels(self, finest: int, where: str) -> None:
         """Refuse edges over more octaves than the stacks of 2^finest px exemplars overlap.
@@ -154,8 +167,11 @@ def parse_graph(document: Any, path: Path) -> Graph:
         raise ImageError(f"{where}: there is no exemplar")
     names, files = _exemplars(nodes, path)
     drawn = [_edge(found, names, where) for found in _listed(top, "edges", where)]
-    root = _root(top.get("root"), names, [(i, j) for i, j, _ in drawn], where)
-    edges, factors = _placed(drawn, root, names, where)
+    root = _root(top.get("root"), names, [(edge.source, edge.destination) for edge in drawn], where)
+    resample = top.get("resample", False)
+    if not isinstance(resample, bool):
+        raise ImageError(f"{where}: resample={resample}: allowed is true or false")
+    edges, factors = _placed(drawn, root, names, resample, where)
     seed = top.get("seed")
     if seed is not None and (not _whole(seed) or not 0 <= seed < 2**32):
         raise ImageError(f"{where}: seed={seed}: allowed is a whole number >= 0 and <= 4294967295")
@@ -196,8 +212,20 @@ def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Pat
     return tuple(names), tuple(files)
 
 
-def _edge(found: Any, names: tuple[str, ...], where: str) -> tuple[int, int, float]:
-    """(source, destination, log2 of the ratio of scales)."""
+class _Drawn(NamedTuple):
+    """An edge as a document says it."""
+
+    source: int
+    destination: int
+    ratio: float  # log2 of how many times smaller the pixels of the destination's file are
+    r: int | None  # what that is to become
+
+    def named(self, names: tuple[str, ...]) -> str:
+        """For messages."""
+        return f"edge {names[self.source]} -> {names[self.destination]}"
+
+
+def _edge(found: Any, names: tuple[str, ...], where: str) -> _Drawn:
     edge = _mapping(found, _EDGE, f"{where}: edge")
     ends = []
     for end in ("from", "to"):
@@ -205,18 +233,18 @@ def _edge(found: Any, names: tuple[str, ...], where: str) -> tuple[int, int, flo
             said = f"'{edge[end]}'" if end in edge else f"named by '{end}'"
             raise ImageError(f"{where}: edge {_said(edge)}: there is no exemplar {said}; there is {', '.join(names)}")
         ends.append(names.index(edge[end]))
-    if ("r" in edge) == ("scale" in edge):
-        raise ImageError(f"{where}: edge {_said(edge)}: either r or scale says how their pixels relate")
-    if "r" in edge:
-        if not _whole(edge["r"]) or edge["r"] < 0:
-            raise ImageError(
-                f"{where}: edge {_said(edge)}: r={edge['r']}: allowed is a whole number >= 0; a ratio is said by scale"
-            )
-        return ends[0], ends[1], float(edge["r"])
-    scale = edge["scale"]
+    if "r" not in edge and "scale" not in edge:
+        raise ImageError(f"{where}: edge {_said(edge)}: r or scale says how their pixels relate")
+    r, scale = edge.get("r"), edge.get("scale")
+    if "r" in edge and (not _whole(r) or r < 0):
+        raise ImageError(
+            f"{where}: edge {_said(edge)}: r={r}: allowed is a whole number >= 0; a ratio is said by scale"
+        )
+    if "scale" not in edge:
+        return _Drawn(ends[0], ends[1], float(r), None)
     if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 1 <= scale < 2**30:
         raise ImageError(f"{where}: edge {_said(edge)}: scale={scale}: allowed is a number >= 1")
-    return ends[0], ends[1], math.log2(scale)
+    return _Drawn(ends[0], ends[1], math.log2(scale), r)
 
 
 def _said(edge: dict[str, Any]) -> str:
@@ -258,7 +286,7 @@ def _reached(edges: Iterable[tuple[int, ...]], first: list[int]) -> set[int]:
 
 
 def _placed(
-    drawn: list[tuple[int, int, float]], root: int, names: tuple[str, ...], where: str
+    drawn: list[_Drawn], root: int, names: tuple[str, ...], resample: bool, where: str
 ) -> tuple[tuple[Edge, ...], tuple[float, ...]]:
     """Whole r for all edges, and how exemplars are resampled for it.
 
@@ -270,25 +298,34 @@ def _placed(
     waiting = [root]
     while waiting:
         at = waiting.pop(0)
-        for source, destination, ratio in drawn:
-            if source == at and destination not in octaves:
-                exact = octaves[at] - away[at] + ratio
-                octaves[destination] = math.floor(exact + 0.5)
-                away[destination] = octaves[destination] - exact
-                waiting.append(destination)
+        for edge in drawn:
+            to = edge.destination
+            if edge.source == at and to not in octaves:
+                exact = octaves[at] - away[at] + edge.ratio
+                octaves[to] = math.floor(exact + 0.5) if edge.r is None else octaves[at] + edge.r
+                away[to] = octaves[to] - exact
+                if abs(away[to]) > 0.5 + _ALIKE and not resample:
+                    raise ImageError(
+                        f"{where}: {edge.named(names)}: for r={edge.r} exemplar '{names[to]}' would be resampled"
+                        f' {2 ** away[to]:.4g} times, more than sqrt(2): say "resample": true, or a nearer r'
+                    )
+                waiting.append(to)
     edges = []
-    for source, destination, ratio in drawn:
-        exact = ratio + away[destination] - away[source]
+    for edge in drawn:
+        exact = edge.ratio + away[edge.destination] - away[edge.source]
         r = round(exact)
         if abs(exact - r) > _ALIKE:
             raise ImageError(
-                f"{where}: edge {names[source]} -> {names[destination]}: scale={2**ratio:.4g} is no power of two"
+                f"{where}: {edge.named(names)}: scale={2**edge.ratio:.4g} is no power of two"
                 " and closes a loop or a second way, so that no resampling makes it one"
             )
+        if edge.r not in (None, r):
+            raise ImageError(f"{where}: {edge.named(names)}: r={edge.r}, but by the other edges it is {r}")
         if r < 0:
-            raise ImageError(f"{where}: edge {names[source]} -> {names[destination]} leads to larger pixels")
-        if (source, r) != (destination, 0) and Edge(source, destination, r) not in edges:
-            edges.append(Edge(source, destination, r))
+            raise ImageError(f"{where}: {edge.named(names)} leads to larger pixels")
+        found = Edge(edge.source, edge.destination, r)
+        if found != Edge(edge.source, edge.source, 0) and found not in edges:
+            edges.append(found)
     factors = tuple(1.0 if abs(away[n]) < _ALIKE else 2.0 ** away[n] for n in range(len(names)))
     return tuple(edges), factors
 

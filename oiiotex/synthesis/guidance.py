@@ -7,11 +7,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from ..device import Buffers, Device
 from ..images import resized
-from .histograms import OUTSIDE, Projection
+from .histograms import OUTSIDE
 from .patchmatch import Geometry, pack, to_grid, unpack
+from .projections import Projecting
 
 _SHARES = 256  # whole-number weights of a blend, so that it has the same bits everywhere
 
@@ -91,6 +93,12 @@ class Guidance:
 NOTHING = Guidance()
 
 
+def ease_from(free: np.ndarray, distance: float) -> np.ndarray:
+    """How strongly free pixels are changed: 0 beside pixels that stay, 255 at a distance; (height, width) uint8."""
+    away = ndimage.distance_transform_edt(free) if not free.all() else np.full(free.shape, np.inf)
+    return np.rint(255 * np.clip(away / distance, 0.0, 1.0)).astype(np.uint8)
+
+
 def octaves(sigmas: np.ndarray) -> list[float]:
     """The sigmas of the projections that a map of sigmas is blended from: its range in steps of an octave at most."""
     low, high = float(sigmas.min()), float(sigmas.max())
@@ -109,13 +117,14 @@ class VaryingProjection:
     device : Device
     buffers : Buffers
         With the memory of all projections.
-    projections : list of Projection
+    projections : list of Projecting
         With sigmas as by `octaves`.
     sigmas : (height, width) float32
     """
 
-    def __init__(self, device: Device, buffers: Buffers, projections: list[Projection], sigmas: np.ndarray):
+    def __init__(self, device: Device, buffers: Buffers, projections: list[Projecting], sigmas: np.ndarray):
         self._device, self._buffers, self._projections, self._shape = device, buffers, projections, sigmas.shape
+        self.channels = projections[0].channels
         span = math.log(float(sigmas.max()) / float(sigmas.min()))
         place = np.log(sigmas / sigmas.min()) * ((len(projections) - 1) / max(span, 1e-9))
         self._shares = [
@@ -128,8 +137,7 @@ class VaryingProjection:
         total, weight = np.int32(0), np.int32(0)
         for projection, share in zip(self._projections, self._shares, strict=True):
             projection.project(image, matched, strength)
-            channels = projection.channels
-            found = self._device.read(self._buffers[matched], (*self._shape, channels), np.int16)
+            found = self._device.read(self._buffers[matched], (*self._shape, self.channels), np.int16)
             total, weight = total + share[..., None] * found.astype(np.int32), weight + share
         weight = weight[..., None]
         blended = (2 * total + weight) // (2 * weight)  # halves go up

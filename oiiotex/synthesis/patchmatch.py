@@ -307,6 +307,11 @@ class Matcher:
         g, b = self.geometry, self._buffers
         self._run("hold", (g.width * g.height,), b["held"], b["image"], g.width * g.height)
 
+    def ease(self, changed: str) -> None:
+        """Bring buffer `changed` back to `image` where buffer `ease`, a byte for each pixel, says less than 255."""
+        g, b = self.geometry, self._buffers
+        self._run("ease", (g.width * g.height,), b["image"], b[changed], b["ease"], g.width * g.height)
+
     def pick(self) -> np.ndarray:
         """The exemplar pixel with the most votes for every target pixel: (height, width) uint32 of packed (y, x)."""
         g, b = self.geometry, self._buffers

@@ -7,13 +7,15 @@ pixels with their offset on them (`Plane.pixels`).
 
 from __future__ import annotations
 
+import hashlib
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 
+from .. import __version__
 from ..files import read
 from ..images import Image
 from ..session import Session
@@ -84,6 +86,16 @@ class Plane:
             around=around,
             around_level=around_level,
         )
+
+    def key(self, settings: Settings, level: int) -> str:
+        """What texels and offsets of a level follow from, as a word: another graph, seed or version has another."""
+        arrays = (getattr(self.analysis, f.name) for f in fields(self.analysis))
+        seen = hashlib.blake2b(repr((__version__, self.analysis.stacks.levels, settings, level)).encode())
+        for array in (*arrays, self.analysis.stacks.planes):
+            if isinstance(array, np.ndarray):
+                seen.update(repr((array.shape, array.dtype)).encode())
+                seen.update(np.ascontiguousarray(array))
+        return seen.hexdigest()
 
     def pixels(self, state: State) -> np.ndarray:
         """What pixels look like: (height, width, channels) of the root's pixel type.
@@ -172,9 +184,18 @@ def opened(
         exemplars, lens = load_exemplars(images, graph.factors, config, session.autocc, side, graph.root)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
-    analysis = _analysed(session, graph, exemplars, finest, dims, correct)
-    _report_shares(graph, analysis)
+    key = _digest(graph, exemplars, dims, correct)
+    analysis = session.once(key, lambda: _analysed(session, graph, exemplars, finest, dims, correct))
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
+
+
+def _digest(graph: Graph, exemplars: tuple[Exemplar, ...], *more: object) -> str:
+    """What an analysis follows from, as a word."""
+    seen = hashlib.blake2b(repr((graph, more)).encode())
+    for exemplar in exemplars:
+        for array in (exemplar.values, exemplar.opaque):
+            seen.update(b"" if array is None else np.ascontiguousarray(array))
+    return seen.hexdigest()
 
 
 def _analysed(
@@ -197,7 +218,9 @@ def _analysed(
         loops = [n for n in range(len(exemplars)) if graph.in_loop(n)]
         stacks = Stacks(levels, planes, usable, lively_texels(levels, planes, loops) if loops else None)
     folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
-    return analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    found = analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    _report_shares(graph, found)
+    return found
 
 
 def _report_shares(graph: Graph, analysis: Analysis) -> None:
@@ -224,10 +247,13 @@ class States:
     """Pixels of a level as texels and offsets, made in cells that are kept for a while.
 
     `place` and `display` are in an image's own coordinates, which begin at 0 where the plane's do not fit 32 bits.
+    With a `key` (`Plane.key`) cells are also kept beside the file that is being written, for a run that goes on.
     """
 
-    def __init__(self, session: Session, maker: Synthesizer, level: int, window: Window, display: Window):
-        self._session, self._maker, self._level = session, maker, level
+    def __init__(
+        self, session: Session, maker: Synthesizer, level: int, window: Window, display: Window, key: str = ""
+    ):
+        self._session, self._maker, self._level, self._key = session, maker, level, key
         near = max(map(abs, display)) < _FARTHEST
         self._shift = (0, 0) if near else (display.left, display.top)
         self.place, self.display = (w.shifted(-self._shift[0], -self._shift[1]) for w in (window, display))
@@ -237,14 +263,19 @@ class States:
 
     def read(self, window: Window) -> State:
         """The pixels of a window."""
-        packed = assembled(
-            window, self._cell, self.place, lambda at: self._session.cache.get((self, at), lambda: self._made(at))
-        )
+        cache = self._session.cache
+        packed = assembled(window, self._cell, self.place, lambda at: cache.get((self, at), lambda: self._kept(at)))
         texel = np.ascontiguousarray(packed[..., :2]).view(np.uint32)[..., 0]
         return State(texel, packed[..., 2:])
 
-    def _made(self, place: Window) -> np.ndarray:
+    def _kept(self, place: Window) -> np.ndarray:
         """(height, width, 6) int16: a texel number in two halves, an offset."""
-        state = self._maker.window(self._level, place.shifted(*self._shift))
+        window, keeper = place.shifted(*self._shift), self._session.keeper
+        if keeper is None or not self._key:
+            return self._made(window)
+        return keeper.piece(self._key, window, lambda: self._made(window))
+
+    def _made(self, window: Window) -> np.ndarray:
+        state = self._maker.window(self._level, window)
         self._session.device.collect(self._session.stats)  # now: a stream would hold the events of all its cells
         return np.concatenate([np.ascontiguousarray(state.texel)[..., None].view(np.int16), state.offset], -1)

@@ -213,7 +213,8 @@ def shown_level(exemplar: Exemplar, level: int, finest: int) -> np.ndarray:
     if level == finest:
         return exemplar.pixels
     return in_type(
-        blurred(as_float(exemplar.pixels), sigma_of(level, finest)).astype(np.float32), exemplar.pixels.dtype
+        blurred(as_float(exemplar.pixels), sigma_of(level, finest), exemplar.opaque).astype(np.float32),
+        exemplar.pixels.dtype,
     )
 
 

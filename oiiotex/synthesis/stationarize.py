@@ -22,8 +22,8 @@ import numpy as np
 from ..device import Buffers, Device
 from ..errors import ImageError
 from ..images import resized
-from .guidance import NOTHING, Guidance, VaryingProjection, coarse_image, coarse_mask, octaves
-from .histograms import OUTSIDE, Cells, Projection, apply_table, matching_table, value_counts
+from .guidance import NOTHING, Guidance, VaryingProjection, coarse_image, coarse_mask, ease_from, octaves
+from .histograms import OUTSIDE, Cells, apply_table, matching_table, value_counts
 from .patchmatch import (
     SEARCHES,
     Geometry,
@@ -34,6 +34,7 @@ from .patchmatch import (
     to_grid,
     upsample_field,
 )
+from .projections import Projecting, layout, projection
 
 SCALE = 1.3  # between pyramid levels (section 4.2)
 COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
@@ -41,6 +42,7 @@ FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
 FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
+EASE = 2.0  # patches away from pixels that stay: how far in the projection begins to have its full strength
 ENOUGH = 0.25  # of the finest level's share of whole patches: what a coarse level must have to be of use
 
 
@@ -70,6 +72,10 @@ class Recipe:
         the coarsest level, as in the paper.
     coarsest : float
         Scale of the coarsest level at least; the paper's 1/4.
+    measure : str
+        What must look the same everywhere: histogram, moments or steerable (MJH17 section 3).
+    order : int
+        Moments up to this one, 2 to 4.
     """
 
     width: int
@@ -84,6 +90,8 @@ class Recipe:
     contrast: float
     flat: bool
     coarsest: float = 0.25
+    measure: str = "histogram"
+    order: int = 2
 
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""
@@ -173,8 +181,8 @@ def synthesize(
     what = f"a tile of {recipe.width}x{recipe.height} from an exemplar of {exemplar.shape[1]}x{exemplar.shape[0]}"
     done, field, coarser = 0, None, None
     held = guidance.held
-    layout = _layout(recipe, geometries, scales, guidance)
-    with Buffers(device, layout, budget, what, held=2 * exemplar.nbytes) as buffers:
+    needed = _layout(recipe, geometries, scales, guidance)
+    with Buffers(device, needed, budget, what, held=2 * exemplar.nbytes) as buffers:
         for geometry, scale in zip(geometries, scales, strict=True):
             e_size = geometry.exemplar_width, geometry.exemplar_height
             image = to_grid(coarse_image(exemplar, allowed, *e_size), recipe.patch)
@@ -244,14 +252,18 @@ class _Level:
     ):  # fmt: skip
         self._device, self._buffers, self._matcher, self._recipe = device, buffers, matcher, recipe
         self._free = None if held is None else held[..., 0] == OUTSIDE
-        if held is not None:
-            device.write(buffers["held"], held)
         g = self._geometry = matcher.geometry
         self._usable = usable
         values = self._counted(exemplar)
         self._low, self._high = values.min(axis=0), values.max(axis=0)
         self._first = int(self._low.min())
         self._entries = int(self._high.max()) - self._first + 1
+        if held is not None:  # what no patch can show would only push the others away
+            held = np.where(self._free[..., None], OUTSIDE, np.clip(held, self._low, self._high)).astype(np.int16)
+            device.write(buffers["held"], held)
+            ease = ease_from(self._free, EASE * recipe.patch)
+            device.write(buffers["ease"], ease)
+            self._ease = ease[..., None].astype(np.int32)
         sigma = None if recipe.sigma is None else recipe.sigma * scale
         if recipe.contrast > 0:
             if held is not None and guidance.held.is_goal and not self._free.all():
@@ -259,7 +271,7 @@ class _Level:
             else:
                 goal = self._counted(self._goal_image(exemplar, sigma))
             self._goal = value_counts(goal, self._first, self._entries)
-        self._projection: Projection | VaryingProjection | None = None
+        self._projection: Projecting | None = None
         target = g.width, g.height
         if guidance.sigmas is not None:
             sigmas = np.exp(resized(np.log(guidance.sigmas)[..., None], *target)[..., 0]) * np.float32(scale)
@@ -268,9 +280,10 @@ class _Level:
         elif sigma is not None:
             self._projection = self._projected(*target, sigma, g.wrap_x, g.wrap_y)
 
-    def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projection:
-        cells = Cells.of(width, height, sigma)
-        return Projection(self._device, self._buffers, cells, sigma, self._low, self._high, wrap_x, wrap_y)
+    def _projected(self, width: int, height: int, sigma: float, wrap_x: bool, wrap_y: bool) -> Projecting:
+        cells, recipe = Cells.of(width, height, sigma), self._recipe
+        what = self._device, self._buffers, cells, sigma, self._low, self._high, wrap_x, wrap_y
+        return projection(recipe.measure, recipe.order, *what)
 
     def _goal_image(self, exemplar: np.ndarray, sigma: float | None) -> np.ndarray:
         """The image whose histogram is aimed at."""
@@ -292,9 +305,10 @@ class _Level:
         self._matcher.vote()
         self._hold()
         self._match_histogram(self._recipe.alpha(iteration))
-        self._hold()
         if self._projection is not None:
             self._projection.project("image", "matched", OVERSHOOT)
+            if self._free is not None:
+                self._matcher.ease("matched")
             self._buffers.swap("image", "matched")
             self._hold()
         self._matcher.improve(passes, iteration)
@@ -308,18 +322,22 @@ class _Level:
             return
         g = self._geometry
         image = self._device.read(self._buffers["image"], (g.height, g.width, g.channels), np.int16)
-        image = image if self._free is None else image[self._free]
-        table = matching_table(value_counts(image, self._first, self._entries), self._goal, self._first, alpha)
-        apply_table(self._device, self._buffers, "image", g.width * g.height, table, self._first)
+        counted = image if self._free is None else image[self._free]
+        table = matching_table(value_counts(counted, self._first, self._entries), self._goal, self._first, alpha)
+        if self._free is None:
+            apply_table(self._device, self._buffers, "image", g.width * g.height, table, self._first)
+        else:  # eased as the projection is
+            far = table[np.arange(g.channels), image - np.int32(self._first)] - image.astype(np.int32)
+            self._device.write(self._buffers["image"], (image + far * self._ease // 255).astype(np.int16))
 
 
 def _layout(
     recipe: Recipe, geometries: list[Geometry], scales: list[float], guidance: Guidance = NOTHING
 ) -> dict[str, int]:
     """Device memory that every level fits into; `image` and `matched` change places, so they are of one size."""
-    layout = geometries[-1].layout()
+    needed = geometries[-1].layout()
     if guidance.held is not None:
-        layout["held"] = layout["image"]
+        needed |= {"held": needed["image"], "ease": recipe.width * recipe.height}
     for geometry, scale in zip(geometries, scales, strict=True):
         if recipe.sigma is None:
             break
@@ -328,7 +346,7 @@ def _layout(
         if recipe.contrast > 0 and recipe.flat:
             sizes.append((geometry.exemplar_width, geometry.exemplar_height, recipe.sigma * scale))
         for size in sizes:
-            for name, need in Cells.of(*size).layout(geometry.channels).items():
-                layout[name] = max(layout.get(name, 0), need)
-    layout["image"] = max(layout["image"], layout.get("matched", 0))
-    return layout
+            for name, need in layout(recipe.measure, Cells.of(*size), geometry.channels).items():
+                needed[name] = max(needed.get(name, 0), need)
+    needed["image"] = max(needed["image"], needed.get("matched", 0))
+    return needed

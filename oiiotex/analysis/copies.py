@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
 BLOCK = 8  # px
 REGION = 32  # px, a side of what is seen again
@@ -43,6 +43,23 @@ def copies(made: np.ndarray, exemplar: np.ndarray) -> Copies:
     exact = float((source >= 0).mean())
     _fill_near(source, made, exemplar)
     return Copies(exact, float((source >= 0).mean()), *most_shown(source, exemplar.shape[:2]))
+
+
+def copies_by_source(y: np.ndarray, x: np.ndarray, size: tuple[int, int]) -> Copies:
+    """Of an image whose pixels are known to be those at (y, x) of an exemplar of `size` (height, width).
+
+    What lies in some block that is copied in one piece is exact; nothing is merely near.
+    """
+    moved = y - np.arange(y.shape[0])[:, None], x - np.arange(x.shape[1])[None, :]
+    most, least = ([f(m, BLOCK, mode="nearest") for m in moved] for f in (maximum_filter, minimum_filter))
+    whole = (most[0] == least[0]) & (most[1] == least[1])
+    # the filters' window of an even side begins half of it before its pixel; blocks are inside the image
+    half = BLOCK // 2
+    inside = np.zeros_like(whole)
+    inside[half : whole.shape[0] - half + 1, half : whole.shape[1] - half + 1] = True
+    covered = maximum_filter(whole & inside, BLOCK, origin=-1, mode="constant")
+    source = np.where(covered, y * size[1] + x, -1)
+    return Copies(*[float(covered.mean())] * 2, *most_shown(source, size))
 
 
 def most_shown(source: np.ndarray, size: tuple[int, int]) -> tuple[float, float]:

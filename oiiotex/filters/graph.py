@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texgraph: a first exemplar graph from photos, and graphs as pictures (HRRG08 section 3.1)."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import OpenImageIO as oiio
+
+from ..color import as_float
+from ..errors import ImageError, ParameterError
+from ..files import read
+from ..images import Image, Part, cropped, derived_spec, dtype_of, from_pixels, resized
+from ..op import Op, Output, Reach, Space
+from ..params import Numbers, Parameter, image, param
+from ..session import Session
+from ..synthesis.exemplars import LOOP_R, Graph, parse_graph
+from ..synthesis.planes import graph_images
+from ..tiles import bands
+from ..windows import Window
+from ..working import in_type
+from ..writing import write
+from .graphview import Node, drawn_graph
+from .label import write_json
+from .labelview import TAG, sampled, shown_pixels
+
+log = logging.getLogger("oiiotex")
+
+_OCTAVES = 3  # between photos, where nobody says it
+_LEAST = 16  # px; an exemplar's side
+_KEPT = (".exr", ".tif", ".tiff", ".png")  # formats that hold what they are given
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExemplarGraph(Op):
+    """Make a first exemplar graph from photos, coarsest first, or from one; draw a graph as a picture.
+
+    Several photos become a chain: each is finer than the one before by `scale`. One photo gets an edge to itself, a
+    zoom without end; with `scales` a chain of exemplars is cut out of it, from the whole, reduced, down to a piece at
+    full size. json=FILE is the document for --texsynth and --texzoom, to be edited at will; the files that it names
+    are looked up beside it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, section
+    3.1, figures 8 and 9). The picture shows exemplars by their octaves, with r at the edges.
+    """
+
+    name: ClassVar[str] = "graph"
+    reach: ClassVar[Reach] = Reach.GLOBAL
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (Output("picture", "8-bit sRGB: exemplars and edges"),)
+
+    photos: tuple[Image, ...] = image(help="the photos, coarsest first; none is taken where graph says them")
+    graph: Path | None = param(None, help="draw this graph, JSON or YAML, instead of making one")
+    json: Path | None = param(None, help="the graph goes to this file")
+    scale: Numbers | None = param(
+        None, ge=1, help="how many times smaller the pixels of each photo are than those before, or one for all; 8"
+    )
+    loop: int | None = param(
+        None, ge=0, le=7, help="r of an edge from the last exemplar to itself; 0: none; 1 for one photo, else 0"
+    )
+    scales: int = param(1, ge=1, le=16, help="cut so many exemplars out of one photo, scale apart (2): written by json")
+    side: int = param(256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="of an exemplar, at most")
+    thumb: int = param(128, ge=32, le=512, unit="px", help="side of an exemplar in the picture")
+
+    @classmethod
+    def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
+        """No image where a graph says which."""
+        return () if values.get("graph") else cls.images()
+
+    @classmethod
+    def arity(cls, values: dict[str, Any], depth: int) -> int:
+        """All there are, or none."""
+        return max(1, depth) if cls.taken(values) else 0
+
+    def compute(self, session: Session) -> Image:
+        """The picture; the document is written."""
+        if self.graph is not None:
+            graph, images = graph_images(self.graph, session)
+            return self._picture(graph, images, str(self.graph), session)
+        photos = self.photos or ()
+        if not photos:
+            raise ParameterError(f"{self.name}: takes an image or more, or graph=FILE")
+        self._require_free(photos)
+        if self.scales > 1:
+            photos = self._cut(photos, session)
+        document = self._document(photos)
+        graph = parse_graph(document, self.json or Path("graph"))
+        graph.require_levels(_common_side(photos, graph.factors, self.side).bit_length() - 1, str(self.json or "graph"))
+        if self.json is not None:
+            for photo in photos:
+                _require_written(photo, session)
+            write_json(self.json, document, session)
+        return self._picture(graph, photos, photos[0].source, session)
+
+    def _require_free(self, photos: Sequence[Image]) -> None:
+        """Refuse to write over a photo; photos of one graph have the same channels."""
+        for photo in photos:
+            if self.json is not None and os.path.realpath(self.json) == os.path.realpath(photo.source):
+                raise ParameterError(f"json={self.json} would overwrite a photo")
+            mine, wanted = (",".join(p.first.spec.channelnames) for p in (photo, photos[0]))
+            if mine != wanted:
+                raise ImageError(
+                    f"{photo.source} has channels {mine}, {photos[0].source} has {wanted}: take alike ones"
+                )
+
+    # --- the document ---
+
+    def _document(self, photos: Sequence[Image]) -> dict[str, Any]:
+        """The graph as it is written: a chain, and perhaps a loop at its end."""
+        highest = max(1, _common_side(photos, [1.0] * len(photos), self.side).bit_length() - 4)  # r_max = L - 3
+        usual = 1 if self.scales > 1 else min(_OCTAVES, highest)
+        given = tuple(self.scale or ())
+        if not given and len(photos) > 1 and self.scales == 1:
+            log.warning("%s: scale is not said: each photo is taken to be %d times finer than the one before",
+                        self.name, 2**usual)  # fmt: skip
+        if len(given) not in (0, 1, len(photos) - 1):
+            raise ParameterError(f"scale={self.scale}: allowed is one number, or {len(photos) - 1} for as many edges")
+        ratios = given if len(given) > 1 else (given or (2.0**usual,)) * (len(photos) - 1)
+        names = _names(photos)
+        edges = [{"from": a, "to": b, **_relation(q)} for a, b, q in zip(names, names[1:], ratios, strict=False)]
+        loop = self.loop if self.loop is not None else LOOP_R if len(photos) == 1 else 0
+        if loop:
+            edges.append({"from": names[-1], "to": names[-1], "r": loop})
+        folder = self.json.parent if self.json is not None else Path()
+        files = [os.path.relpath(photo.source, folder) for photo in photos]
+        nodes = [{"id": name, "file": file} for name, file in zip(names, files, strict=True)]
+        return {"exemplars": nodes, "root": names[0], "edges": edges, "seed": 0}
+
+    # --- one photo at several scales ---
+
+    def _cut(self, photos: Sequence[Image], session: Session) -> tuple[Image, ...]:
+        """Exemplars around the photo's centre, from the whole of it, reduced, to a piece at full size."""
+        if len(photos) != 1:
+            raise ParameterError(f"scales={self.scales}: there are {len(photos)} photos; it cuts one")
+        step = (self.scale or Numbers([2.0]))[0]
+        if len(self.scale or (2,)) != 1 or math.frexp(step)[0] != 0.5 or step < 2:
+            raise ParameterError(f"scale={self.scale}: with scales allowed is one power of two >= 2")
+        (photo,), factors = photos, [int(step) ** n for n in range(self.scales - 1, -1, -1)]
+        shorter = min(photo.first.spec.width, photo.first.spec.height)
+        side = min(self.side, 1 << max(0, (shorter // factors[0]).bit_length() - 1))
+        if side < _LEAST:
+            raise ParameterError(
+                f"scales={self.scales}: reduced {factors[0]} times {photo.source} is {shorter // factors[0]} px wide or"
+                f" high; an exemplar has {_LEAST} or more"
+            )
+        if self.json is None:  # only to be looked at
+            return tuple(_reduced(photo, factor, side, "") for factor in factors)
+        suffix = Path(photo.source).suffix.lower()
+        if suffix not in _KEPT:
+            suffix = ".png" if np.dtype(dtype_of(photo.first.spec)).kind in "ui" else ".exr"
+        found = []
+        for factor in factors:
+            path = self.json.with_name(f"{self.json.stem}_{factor}{suffix}")
+            if os.path.realpath(path) == os.path.realpath(photo.source):
+                raise ParameterError(f"scales={self.scales}: {path} would overwrite the photo")
+            write(_reduced(photo, factor, side, str(path)), path)
+            session.written.add(os.path.realpath(path))
+            found.append(read(path, session.cache))
+        return tuple(found)
+
+    # --- the picture ---
+
+    def _picture(self, graph: Graph, images: Sequence[Image], name: str, session: Session) -> Image:
+        side = _common_side(images, graph.factors, self.side)
+        nodes = [
+            Node(label, octave, _thumbnail(given, round(side / factor), self.thumb, session))
+            for label, octave, given, factor in zip(graph.names, graph.octaves(), images, graph.factors, strict=True)
+        ]
+        sheet = drawn_graph(nodes, graph.edges, graph.root)
+        spec = oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8)
+        spec.attribute(TAG, "srgb_rec709_scene")
+        spec.attribute("oiio:subimagename", "picture")
+        return Image((from_pixels("picture", sheet, spec, spec.format),), name)
+
+
+def _common_side(images: Sequence[Image], factors: Sequence[float], most: int) -> int:
+    """The side of all exemplars, a power of two."""
+    shorter = [
+        (round(min(i.first.spec.width, i.first.spec.height) * f), i.source)
+        for i, f in zip(images, factors, strict=True)
+    ]
+    least, source = min(shorter)
+    if least < _LEAST:
+        raise ImageError(f"{source} is {least} px wide or high: an exemplar has {_LEAST} or more")
+    return 1 << (min(least, most).bit_length() - 1)
+
+
+def _names(photos: Sequence[Image]) -> list[str]:
+    """A name for each, after its file."""
+    found: list[str] = []
+    for photo in photos:
+        stem = Path(photo.source).stem or "photo"
+        found.append(next(n for n in (stem, *(f"{stem}-{k}" for k in range(2, len(photos) + 2))) if n not in found))
+    return found
+
+
+def _relation(ratio: float) -> dict[str, Any]:
+    """`r` where it is whole, else the ratio."""
+    octaves = math.log2(ratio)
+    return {"r": int(octaves)} if octaves.is_integer() else {"scale": ratio}
+
+
+def _require_written(photo: Image, session: Session) -> None:
+    """Refuse an image that is not what the file of its name holds: the graph will be read from there."""
+    if not os.path.isfile(photo.source):
+        raise ImageError(f"{photo.source} is no file, which the graph could name: write it first")
+    mine, held = photo.first, read(photo.source, session.cache).first
+    alike = (mine.window.width, mine.window.height, mine.spec.nchannels, str(mine.spec.format)) == (
+        held.window.width, held.window.height, held.spec.nchannels, str(held.spec.format))  # fmt: skip
+    x, y = held.window.left - mine.window.left, held.window.top - mine.window.top
+    if not alike or not all(np.array_equal(mine.read(b), held.read(b.shifted(x, y)), equal_nan=True)
+                            for b in bands(mine)):  # fmt: skip
+        raise ImageError(f"{photo.source} was changed since it was read, and the graph names the file: write it first")
+
+
+def _reduced(photo: Image, factor: int, side: int, name: str) -> Image:
+    """A square around the photo's centre, `factor` times reduced by means of squares of pixels."""
+    part, whole = photo.first, photo.first.window
+    left, top = (whole.left + (whole.width - side * factor) // 2, whole.top + (whole.height - side * factor) // 2)
+    dtype = np.dtype(dtype_of(part.spec))
+    pixels = np.empty((side, side, part.spec.nchannels), dtype)
+    for row in range(side):
+        band = part.read(Window.sized(left, top + row * factor, side * factor, factor))
+        cells = as_float(band).reshape(factor, side, factor, -1)
+        pixels[row] = in_type(cells.mean((0, 2), dtype=np.float64).astype(np.float32)[None], dtype)[0]
+    spec = derived_spec(part.spec, side, side)
+    stem = f"{Path(photo.source).stem}_{factor}"
+    return Image((from_pixels(part.name, pixels, spec, part.spec.format),), name or stem)
+
+
+def _thumbnail(given: Image, side: int, shown: int, session: Session) -> np.ndarray:
+    """The square in the middle as synthesis takes it, small: (shown, shown, 3) float sRGB."""
+    part, whole = given.first, given.first.window
+    left, top = whole.left + (whole.width - side) // 2, whole.top + (whole.height - side) // 2
+    square: Part = cropped(part, Window.sized(left, top, side, side))
+    pixels = shown_pixels(sampled(square, max(1, side // (4 * shown))), part, session)
+    return np.clip(resized(pixels.astype(np.float32), shown, shown), 0, 1)

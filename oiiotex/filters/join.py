@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texjoin: shares of an image, rendered apart, put together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import ImageError
+from ..images import Image, Part, derived_spec, dtype_of
+from ..op import Op, Output, Reach, Space
+from ..params import image
+from ..session import Session
+from ..tiles import bands
+from ..windows import Window
+
+_APART = ("tiles", "window", "resume", "graph", "stmap")  # what shares of one image may be told differently
+_SHARE = re.compile(r"(?:^|:)tiles=(\d+)/(\d+)(?:$|:)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Join(Op):
+    """Put the shares of an image together, as a farm has rendered them: the same pixels as of one run.
+
+    Takes all images of the stack, in any order: crops in one display window, as --texsynth:tiles=1/8 to tiles=8/8
+    makes them. They must cover it. Where they overlap they must be equal, and they must have the same channels,
+    pixel type and parts; what does not fit is refused by name.
+    """
+
+    name: ClassVar[str] = "join"
+    copies: ClassVar[bool] = True
+    reach: ClassVar[Reach] = Reach.POINT
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (Output("joined", "all parts of the shares, whole"),)
+
+    shares: tuple[Image, ...] = image(help="the shares, in any order")
+
+    @classmethod
+    def arity(cls, values: dict[str, Any], depth: int) -> int:
+        """All there are."""
+        return max(1, depth)
+
+    def compute(self, session: Session) -> Image:
+        """The whole; pixels are read when they are asked for, but where shares overlap."""
+        first = self.shares[0]
+        for share in self.shares[1:]:
+            _require_alike(share, first)
+        parts = [_Joined(self.shares, n).part() for n in range(len(first.parts))]
+        return Image(tuple(parts), first.source)
+
+
+def _require_alike(share: Image, first: Image) -> None:
+    """Refuse a share of another image."""
+
+    def differ(what: str, mine: object, wanted: object) -> None:
+        if mine != wanted:
+            raise ImageError(
+                f"{share.source} has {what} {mine}, {first.source} has {wanted}: shares of one image are alike"
+            )
+
+    differ("the parts", ",".join(p.name for p in share.parts), ",".join(p.name for p in first.parts))
+    for part, wanted in zip(share.parts, first.parts, strict=True):
+        differ("channels", ",".join(part.spec.channelnames), ",".join(wanted.spec.channelnames))
+        differ("pixels of type", str(part.spec.format), str(wanted.spec.format))
+        differ("the display window", str(Window.display(part.spec)), str(Window.display(wanted.spec)))
+    mine, wanted_words = _said(share), _said(first)
+    for name in mine.keys() & wanted_words.keys():
+        differ("been made with", f"{name}={mine[name]}", f"{name}={wanted_words[name]}")
+
+
+def _said(share: Image) -> dict[str, str]:
+    """By which parameters a share says that it was made, less those in which shares may differ."""
+    words = share.first.spec.get_string_attribute("oiiotex:parameters").split(":")
+    given = dict(word.partition("=")[::2] for word in words if "=" in word)
+    return {name: value for name, value in given.items() if name not in _APART}
+
+
+class _Joined:
+    """A part of all shares."""
+
+    def __init__(self, shares: Sequence[Image], number: int):
+        self._shares = shares
+        self._parts = [share.parts[number] for share in shares]
+        windows = [part.window for part in self._parts]
+        self._whole = Window.display(self._parts[0].spec)
+        for window in windows:
+            self._whole |= window
+        gap = first_gap(self._whole, windows)
+        if gap is not None:
+            raise ImageError(f"{_missing(shares)}{gap} of {self._whole} is in none of the {len(shares)} images")
+        for n, part in enumerate(self._parts):
+            for m in range(n):
+                self._require_equal(m, n, part.window & windows[m])
+
+    def _require_equal(self, m: int, n: int, shared: Window) -> None:
+        """Refuse shares that say different things of the same pixels."""
+        if shared.empty:
+            return
+        a, b = self._parts[m], self._parts[n]
+        for band in shared.cells(shared.width, next(iter(bands(replace(a, spec=shared.apply_to(a.spec))))).height):
+            unlike = (a.read(band).view(np.uint8) != b.read(band).view(np.uint8)).any(-1)
+            if unlike.any():
+                y, x = (int(at[0]) for at in np.nonzero(unlike))
+                names = f"{self._shares[m].source} and {self._shares[n].source}"
+                raise ImageError(
+                    f"{names} overlap in {shared} and differ there, first at {band.left + x},{band.top + y}"
+                )
+
+    def part(self) -> Part:
+        """The whole."""
+        first, whole, dtype = self._parts[0], self._whole, dtype_of(self._parts[0].spec)
+
+        def fetch(window: Window) -> np.ndarray:
+            out = np.empty((window.height, window.width, first.spec.nchannels), dtype)
+            for part in self._parts:
+                shared = window & part.window
+                if not shared.empty:
+                    out[shared.inside(window)] = part.read(shared)
+            return out
+
+        spec = whole.apply_to(derived_spec(first.spec))
+        spec.tile_width, spec.tile_height = first.spec.tile_width, first.spec.tile_height
+        spec.erase_attribute("oiiotex:window")
+        ready = all(part.ready for part in self._parts)
+        return replace(first, spec=spec, fetch=fetch, ready=ready, levels=())
+
+
+def first_gap(whole: Window, windows: Sequence[Window]) -> Window | None:
+    """The topmost part of a window that no other covers; None where they cover it."""
+    xs = sorted({whole.left, whole.right, *(x for w in windows for x in (w.left, w.right))})
+    ys = sorted({whole.top, whole.bottom, *(y for w in windows for y in (w.top, w.bottom))})
+    covered = np.zeros((len(ys) - 1, len(xs) - 1), bool)
+    for w in windows:
+        covered[ys.index(w.top) : ys.index(w.bottom), xs.index(w.left) : xs.index(w.right)] = True
+    if covered.all():
+        return None
+    rows, columns = list(pairwise(ys)), list(pairwise(xs))
+    row = int(np.flatnonzero(~covered.all(1))[0])
+    begin = int(np.flatnonzero(~covered[row])[0])
+    end = begin + int(np.argmax(np.append(covered[row, begin:], True)))
+    last = row + int(np.argmax(np.append(covered[row:, begin:end].any(1), True)))
+    return Window(columns[begin][0], rows[row][0], columns[end - 1][1], rows[last - 1][1])
+
+
+def _missing(shares: Sequence[Image]) -> str:
+    """Which shares are missing, where those that are there say how many there should be."""
+    found = [_SHARE.search(share.first.spec.get_string_attribute("oiiotex:parameters")) for share in shares]
+    there = {(int(match[1]), int(match[2])) for match in found if match}
+    counts = {count for _, count in there}
+    if len(counts) != 1:
+        return ""
+    (count,) = counts
+    absent = [f"{n}/{count}" for n in range(1, count + 1) if (n, count) not in there]
+    return f"tiles={', '.join(absent[:8])}{' ...' if len(absent) > 8 else ''} missing: " if absent else ""

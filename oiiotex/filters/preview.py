@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texpreview: what a tile looks like when it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..color import as_float
+from ..errors import ImageError, ParameterError
+from ..images import Image, derived_spec, dtype_of, from_pixels, resized
+from ..op import Op, Output, Reach, Space
+from ..params import image, param
+from ..session import Session
+from ..synthesis.layouts import made_seamless, plane_in_perspective, repeated
+from ..working import in_type
+
+PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
+_OF_EXEMPLAR = ("exemplar", "seamless")
+_GAP = 8  # px between panels
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preview(Op):
+    """Lay a tile out as it will be seen: 2 x 2, 3 x 3, and on a plane in perspective to the horizon.
+
+    The plane is the stress test of MJH17 (section 5.2): all repetition shows there. With `exemplar` the photo stands
+    beside it, and what a paint program's 'make seamless' makes of it, 2 x 2: the photo blended with itself shifted by
+    half. Every pixel is the mean of all it covers. Values are averaged as they are stored: of a picture that is not
+    linear convert a copy first (--tocolorspace), where the light at the horizon must be right.
+    """
+
+    name: ClassVar[str] = "preview"
+    reach: ClassVar[Reach] = Reach.GLOBAL
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("preview", "the panels side by side, in the tile's colour space and type"),
+    )
+
+    tile: Image = image(help="the tile")
+    exemplar: Image | None = image(None, help="the photo that it was made from")
+    panels: str | None = param(
+        None,
+        help=f"which, in their order, with commas between them: {', '.join(PANELS)}; when left out all there can be",
+    )
+    height: int = param(512, ge=16, le=16384, unit="px", help="of each panel")
+
+    def compute(self, session: Session) -> Image:
+        """One image of all panels."""
+        names = self._names()
+        part = self.tile.first
+        size = part.spec.width * part.spec.height * part.spec.nchannels
+        session.require(24 * size, f"a preview of a tile of {part.spec.width}x{part.spec.height}")
+        with session.stats.time("read"):
+            tile = as_float(part.pixels())
+            photo = None if self.exemplar is None else as_float(self.exemplar.first.pixels())
+        if photo is not None and photo.shape[2] != tile.shape[2]:
+            raise ImageError(f"exemplar has {photo.shape[2]} channels, the tile {tile.shape[2]}: they must be alike")
+        made: dict[str, Callable[[], np.ndarray]] = {
+            "exemplar": lambda: _at_height(photo, self.height),
+            "seamless": lambda: repeated(made_seamless(photo), 2, self.height),
+            "2x2": lambda: repeated(tile, 2, self.height),
+            "3x3": lambda: repeated(tile, 3, self.height),
+            "plane": lambda: plane_in_perspective(tile, self.height * 3 // 2, self.height),
+        }
+        with np.errstate(invalid="ignore", over="ignore"):  # NaN and Inf make NaN
+            panels = [made[name]() for name in names]
+        gap = np.zeros((self.height, _GAP, tile.shape[2]))
+        sheet = np.concatenate([piece for panel in panels for piece in (gap, panel)][1:], axis=1)
+        spec = derived_spec(part.spec, sheet.shape[1], self.height)
+        with np.errstate(invalid="ignore"):
+            pixels = in_type(sheet.astype(np.float32), np.dtype(dtype_of(part.spec)))
+        return Image((from_pixels(part.name, pixels, spec, part.spec.format),), self.tile.source)
+
+    def _names(self) -> list[str]:
+        if self.panels is None:
+            return [name for name in PANELS if self.exemplar is not None or name not in _OF_EXEMPLAR]
+        names = [word.strip() for word in self.panels.split(",")]
+        if any(name not in PANELS for name in names):
+            raise ParameterError(f"panels={self.panels}: allowed is {', '.join(PANELS)} with commas between them")
+        missing = [name for name in names if name in _OF_EXEMPLAR]
+        if self.exemplar is None and missing:
+            raise ParameterError(f"panels={self.panels}: {missing[0]} needs exemplar=")
+        return names
+
+
+def _at_height(photo: np.ndarray, height: int) -> np.ndarray:
+    return resized(photo, max(1, round(height * photo.shape[1] / photo.shape[0])), height)

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texstationarize told where, with what and how finely: within, weight, sigmamap."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.analysis.quality import seam_ratio
+from oiiotex.device import Buffers
+from oiiotex.synthesis import guidance, histograms
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+from tests.test_histograms import lab_like
+from tests.test_promises import buffer, pixels
+
+PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
+STAIN = (((np.indices((96, 112))[1] - 73) / 27) ** 2 + ((np.indices((96, 112))[0] - 38) / 20) ** 2 < 1)[..., None]
+QUICK = {"iterations": 4, "patch": 7}
+
+
+def mask(where: np.ndarray) -> oiio.ImageBuf:
+    return buffer(where * 1.0, space="data", names=("Y",))
+
+
+def made(**more: object):
+    return filters.stationarize(buffer(PHOTO), **{**QUICK, **more})
+
+
+# --- within ---
+
+
+def test_outside_nothing_changes_and_inside_nothing_stays_of_the_stain():
+    found = made(within=mask(STAIN), stmap=True)
+    tile, st = pixels(found["tile"]), pixels(found["st"])
+    photo = PHOTO.astype(np.float32)
+    np.testing.assert_array_equal(np.where(STAIN, 0, tile), np.where(STAIN, 0, photo))
+    x, y = (np.floor(st[..., i] * n).astype(int) for i, n in ((0, 112), (1, 96)))
+    np.testing.assert_array_equal(tile, photo[y, x])
+    assert not STAIN[y, x].any()  # patches come from outside
+    stain, clean, around = (a[STAIN[..., 0]].mean() for a in (photo, tile, photo[:, ::-1]))
+    assert abs(clean - around) < 0.35 * abs(stain - around)
+
+
+def test_the_new_pixels_go_with_the_old_ones():
+    """Jumps across the mask's border are half of those that a piece of another texture makes there."""
+    across = STAIN[:, 1:, 0] != STAIN[:, :-1, 0]
+    other = np.where(STAIN, pixels(made(weight=mask(~STAIN))), PHOTO)
+    tiles = (pixels(made(within=mask(STAIN))), other)
+    found, pasted = (np.abs(np.diff(tile[..., 1], axis=1))[across].mean() for tile in tiles)
+    assert found < 0.6 * pasted
+
+
+def test_only_a_border_made_anew_makes_a_photo_tile():
+    y, x = np.indices((96, 112))
+    border = (np.minimum(np.minimum(x, 111 - x), np.minimum(y, 95 - y)) < 14)[..., None]
+    tile = pixels(made(within=mask(border), tile="xy"))
+    np.testing.assert_array_equal(tile[~border[..., 0]], PHOTO.astype(np.float32)[~border[..., 0]])
+    for axis in (0, 1):
+        assert seam_ratio(tile[..., 1], axis) < 0.6 * seam_ratio(PHOTO[..., 1], axis)
+
+
+def test_windows_stay_and_what_is_transparent_stays():
+    spec = oiio.ImageSpec(112, 96, 4, oiio.FLOAT)
+    spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height = -7, 11, -20, 0, 160, 140
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    photo = oiio.ImageBuf(spec)
+    alpha = (np.indices((96, 112))[1] < 100)[..., None] * 1.0
+    photo.set_pixels(photo.roi, np.concatenate([PHOTO * alpha, alpha], -1).astype(np.float32))
+    found = filters.stationarize(photo, within=mask(STAIN), **QUICK)
+    assert found.roi == photo.roi and found.roi_full == photo.roi_full
+    np.testing.assert_array_equal(pixels(found)[~STAIN[..., 0]], pixels(photo)[~STAIN[..., 0]])
+    assert (pixels(found)[STAIN[..., 0], 3] == 1).all()
+
+
+def test_a_mask_of_nothing_leaves_the_photo_as_it_is_and_says_so(caplog):
+    with caplog.at_level(logging.WARNING):
+        np.testing.assert_array_equal(pixels(made(within=mask(STAIN & False))), PHOTO.astype(np.float32))
+    assert "within marks no pixel: the photo stays as it is" in caplog.text
+
+
+def test_what_within_cannot_do_is_said():
+    with pytest.raises(errors.ImageError, match=r"within covers all of .*nothing is left to take patches from"):
+        made(within=mask(STAIN | True))
+    with pytest.raises(errors.ImageError, match="within is 40x30, the exemplar 112x96"):
+        made(within=mask(STAIN[:30, :40]))
+    with pytest.raises(errors.ParameterError, match="size=64x64: with within the result is as large as the photo"):
+        made(within=mask(STAIN), size=(64, 64))
+    with pytest.raises(errors.ImageError, match="no 7x7 patch of the exemplar of 112x96 px is free of"):
+        made(within=mask(np.indices((96, 112)).sum(0)[..., None] % 5 > 0))
+
+
+def test_within_on_the_command_line(tmp_path):
+    save(PHOTO, tmp_path / "photo.png")
+    save(STAIN * 1.0, tmp_path / "stain.png")
+    done = oiiotex(
+        "photo.png", "stain.png", "--texstationarize:within=1:iterations=2:patch=7", "-o", "out.png", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    before, after = load(tmp_path / "photo.png"), load(tmp_path / "out.png")
+    np.testing.assert_array_equal((before != after).any(-1) & ~STAIN[..., 0], False)
+
+
+# --- weight ---
+
+
+def used(weight: np.ndarray, **more: object) -> float:
+    """The share of the result that comes from the photo's left half."""
+    st = pixels(made(weight=buffer(weight[..., None], names=("Y",)), stmap=True, **more)["st"])
+    return float((st[..., 0] < 0.5).mean())
+
+
+def test_what_weighs_more_is_used_more_and_what_weighs_nothing_never():
+    left = (np.indices((96, 112))[1] < 56).astype(float)
+    shares = [used(1.0 + weight * left) for weight in (0.0, 3.0, 15.0)]
+    assert shares[0] + 0.1 < shares[1] and shares[1] + 0.05 < shares[2]
+    assert used(left) == 1.0 and used(1.0 - left) == 0.0
+    assert used(np.full((96, 112), 7.0)) == used(np.full((96, 112), 1.0))  # only beside each other
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (0.0, "weight is 0 everywhere"),
+        (-1.0, "10752 values that are negative"),
+        (np.nan, "10752 values that are negative"),
+    ],
+)
+def test_weights_that_are_none_are_refused(value, said):
+    with pytest.raises(errors.ImageError, match=said):
+        used(np.full((96, 112), value))
+
+
+def test_weights_of_another_size_are_refused():
+    with pytest.raises(errors.ImageError, match="weight is 4x3, the exemplar 112x96"):
+        used(np.ones((3, 4)))
+
+
+# --- sigmamap ---
+
+
+def sigmas(values: np.ndarray) -> oiio.ImageBuf:
+    return buffer(values[..., None], space="data", names=("Y",))
+
+
+def test_one_sigma_everywhere_is_that_sigma():
+    same = made(sigmamap=sigmas(np.full((96, 112), 9.0)))
+    np.testing.assert_array_equal(pixels(same), pixels(made(sigma=9.0)))
+
+
+def test_a_map_is_blended_in_the_logarithm_from_octaves(device):
+    """Against numpy on projections made one by one."""
+    image = lab_like(61, 47)
+    low, high = image.reshape(-1, 3).min(0), image.reshape(-1, 3).max(0)
+    wanted = np.geomspace(3.0, 17.0, 47)[None, :].repeat(61, 0).astype(np.float32)
+    stack = guidance.octaves(wanted)
+    assert stack[0] == pytest.approx(3) and stack[-1] == pytest.approx(17) and len(stack) == 4
+    cells = [histograms.Cells.of(47, 61, sigma) for sigma in stack]
+    layout = {name: max(c.layout()[name] for c in cells) for name in cells[0].layout()}
+    with Buffers(device, {**layout, "image": image.nbytes}, 1 << 30, "test") as buffers:
+        device.write(buffers["image"], image)
+        made_of = [
+            histograms.Projection(device, buffers, c, sigma, low, high, True, True)
+            for c, sigma in zip(cells, stack, strict=True)
+        ]
+        each = []
+        for projection in made_of:
+            projection.project("image", "matched")
+            each.append(device.read(buffers["matched"], image.shape, np.int16).astype(float))
+        guidance.VaryingProjection(device, buffers, made_of, wanted).project("image", "matched")
+        found = device.read(buffers["matched"], image.shape, np.int16)
+    place = np.log(wanted / 3.0) / np.log(17 / 3.0) * 3
+    lower = np.minimum(place.astype(int), 2)
+    share = (place - lower)[..., None]
+    y, x = np.indices(lower.shape)
+    each = np.stack(each)
+    blend = (1 - share) * each[lower, y, x] + share * each[lower + 1, y, x]
+    assert np.abs(found - blend).max() <= 0.51 + np.abs(each[1:] - each[:-1]).max() / 512
+
+
+def test_where_sigma_is_small_the_result_is_more_even():
+    photo = buffer(pictures.stained(pictures.pebbles(128, 192, 3)))
+    ramp = np.geomspace(3, 60, 192)[None, :].repeat(128, 0)
+    gray = pixels(filters.stationarize(photo, sigmamap=sigmas(ramp), tile="y", contrast=1, target="exemplar", patch=7))
+    means = gray[..., 1].reshape(8, 16, 12, 16).mean((1, 3))
+    assert means[:, :5].std() < 0.8 * means[:, 7:].std()
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (0.0, "sigmamap has 5 values below 0.5 px, the least is 0: sigmas are in pixels"),
+        (np.nan, "sigmamap has 5 NaN or Inf values: allowed are numbers >= 0.5 px"),
+    ],
+)
+def test_sigmas_that_are_none_are_refused(value, said):
+    wrong = np.full((96, 112), 8.0)
+    wrong[3, 4:9] = value
+    with pytest.raises(errors.ImageError, match=said):
+        made(sigmamap=sigmas(wrong))
+
+
+def test_a_map_of_sigmas_must_fit_the_result_and_stand_alone():
+    with pytest.raises(errors.ImageError, match="sigmamap is 112x96, the result 64x50"):
+        made(sigmamap=sigmas(np.full((96, 112), 8.0)), size=(64, 50))
+    with pytest.raises(errors.ParameterError, match="sigma=8: sigmamap says it already"):
+        made(sigmamap=sigmas(np.full((96, 112), 8.0)), sigma=8.0)

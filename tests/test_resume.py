@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""resume=1: a run that was killed goes on where it stopped, and nothing of another run gets in."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oiiotex.keeping import Keeper
+from oiiotex.session import Session
+from oiiotex.windows import Window
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+
+PLACE = Window(-3, 1 << 40, 5, (1 << 40) + 6)
+KEY = "ab" * 32
+SYNTH = "--texsynth:size=160x4200:side=32"  # several pieces
+
+
+def pieces(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.piece"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("resume")
+    save(pictures.pebbles(32, 32, 1), made / "photo.png", space="srgb_rec709_scene")
+    done = oiiotex("photo.png", SYNTH, "-o", "whole.tif", cwd=made)
+    assert done.returncode == 0, done.stderr
+    return made
+
+
+def interrupted(folder: Path, name: str, number: signal.Signals, *words: str) -> subprocess.CompletedProcess:
+    """A run that gets a signal when it has finished two pieces."""
+    before = len(pieces(folder / f"{name}.parts"))
+    line = [sys.executable, "-m", "oiiotex.cli.main", "photo.png", *(words or (f"{SYNTH}:resume=1",)), "-o", name]
+    running = subprocess.Popen(line, cwd=folder, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while len(pieces(folder / f"{name}.parts")) < before + 2 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    running.send_signal(number)
+    _, errors = running.communicate(timeout=60)
+    assert not (folder / name).exists()
+    return subprocess.CompletedProcess(line, running.returncode, "", errors)
+
+
+def test_a_killed_run_goes_on_where_it_stopped(folder):
+    assert interrupted(folder, "killed.tif", signal.SIGKILL).returncode == -signal.SIGKILL
+    left = {piece: piece.stat().st_mtime_ns for piece in pieces(folder / "killed.tif.parts")}
+    assert len(left) >= 2
+    # another seed finds none of them, and does not take them away while it is not finished
+    assert interrupted(folder, "killed.tif", signal.SIGKILL, f"{SYNTH}:resume=1:seed=5").returncode < 0
+    assert {piece: piece.stat().st_mtime_ns for piece in left} == left
+    assert len({piece.name.split(".")[0] for piece in pieces(folder / "killed.tif.parts")}) == 2
+    done = oiiotex("photo.png", f"{SYNTH}:resume=1", "-o", "killed.tif", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(load(folder / "killed.tif"), load(folder / "whole.tif"))
+    assert not (folder / "killed.tif.parts").exists()
+
+
+def test_an_interrupted_run_says_that_its_pieces_are_kept(folder):
+    done = interrupted(folder, "stopped.tif", signal.SIGINT)
+    assert done.returncode == 130
+    (line,) = done.stderr.strip().splitlines()
+    assert "finished pieces are kept in stopped.tif.parts: the same run goes on there" in line
+    assert len(pieces(folder / "stopped.tif.parts")) >= 2
+    assert not list(folder.glob(".*oiiotex*"))
+
+
+def test_pieces_are_made_once_and_go_when_the_file_is_whole(tmp_path):
+    made = []
+
+    def make(value=7):
+        made.append(value)
+        return np.full((6, 8, 2), value, np.int16)
+
+    path = tmp_path / "out.exr"
+    first = Keeper(path)
+    np.testing.assert_array_equal(first.piece(KEY, PLACE, make), make())
+    np.testing.assert_array_equal(Keeper(path).piece(KEY, PLACE, lambda: 1 / 0), make())  # of a run before
+    assert Keeper(path).piece("cd" * 32, PLACE, lambda: make(9))[0, 0, 0] == 9  # determined by something else
+    assert Keeper(path).piece(KEY, PLACE.shifted(1, 0), lambda: make(8))[0, 0, 0] == 8
+    (path.parent / "out.exr.parts" / "mine.txt").write_text("the user's own")
+    Keeper(path).discard()  # a run that knows of none
+    assert len(pieces(tmp_path / "out.exr.parts")) == 3
+    first.discard()
+    assert [f.name for f in (tmp_path / "out.exr.parts").iterdir()] == ["mine.txt"]
+
+
+def test_a_spoiled_piece_is_made_again(tmp_path):
+    Keeper(tmp_path / "a.exr").piece(KEY, PLACE, lambda: np.arange(9))
+    (piece,) = pieces(tmp_path / "a.exr.parts")
+    whole = piece.read_bytes()
+    for spoiled in (b"", whole[:-3], whole[:20] + b"x" + whole[21:]):
+        piece.write_bytes(spoiled)
+        np.testing.assert_array_equal(Keeper(tmp_path / "a.exr").piece(KEY, PLACE, lambda: np.arange(9)), range(9))
+        assert piece.read_bytes() == whole
+
+
+def test_what_cannot_be_kept_is_said_once_and_does_not_stop_the_run(tmp_path, caplog):
+    (tmp_path / "a.exr.parts").write_text("a file of that name")
+    keeper = Keeper(tmp_path / "a.exr")
+    for n in range(3):
+        assert keeper.piece(KEY, PLACE.shifted(n, 0), lambda: np.ones(2)).sum() == 2
+    keeper.discard()
+    assert len(caplog.records) == 1 and "pieces cannot be kept in" in caplog.text
+    assert (tmp_path / "a.exr.parts").read_text() == "a file of that name"
+
+
+def test_a_failed_run_leaves_its_pieces_in_silence(tmp_path, caplog):
+    session = Session()
+    with pytest.raises(ZeroDivisionError), session.keeping(tmp_path / "a.exr"):
+        session.keeper.piece(KEY, PLACE, lambda: np.ones(2))
+        raise ZeroDivisionError
+    assert session.keeper is None and len(pieces(tmp_path / "a.exr.parts")) == 1 and not caplog.records

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Tiles whose edges match each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.synthesis.wang import Edges, edges_of, random_plane, runs_for
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+from tests.test_promises import buffer, pixels
+
+PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
+SMALL = {"size": (56, 64), "iterations": 4, "patch": 7, "seed": 1}
+
+
+def test_sixteen_tiles_have_all_edges_and_eight_two_for_each_corner():
+    assert sorted(edges_of(16)) == sorted(
+        Edges(n, e, s, w) for n in (0, 1) for e in (0, 1) for s in (0, 1) for w in (0, 1)
+    )
+    for count in (8, 9, 12, 16, 20):
+        edges = edges_of(count)
+        for corner in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            fitting = [e for e in edges if (e.north, e.west) == corner]
+            assert len(fitting) >= 2 and len({(e.east, e.south) for e in fitting}) >= 2
+    assert edges_of(3) == [Edges(0, 0, 0, 0)] * 3
+    assert (runs_for(3), runs_for(16)) == (4, 18)
+
+
+@pytest.mark.parametrize("count", [2, 9])
+def test_tiles_meet_as_the_inside_meets_itself(count):
+    tiles = filters.stationarize(buffer(PHOTO), variants=count, **SMALL)
+    lab = [pixels(tile)[..., 1] for tile in tiles]
+    edges = edges_of(count)
+    assert [t.spec().get_string_attribute("oiiotex:edges") for t in tiles] == [str(e) for e in edges]
+    assert len({t.tobytes() for t in lab}) == count  # and differ
+    inside = [max(np.abs(np.diff(t, axis=axis)).mean(1 - axis).max() for t in lab) for axis in (0, 1)]
+    for a, b in ((a, b) for a in range(count) for b in range(count)):
+        if edges[a].east == edges[b].west:
+            assert np.abs(lab[a][:, -1] - lab[b][:, 0]).mean() <= inside[1]
+        if edges[a].south == edges[b].north:
+            assert np.abs(lab[a][-1] - lab[b][0]).mean() <= inside[0]
+
+
+def test_all_pairs_across_an_edge_are_the_same_pixels():
+    edges = edges_of(8)
+    tiles = [pixels(t) for t in filters.stationarize(buffer(PHOTO), variants=8, **SMALL)]
+    for name, take in {
+        "east": lambda t: t[:, -7:], "west": lambda t: t[:, :7], "north": lambda t: t[:7], "south": lambda t: t[-7:],
+    }.items():  # fmt: skip
+        for colour in (0, 1):
+            same = [take(t) for t, e in zip(tiles, edges, strict=True) if getattr(e, name) == colour]
+            middle = [s[7:-7] if name in ("east", "west") else s[:, 7:-7] for s in same]
+            assert all((m == middle[0]).all() for m in middle) and len(same) > 1
+
+
+def test_seams_of_a_plane_are_no_worse_than_its_inside():
+    tiles = [pixels(t)[..., 1] for t in filters.stationarize(buffer(PHOTO), variants=8, **SMALL)]
+    plane = random_plane(edges_of(8), 6, 7, seed=3)
+    picture = np.block([[tiles[n] for n in row] for row in plane])
+    for axis, side in ((1, 56), (0, 64)):
+        jumps = np.abs(np.diff(picture, axis=axis)).mean(1 - axis)
+        at_seams = jumps[side - 1 :: side].mean()
+        assert at_seams <= np.quantile(jumps, 0.95)
+    assert len(np.unique(plane)) > 5
+    np.testing.assert_array_equal(plane, random_plane(edges_of(8), 6, 7, seed=3))
+
+
+def test_variants_of_a_material_come_tile_by_tile(tmp_path):
+    save(PHOTO, tmp_path / "a.png")
+    save(PHOTO[..., :1], tmp_path / "b.png")
+    op = "--texstationarize:n=2:match=1,0:variants=2:size=40x40:iterations=2:patch=7"
+    done = oiiotex("a.png", "b.png", op, "-o:all=0", "t%d.tif", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    shapes = [load(tmp_path / f"t{n}.tif").shape for n in range(4)]
+    assert shapes == [(40, 40, 3), (40, 40, 1)] * 2
+    done = oiiotex("a.png", op.replace("n=2:match=1,0:", ""), "--siappendall", "-o", "set.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "wang01_n0e0s0w0" in oiiotex("--info", "-v", "-a", "set.exr", cwd=tmp_path).stdout
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"tile": "x"}, "variants=2 does not go with tile=x"),
+        ({"within": PHOTO, "size": None}, "variants=2 does not go with within"),
+        ({"size": (24, 64)}, "tiles of 24x64 px are too small for borders of 7 px: they need 28"),
+    ],
+)
+def test_what_variants_cannot_do_is_said(given, said):
+    given = {name: buffer(v) if isinstance(v, np.ndarray) else v for name, v in given.items()}
+    with pytest.raises(errors.Error, match=said):
+        filters.stationarize(buffer(PHOTO), **{**SMALL, "variants": 2, **given})
