@@ -28,7 +28,8 @@ def folder(tmp_path_factory):
     save(np.broadcast_to(stripes, (64, 64, 3)), made / "stripes.png", space=SRGB)
     gray = pictures.pebbles(64, 64, 2).mean(-1, keepdims=True)
     save(np.broadcast_to(gray, (64, 64, 3)), made / "gray.png", space=SRGB)
-    nodes = [{"id": n, "file": f"{n}.png"} for n in ("stripes", "gray")]
+    # as a torus: mirrored, 64 px of pebbles are .01 to .03 farther from their stripes (four pictures)
+    nodes = [{"id": n, "file": f"{n}.png", "wrap": "periodic"} for n in ("stripes", "gray")]
     drawn = {"exemplars": nodes, "edges": [{"from": "stripes", "to": "gray", "r": 3}]}
     (made / "map.json").write_text(json.dumps(drawn))
     nodes = [{"id": "photo", "file": "photo.png"}]
