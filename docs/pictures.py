@@ -20,7 +20,6 @@ from oiiotex.filters.labelview import distinct_colours
 
 SIDE = 192  # px, longer side of a photo on a contact sheet
 PER_SHEET = 6
-DECOMPOSED = ("drone_track_grass_soil.jpg", "moss_grass_stones_ground.jpg", "castle_brick_broken.jpg")
 LAYERED = (("rust_barrel_side.jpg", 3), ("moss_grass_stones_ground.jpg", 4), ("sandstone_wall_cracked.jpg", 3))
 
 
@@ -192,24 +191,6 @@ def contact_sheets() -> None:
         write_jpeg(np.concatenate(sheet), f"photos_{n // PER_SHEET + 1}.jpg")
 
 
-def decompositions() -> None:
-    """Photos, their subtextures, and those that plain comparison finds."""
-    colours = distinct_colours()
-    rows = []
-    for name in DECOMPOSED:
-        photo = test_photo(name)
-        if photo is None:
-            return
-        photo = shrunk(photo, 512)
-        row = [small(pixels(photo), SIDE)]
-        for values in ({}, {"shift": 0.0}):
-            ids = filters.decompose(photo, **values).get_pixels(oiio.UINT32)[..., 0].astype(int)
-            print(f"{name} {values}: {ids.max()} subtextures")
-            row.append(np.rint(255 * colours[(small(ids, SIDE) - 1) % len(colours)]).astype(np.uint8))
-        rows.append(beside(*row))
-    write_jpeg(stacked(rows), "decompose.jpg")
-
-
 def quilts() -> None:
     """Test photos and what is quilted from them; a guide and its quilt; the content of a photo."""
     panes = []
@@ -267,7 +248,6 @@ def quilts_beside_peers(size: tuple[int, int] = (400, 300)) -> None:
 
 
 if __name__ == "__main__":
-    decompositions()
     quilts()
     quilts_beside_peers()
     demo_pictures()

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.collages import drawn_collage
 from benchmarks.labels import score
 from oiiotex import errors, filters
-from oiiotex.analysis import textons
+from oiiotex.analysis import subtextures, textons
 from oiiotex.analysis.labpixels import LabPixels, lab_pixels, reduction
 from oiiotex.analysis.subtextures import Settings, decomposed
 from oiiotex.filters.decompose import Decompose
@@ -139,6 +139,22 @@ def test_large_images_are_reduced_by_a_whole_factor():
                 np.testing.assert_allclose(small.lab[j, i], mean, rtol=1e-5, atol=1e-4)
 
 
+def test_competition_is_the_mean_field_of_a_potts_model():
+    """On textons of two halves and a noisy start: shares as the oracle has them, and the border where it is."""
+    random = np.random.default_rng(5)
+    height, width, side = 20, 30, 4
+    truth = (np.arange(width) >= 13).astype(int)[None].repeat(height, 0)
+    kinds = np.array([[0.5, 0.3, 0.1, 0.1], [0.1, 0.3, 0.2, 0.4]])
+    counts = np.array([random.multinomial(side * side, kinds[t]) for t in truth.ravel()]).reshape(height, width, 4)
+    start = np.where(random.random(truth.shape) < 0.3, 1 - truth, truth)
+    made = subtextures._competed(textons.Counts(255 * counts.astype(np.int32), side), start, 48, (80, 120))
+    member = reference.members(counts, start, 3.0, subtextures._COUPLINGS, subtextures._UPDATES)
+    middles = made[side // 2 :: side, side // 2 :: side]
+    found = np.where(middles == middles[0, 0], 0, 1)  # they are numbered by area
+    np.testing.assert_array_equal(found, member.argmax(-1))
+    assert (found != truth).mean() < 0.02
+
+
 # --- the whole ---
 
 
@@ -217,7 +233,7 @@ def test_parts_cryptomatte_json_and_the_view(tmp_path):
 @pytest.mark.parametrize("features", ["bank", "haar"])
 def test_constant_noise_tiny_and_empty_images(features):
     assert ids_of(np.full((40, 50, 3), 0.5), features=features).max() == 1
-    assert ids_of(np.random.default_rng(0).random((64, 64, 3)), features=features).min() >= 1
+    assert ids_of(np.random.default_rng(0).random((64, 64, 3)), features=features).max() == 1
     for shape in ((1, 1, 3), (3, 5, 3), (1, 70, 3)):
         assert ids_of(np.random.default_rng(0).random(shape), features=features).min() >= 1
     empty = np.zeros((20, 20, 4))

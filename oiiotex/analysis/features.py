@@ -226,11 +226,17 @@ def _neighbourly(positions: np.ndarray, sigma: float) -> sparse.csr_array:
 
 
 def texton_map(
-    lab: np.ndarray, seen: np.ndarray, session: Session, most: int = TEXTONS, colour: float = math.sqrt(3.0)
+    lab: np.ndarray,
+    seen: np.ndarray,
+    session: Session,
+    most: int = TEXTONS,
+    colour: float = math.sqrt(3.0),
+    samples: int = _SAMPLES,
 ) -> np.ndarray:
     """The texton of every pixel, (h, w) int64, below `most`: lab (h, w, 3) float32, seen (h, w) bool.
 
-    `colour` is the weight of each of three colours against each of 21 responses.
+    `colour` is the weight of each of three colours against each of 21 responses; textons are learned from so many
+    `samples`.
     """
     light = lab[..., 0]
 
@@ -246,8 +252,8 @@ def texton_map(
     known = np.flatnonzero(seen.ravel())
     weights = [1.0] * (len(layers) - 3) + [colour] * 3
     planes = [_standard(layer.ravel(), known, weight) for layer, weight in zip(layers, weights, strict=True)]
-    if len(known) > _SAMPLES:
-        known = known[np.random.default_rng(0).choice(len(known), _SAMPLES, replace=False)]
+    if len(known) > samples:
+        known = known[np.random.default_rng(0).choice(len(known), samples, replace=False)]
     centres = _centres(np.stack([plane[known] for plane in planes], axis=1), most)
     squares = (centres**2).sum(1) / 2.0
 

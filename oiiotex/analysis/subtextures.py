@@ -33,7 +33,7 @@ _CELL = 4  # px, of filter bank textons
 _LEAST = 0.02  # of the image: smaller subtextures lose their pixels in the competition
 _COUPLINGS = (2, 4, 6, 8, 8)  # of a cell with its surroundings in each round, nats; its own textons: nats per pixel
 _UPDATES = 4  # of the memberships in a round
-_NEAR = 1 / 3  # sigma of the surroundings per radius
+_NEAR = 1 / 4  # sigma of the surroundings per radius
 _PRIOR = 5  # px of every texton that a subtexture is thought to have before it is looked at
 _SMOOTH = 1.0  # cells, of the last vote
 
@@ -66,11 +66,11 @@ class Settings:
 
     features: str = "bank"
     bins: int = 64
-    radius: float = 36.0
+    radius: float = 48.0
     shift: float = 24.0
     scales: int = 1
     search: str = "grid"
-    threshold: float = 0.73
+    threshold: float = 0.76
     step: int = 16
     refine: bool = True
     assign: str = "competition"

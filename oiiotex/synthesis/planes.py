@@ -7,7 +7,6 @@ pixels with their offset on them (`Plane.pixels`).
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -18,6 +17,7 @@ import numpy as np
 from .. import __version__
 from ..files import read
 from ..images import Image
+from ..kept import hash_of
 from ..session import Session
 from ..tiles import assembled
 from ..windows import Window
@@ -90,13 +90,10 @@ class Plane:
 
     def key(self, settings: Settings, level: int) -> str:
         """What texels and offsets of a level follow from, as a word: another graph, seed or version has another."""
-        arrays = (getattr(self.analysis, f.name) for f in fields(self.analysis))
-        seen = hashlib.blake2b(repr((__version__, self.analysis.stacks.levels, settings, level)).encode())
-        for array in (*arrays, self.analysis.stacks.planes):
-            if isinstance(array, np.ndarray):
-                seen.update(repr((array.shape, array.dtype)).encode())
-                seen.update(np.ascontiguousarray(array))
-        return seen.hexdigest()
+        found = (getattr(self.analysis, f.name) for f in fields(self.analysis))
+        arrays = (value for value in found if isinstance(value, np.ndarray))
+        stacks = self.analysis.stacks
+        return hash_of(__version__, stacks.levels, settings, level, stacks.planes, *arrays)
 
     def pixels(self, state: State) -> np.ndarray:
         """What pixels look like: (height, width, channels) of the root's pixel type.
@@ -185,18 +182,10 @@ def opened(
         exemplars, lens = load_exemplars(images, graph, config, session.autocc, side)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
-    key = _digest(graph, exemplars, dims, correct)
+    looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]
+    key = hash_of(graph, dims, correct, *looks)
     analysis = session.once(key, lambda: _analysed(session, graph, exemplars, dims, correct))
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
-
-
-def _digest(graph: Graph, exemplars: tuple[Exemplar, ...], *more: object) -> str:
-    """What an analysis follows from, as a word."""
-    seen = hashlib.blake2b(repr((graph, more)).encode())
-    for exemplar in exemplars:
-        for array in (exemplar.values, exemplar.opaque):
-            seen.update(b"" if array is None else np.ascontiguousarray(array))
-    return seen.hexdigest()
 
 
 def _analysed(session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool) -> Analysis:

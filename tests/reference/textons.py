@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 
 def disc_histogram(counts: np.ndarray, y: int, x: int, radius: float) -> np.ndarray:
@@ -34,3 +35,20 @@ def best_match(counts: np.ndarray, i: tuple[int, int], j: tuple[int, int], radiu
             if (y - j[0]) ** 2 + (x - j[1]) ** 2 <= shift * shift:
                 best = max(best, bhattacharyya(here, disc_histogram(counts, y, x, radius)))
     return best
+
+
+def members(values: np.ndarray, labels: np.ndarray, sigma: float, couplings: tuple, updates: int) -> np.ndarray:
+    """Mean field of a Potts model with Gaussian neighbourhoods: (h, w, k) counts, (h, w) -> (h, w, n) float64."""
+    member = np.eye(labels.max() + 1)[labels]
+    for coupling in couplings:
+        chances = np.einsum("yxn,yxk->nk", member, values) + 5
+        likely = values @ np.log(chances / chances.sum(1, keepdims=True)).T / values.sum(-1).max()
+        likely = _blurred(likely - likely.max(-1, keepdims=True), 1.0)
+        for _ in range(updates):
+            pull = np.exp(likely + coupling * _blurred(member, sigma))
+            member = pull / pull.sum(-1, keepdims=True)
+    return member
+
+
+def _blurred(values: np.ndarray, sigma: float) -> np.ndarray:
+    return np.stack([gaussian_filter(v, sigma, truncate=2.5) for v in np.moveaxis(values, -1, 0)], -1)
