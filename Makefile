@@ -24,8 +24,12 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.pages
 	$(BIN)/python -m docs.pictures
 	$(BIN)/python -m docs.decompose_pictures
+	$(BIN)/python -m docs.stationarized
+	$(BIN)/python -m docs.comparison
 	$(BIN)/python -m docs.dominant_pictures
+	$(BIN)/python -m docs.measure_pictures
 	$(BIN)/python -m docs.multiscale_pictures
+	$(BIN)/python -m docs.synth_pictures
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden
@@ -35,6 +39,7 @@ benchmark: $(VENV)/test
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.gravel
 	$(BIN)/python -m benchmarks.chains
+	$(BIN)/python -m benchmarks.textures
 	$(BIN)/python -m pytest benchmarks/test_kernels.py
 
 clean:

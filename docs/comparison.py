@@ -149,21 +149,22 @@ def failures() -> None:
 TEXT = """\
 # Beside other ways
 
-Made by `python -m docs.comparison` from eight photos, reduced to {side} x {side} px. Every pane is what was made, laid
-out 2 x 2, so that what repeats shows; Wang tiles (16, two colours for each edge) are laid out at random over the same area.
-From left to right and top to bottom:
+Made by `python -m docs.comparison` from eight photos, reduced to {side} x {side} px. Every pane is what was
+made, laid out 2 x 2, so that what repeats shows; Wang tiles (16, two colours for each edge) are laid out at
+random over the same area. From left to right and top to bottom:
 
 {columns}.
 
-- *photo* is tiled as it is; *make seamless* is the photo blended with itself shifted by half, as paint programs do it.
+- *photo* is tiled as it is; *make seamless* is the photo blended with itself shifted by half, as paint
+  programs do it.
 - *PatchMatch* does not know that it will be tiled (`--texpatchmatch:tile=none`), *toroidal PatchMatch* does.
 - *ours* is `--texstationarize` with each of its measures (MJH17 section 3), all else as it is when left out.
-- *dominant texture* is toroidal PatchMatch from `--texdominant`'s mask (LDR09) alone; *de-stained* first makes anew
-  what is not in that mask (`--texstationarize:within=`), then takes the whole (compare MJH17 figures 6 and 7). Where a pane
-  is gray the photo has no dominant texture.
+- *dominant texture* is toroidal PatchMatch from `--texdominant`'s mask (LDR09) alone; *de-stained* first
+  makes anew what is not in that mask (`--texstationarize:within=`), then takes the whole (compare MJH17
+  figures 6 and 7). Where a pane is gray the photo has no dominant texture.
 
-Stationarity cost of each (MJH17 eq. 1, histograms, sigma {sigma:g} px, Lab units; lower is more even), one seed. It
-says how even a result is, not how faithful: look at the pictures.
+Stationarity cost of each (MJH17 eq. 1, histograms, sigma {sigma:g} px, Lab units; lower is more even), one
+seed. It says how even a result is, not how faithful: look at the pictures.
 
 {table}
 
@@ -171,9 +172,10 @@ says how even a result is, not how faithful: look at the pictures.
 
 ## What fails
 
-Three photos above, below what becomes of them, 2 x 2 (MJH17 figure 8). Structure larger than sigma is cut to pieces
-that are everywhere alike; features much smaller than sigma are too small to be drift and too rare to vanish, so they repeat;
-shapes that the eye picks out are nothing out of the ordinary to a histogram. More in [all test photos](photos.md).
+Three photos above, below what becomes of them, 2 x 2 (MJH17 figure 8). Structure larger than sigma is cut to
+pieces that are everywhere alike; features much smaller than sigma are too small to be drift and too rare to
+vanish, so they repeat; shapes that the eye picks out are nothing out of the ordinary to a histogram. More in
+[all test photos](photos.md).
 
 ![large structure, tiny features, salient shapes](pictures/comparison_failures.jpg)
 """
@@ -189,7 +191,7 @@ def main() -> None:
     table = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
     table += [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
     pictures = "\n\n".join(f"{name}\n\n![{name}](pictures/comparison_{name}.jpg)" for name in PHOTOS)
-    text = TEXT.format(side=SIDE, columns=", ".join(names), sigma=SIGMA, table="\n".join(table), pictures=pictures)
+    text = TEXT.format(side=SIDE, columns="; ".join(names), sigma=SIGMA, table="\n".join(table), pictures=pictures)
     (Path(__file__).parent / "comparison.md").write_text(text)
 
 

@@ -25,7 +25,11 @@ def page_text(op: type[Op], path: Path) -> str:
     lines = [f"# {op.flag()}", "", description(op), ""]
     images = " ".join(f"{i.name.upper()}" for i in op.images())
     lines += ["```", f"oiiotex {images} {op.flag()}[:MODIFIER=VALUE...] -o OUT", "```", ""]
-    lines += ["| input | |", "|---|---|", *(f"| {i.name} | {i.help} |" for i in op.images()), ""]
+    lines += ["| input | |", "|---|---|", *(f"| {i.name} | {i.help} |" for i in op.images())]
+    further = op.further_images()
+    if further is not None:
+        lines.append(f"| {further.name} | {further.help}: with {further.count}=N, N - 1 images above the first |")
+    lines.append("")
     if op.modifiers():
         lines += ["| modifier | default | allowed | |", "|---|---|---|---|"]
         for p in op.modifiers():

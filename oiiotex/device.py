@@ -158,10 +158,10 @@ class Device:
         array = np.ascontiguousarray(array)
         self._note("upload", self._cl.enqueue_copy(self._queue, buffer, array, dst_offset=offset))
 
-    def read(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
-        """The start of `buffer` as a new array."""
+    def read(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type, offset: int = 0) -> np.ndarray:
+        """What stands in `buffer`, `offset` bytes from its start, as a new array."""
         array = np.empty(shape, dtype)
-        self._note("download", self._cl.enqueue_copy(self._queue, array, buffer))
+        self._note("download", self._cl.enqueue_copy(self._queue, array, buffer, src_offset=offset))
         return array
 
     def fill(self, buffer: cl.Buffer, value: np.generic, count: int) -> None:

@@ -23,8 +23,8 @@ from .windows import Window
 
 log = logging.getLogger("oiiotex")
 
-_NAME = re.compile(r"[0-9a-f]{32}\.\d+x\d+[+-]\d+[+-]\d+\.piece")
-_SPEED = 1  # of zlib: it takes a tenth of what synthesis does, and its checksum tells a spoiled piece
+_NAME = re.compile(r"\.?[0-9a-f]{32}\.\d+x\d+[+-]\d+[+-]\d+(\.oiiotex-\w+-\d+-\d+)?\.piece")  # whole, or left by a kill
+_SPEED = 1  # of zlib: it takes a tenth of what synthesis takes, and its checksum tells a spoiled piece
 
 
 class Keeper:
@@ -38,7 +38,7 @@ class Keeper:
     """
 
     def __init__(self, path: Path):
-        self.folder = path.with_name(f"{path.name}.parts")
+        self.folder = Path(f"{path}.parts")
         self.count = 0
         self._works = True
 

@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from oiiotex.device import Buffers
 from oiiotex.synthesis import candidates
-from oiiotex.synthesis.candidates import NONE, Stacks, analyse, neighbourhoods, project
+from oiiotex.synthesis.candidates import NONE, analyse, neighbourhoods, project
 from oiiotex.synthesis.exemplars import Graph, parse_graph
-from oiiotex.synthesis.stacks import STEPS, Exemplar, blurred, grid_stack, nearest_opaque, sigma_of
+from oiiotex.synthesis.stacks import STEPS, Exemplar, blurred, nearest_opaque, sigma_of, tiles
 from oiiotex.synthesis.superexemplar import unrolled
+from oiiotex.synthesis.targets import lively_texels, stacks_of
 from oiiotex.windows import Window
 from tests import pictures
 from tests.reference import candidates as reference
@@ -28,20 +31,10 @@ def graph_of(names, *edges):
     return parse_graph({"exemplars": nodes, "edges": drawn, "root": names[0]}, Path("g.json"))
 
 
-def exemplar_of(values, opaque=None):
+def exemplar_of(values, opaque=None, periodic=True):
     side = len(values)
     values = np.dstack([values * 100, np.zeros((side, side))]).astype(np.float32)
-    return Exemplar("made", values[..., :3], values, opaque, Window(0, 0, side, side), 1.0)
-
-
-def stacks_of(graph, *exemplars):
-    finest = exemplars[0].side.bit_length() - 1
-    levels = unrolled(graph, finest)
-    middle = exemplars[0].values[..., :3].mean((0, 1))
-    planes = [grid_stack(exemplars[i], middle, [k], finest)[0] for i, k in levels.stacks]
-    every = np.ones(planes[0].shape[:2], bool)
-    usable = [every if exemplars[i].opaque is None else exemplars[i].opaque for i, _ in levels.stacks]
-    return Stacks(levels, np.array(planes), np.array(usable))
+    return Exemplar("made", values[..., :3], values, opaque, Window(0, 0, side, side), 1.0, periodic)
 
 
 def test_levels_of_a_chain():
@@ -59,21 +52,26 @@ def test_levels_of_a_chain():
     assert [levels.spacing(number[0, k]) for k in range(6)] == [32, 16, 8, 4, 2, 1]
 
 
-def test_levels_of_a_loop_do_not_end():
-    levels = unrolled(graph_of("a", ("a", "a", 1)), 5)
-    assert len(levels.stacks) == 6
+@pytest.mark.parametrize("r, early, end", [(1, (), 5), (2, (), 5), (3, (), 5), (1, (0,), 4)])
+def test_a_loop_turns_where_its_levels_end(r, early, end):
+    """Not before; and by two octaves or more."""
+    levels = unrolled(graph_of("a", ("a", "a", r)), 5, early)
     number = {at: n for n, at in enumerate(levels.stacks)}
-    assert levels.admissible[number[0, 4]] == ((number[0, 4], 0), (number[0, 3], 1))
-    assert levels.admissible[number[0, 5]] == ((number[0, 4], 1),)
+    assert len(levels.stacks) == end + 1  # finer ones are never come to
+    for k in range(end):
+        assert levels.admissible[number[0, k]] == ((number[0, k], 0),)
+    turn = max(r, 2)
+    assert levels.admissible[number[0, end]] == ((number[0, end - turn], turn),)
+    assert [levels.turns(number[0, k]) for k in range(end + 1)] == [False] * end + [True]
 
 
 def test_an_exemplar_is_left_while_the_next_ones_levels_are_admissible():
-    """Before an edge with r = 0 into a loop, two levels lead on: at the last one nothing would be admissible."""
-    levels = unrolled(graph_of("ab", ("a", "b", 0), ("b", "b", 1)), 5)
+    """Before an edge with r = 0 into a loop more levels lead on: else, at the last one nothing would be admissible."""
+    levels = unrolled(graph_of("ab", ("a", "b", 0), ("b", "b", 3)), 6)
     number = {at: n for n, at in enumerate(levels.stacks)}
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 4]]] == [(1, 4)]
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 3]]] == [(0, 3), (1, 3)]
-    assert [levels.stacks[n] for n, _ in levels.admissible[number[1, 5]]] == [(1, 4)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 5]]] == [(1, 5)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[0, 4]]] == [(0, 4), (1, 4)]
+    assert [levels.stacks[n] for n, _ in levels.admissible[number[1, 6]]] == [(1, 3)]
 
 
 def test_levels_that_are_not_reached_take_no_part():
@@ -108,10 +106,57 @@ def test_transparent_pixels_have_no_say_in_a_stack():
     assert (index[opaque] == np.flatnonzero(opaque)).all()
 
 
-def test_sampled_neighbourhoods_are_rows_of_all():
+def around_all(stacks):
+    """Neighbourhoods of all levels: (levels, side^2, 75)."""
+    levels = enumerate(zip(stacks.planes, stacks.periodic, strict=True))
+    return np.array([neighbourhoods(p, stacks.levels.spacing(n), around) for n, (p, around) in levels])
+
+
+@pytest.mark.parametrize("periodic, wrap", [(True, "wrap"), (False, "symmetric")])
+@pytest.mark.parametrize("spacing", [1, 2, 16])
+def test_neighbourhoods_go_around_or_are_mirrored(periodic, wrap, spacing):
     plane = np.random.default_rng(0).integers(-99, 99, (16, 16, 4))
+    found = neighbourhoods(plane, spacing, periodic)
+    padded = np.pad(plane[..., :3], ((2 * spacing,) * 2,) * 2 + ((0, 0),), mode=wrap)
     rows = np.array([0, 17, 255, 100])
-    np.testing.assert_array_equal(candidates._around(plane, 2, rows), neighbourhoods(plane, 2)[rows])
+    for row in rows:
+        y, x = divmod(int(row), 16)
+        seen = padded[y : y + 4 * spacing + 1 : spacing, x : x + 4 * spacing + 1 : spacing]
+        np.testing.assert_array_equal(found[row], seen.ravel())
+    np.testing.assert_array_equal(candidates._around(plane, spacing, periodic, rows), found[rows])
+
+
+def test_a_mirrored_stack_is_the_blur_of_the_mirrored_exemplar():
+    """Oracle: scipy's Gaussian with mode='reflect', and the exemplar with its mirror images as a torus."""
+    image = np.random.default_rng(0).random((32, 32, 2))
+    for level in range(3, 6):
+        sigma = sigma_of(level, 5)
+        found = blurred(image, sigma, periodic=False)
+        np.testing.assert_allclose(found, gaussian_filter(image, (sigma, sigma, 0), truncate=9), atol=1e-6)
+    twice = np.concatenate([image, image[::-1]])
+    twice = np.concatenate([twice, twice[:, ::-1]], 1)
+    for level in range(6):
+        sigma = sigma_of(level, 5)
+        found = blurred(image, sigma, periodic=False)
+        np.testing.assert_allclose(found, blurred(twice, sigma)[:32, :32], atol=1e-12)
+    opaque = np.random.default_rng(1).random((32, 32)) < 0.8
+    four = np.concatenate([opaque, opaque[::-1]])
+    four = np.concatenate([four, four[:, ::-1]], 1)
+    np.testing.assert_allclose(
+        blurred(image, 3.0, opaque, periodic=False), blurred(twice, 3.0, four)[:32, :32], atol=1e-9
+    )
+
+
+def test_what_tiles_is_told_by_its_borders():
+    random = np.random.default_rng(0).random((128, 128, 1))
+    for sigma in (0.0, 1.0, 4.0):
+        torus = 100 * blurred(random, sigma)
+        assert tiles(torus), sigma
+        assert sigma == 0 or not tiles(torus[:100, :90]), sigma  # of white noise any piece tiles
+    slope = np.arange(64.0)[:, None, None] * np.ones((64, 64, 1))
+    assert not tiles(slope) and not tiles(slope.swapaxes(0, 1))
+    joints = np.where(np.arange(64) % 16 == 0, 0.0, 50.0)[:, None, None] * np.ones((64, 64, 1))
+    assert tiles(joints + np.random.default_rng(0).random((64, 64, 1)))  # its wrap lies in a joint like three others
 
 
 def test_projection_is_the_rounded_scalar_product():
@@ -124,11 +169,11 @@ def test_projection_is_the_rounded_scalar_product():
 
 @pytest.fixture(scope="module")
 def small():
-    """Two levels' worth of a loop and transparent pixels, 16 px."""
+    """Two exemplars and transparent pixels, 16 px."""
     opaque = np.ones((16, 16), bool)
     opaque[3:7, 2:9] = False
     made = exemplar_of(pictures.moss(16, 16, 3), opaque)
-    return stacks_of(graph_of("a", ("a", "a", 1)), made)
+    return stacks_of(graph_of("ab", ("a", "b", 1)), [made, exemplar_of(pictures.pebbles(16, 16, 1), periodic=False)])
 
 
 def buffers_of(device, stacks, projections):
@@ -143,12 +188,14 @@ def buffers_of(device, stacks, projections):
 
 def projections_of(stacks):
     basis, _ = candidates.basis_of(stacks, 16)
-    return np.array([project(neighbourhoods(p, stacks.levels.spacing(n)), basis) for n, p in enumerate(stacks.planes)])
+    return np.array([project(seen, basis) for seen in around_all(stacks)])
 
 
-@pytest.mark.parametrize("number", [1, 3])
+@pytest.mark.parametrize("at", [(0, 2), (0, 4)])
 @pytest.mark.parametrize("exclude", [False, True])
-def test_the_search_is_the_oracles(any_lanes, small, number, exclude):
+def test_the_search_is_the_oracles(any_lanes, small, at, exclude):
+    number = small.levels.stacks.index(at)
+    assert len(small.levels.admissible[number]) == (1 if at == (0, 4) else 2)
     q = projections_of(small)
     own = (number * 256 + np.arange(256)).astype(np.uint32)
     excluded = own if exclude else np.full(256, NONE, np.uint32)
@@ -167,11 +214,11 @@ def test_the_search_is_the_oracles(any_lanes, small, number, exclude):
 @pytest.mark.parametrize("picture", [pictures.moss, pictures.pebbles, pictures.bricks])
 def test_candidates_come_near_the_exact_ones(device, picture):
     """What is stated: second candidates cost at most 6 % more than the exact ones, in the mean over all levels."""
-    stacks = stacks_of(graph_of("a", ("a", "a", 1)), exemplar_of(picture(64, 64, 1)))
+    stacks = stacks_of(graph_of("a", ("a", "a", 1)), [exemplar_of(picture(64, 64, 1))])
     q = projections_of(stacks)
     found_cost, exact_cost = 0.0, 0.0
     with buffers_of(device, stacks, q) as buffers:
-        for number in range(2, 7):
+        for number in range(2, len(q)):
             excluded = (number * 4096 + np.arange(4096)).astype(np.uint32)
             found = candidates.search(device, buffers, stacks, number, excluded).astype(np.int64)
             cost = ((q[number].astype(np.int64) - q.reshape(-1, 16)[found]) ** 2).sum(1)
@@ -187,23 +234,19 @@ def test_transfer_functions_bring_the_means_of_neighbourhoods_together(device):
     """HRRG08 eq. 4: a darker copy of an exemplar is matched with the difference as offset."""
     bright = pictures.pebbles(32, 32, 1) * 0.5 + 0.4
     graph = graph_of("ab", ("a", "b", 1))
-    stacks = stacks_of(graph, exemplar_of(bright), exemplar_of(bright - 0.2))
+    stacks = stacks_of(graph, [exemplar_of(bright), exemplar_of(bright - 0.2)])
     made = analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
     number = stacks.levels.stacks.index((0, 5))  # its finest level: only the other exemplar is admissible
     links = made.links[number].astype(np.int64)
     assert (links >> 10 == stacks.levels.stacks.index((1, 4))).all()
-    means = [
-        neighbourhoods(p, stacks.levels.spacing(n)).reshape(-1, 25, 3).mean(1) for n, p in enumerate(stacks.planes)
-    ]
-    away = means[number][:, None] - np.array(means).reshape(-1, 3)[links]
+    around = around_all(stacks)
+    means = around.reshape(len(around), -1, 25, 3).mean(2)
+    away = means[number][:, None] - means.reshape(-1, 3)[links]
     np.testing.assert_allclose(made.offsets[number, ..., :3], away, atol=0.5001)
     # matched as they are (section 8), so bright places of the dark one are taken: less than 20 Lab are left
     assert 2 * STEPS < away[..., 0].mean() < 20 * STEPS
     # what is stored is the candidate's neighbourhood with the offset on it
-    around = np.array([neighbourhoods(p, stacks.levels.spacing(n)) for n, p in enumerate(stacks.planes)]).reshape(
-        -1, 75
-    )
-    shifted = around[links[:, 0]] + np.tile(made.offsets[number, :, 0, :3], 25)
+    shifted = around.reshape(-1, 75)[links[:, 0]] + np.tile(made.offsets[number, :, 0, :3], 25)
     np.testing.assert_allclose(made.records[number, :, 0], project(shifted, made.basis), atol=1)
     plain = analyse(device, stacks, 16, False, BUDGET, lambda done, total: None, None)
     assert not plain.offsets.any()
@@ -212,7 +255,7 @@ def test_transfer_functions_bring_the_means_of_neighbourhoods_together(device):
 
 def test_an_exemplar_agrees_with_itself(device):
     made = analyse(
-        device, stacks_of(Graph.single("a"), exemplar_of(pictures.moss(32, 32, 1))), 16, True, BUDGET,
+        device, stacks_of(Graph.single("a"), [exemplar_of(pictures.moss(32, 32, 1))]), 16, True, BUDGET,
         lambda done, total: None, None,
     )  # fmt: skip
     assert not made.offsets.any()
@@ -223,7 +266,7 @@ def test_an_exemplar_agrees_with_itself(device):
 
 
 def test_a_second_run_takes_all_from_the_cache(device, tmp_path, monkeypatch):
-    stacks = stacks_of(Graph.single("a"), exemplar_of(pictures.moss(16, 16, 1)))
+    stacks = stacks_of(Graph.single("a"), [exemplar_of(pictures.moss(16, 16, 1))])
     told = []
 
     def run(**other):
@@ -249,7 +292,7 @@ def test_a_second_run_takes_all_from_the_cache(device, tmp_path, monkeypatch):
         {"dims": 6},
         {"correct": False},
         {"stacks": dataclasses.replace(stacks, usable=usable)},
-        {"stacks": stacks_of(Graph.single("a"), exemplar_of(pictures.moss(16, 16, 2)))},
+        {"stacks": stacks_of(Graph.single("a"), [exemplar_of(pictures.moss(16, 16, 2))])},
     ]
     for other in others:
         run(**other)
@@ -260,15 +303,37 @@ def test_a_second_run_takes_all_from_the_cache(device, tmp_path, monkeypatch):
 def test_in_a_loop_only_texels_with_detail_to_come_are_jumped_to(device):
     flat = np.full((64, 64, 3), 0.5)
     flat[16:48, 16:48] = pictures.moss(32, 32, 1)  # detail in a quarter of it
-    plain = stacks_of(graph_of("a", ("a", "a", 1)), exemplar_of(flat))
-    lively = candidates.lively_texels(plain.levels, plain.planes, [0])
-    assert candidates.lively_texels(plain.levels, plain.planes, []).all() and not lively.all()
-    finest = plain.levels.stacks.index((0, 6))
-    made = analyse(
-        device, Stacks(plain.levels, plain.planes, plain.usable, lively), 16, True, BUDGET, lambda d, t: None, None
-    )
-    y, x = np.divmod(made.links[finest] & 4095, 64)
+    plain = stacks_of(graph_of("a", ("a", "a", 2)), [exemplar_of(flat)])
+    assert lively_texels(plain.levels, plain.planes, plain.periodic, []).all() and not plain.targets.all()
+    (end,) = filter(plain.levels.turns, range(len(plain.planes)))
+    made = analyse(device, plain, 16, True, BUDGET, lambda d, t: None, None)
+    y, x = np.divmod(made.links[end] & 4095, 64)
     assert ((y >= 12) & (y < 52) & (x >= 12) & (x < 52)).all()
-    without = analyse(device, plain, 16, True, BUDGET, lambda d, t: None, None)
-    y, x = np.divmod(without.links[finest] & 4095, 64)
+    without = replace(plain, targets=plain.usable)
+    without = analyse(device, without, 16, True, BUDGET, lambda d, t: None, None)
+    y, x = np.divmod(without.links[end] & 4095, 64)
     assert ((y < 12) | (y >= 52)).any()
+
+
+def test_a_turn_is_found_by_shape_not_by_colour(device):
+    """One half of a picture is 40 Lab darker: texels come to the other half as if it were not."""
+    picture = 0.5 + blurred(np.random.default_rng(0).random((64, 64, 1)) - 0.5, 1.0) * np.ones(3)
+    picture[:, 32:] += 0.4
+    stacks = stacks_of(graph_of("a", ("a", "a", 3)), [exemplar_of(picture, periodic=False)])
+    (end,) = filter(stacks.levels.turns, range(len(stacks.planes)))
+    across = {}
+    for correct in (True, False):
+        links = analyse(device, stacks, 16, correct, BUDGET, lambda d, t: None, None).links[end]
+        across[correct] = ((links.reshape(64, 64, 2)[:, 2:24] & 63) >= 32).mean()
+    assert across[True] > 0.2 > 0.02 > across[False]  # without transfer functions colours have to be alike
+
+
+def test_a_blurred_exemplar_turns_early():
+    """Where the finest octave holds nothing, a turn of two octaves is made of the two before it."""
+    random = np.random.default_rng(0).random((64, 64, 1)) * np.ones(3)
+    ends = {}
+    for sigma in (0.0, 2.0):
+        picture = blurred(random, sigma)
+        levels = stacks_of(graph_of("a", ("a", "a", 2)), [exemplar_of(picture)]).levels
+        ends[sigma] = next(levels.stacks[n][1] for n in range(len(levels.stacks)) if levels.turns(n))
+    assert ends == {0.0: 6, 2.0: 5}

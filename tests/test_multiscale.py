@@ -4,28 +4,28 @@
 from __future__ import annotations
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 
 from oiiotex.device import Device, choose
 from oiiotex.errors import DeviceError, ParameterError
-from oiiotex.synthesis.candidates import Stacks, analyse, lively_texels
+from oiiotex.synthesis.candidates import analyse
 from oiiotex.synthesis.exemplars import Graph
 from oiiotex.synthesis.multiscale import KEPT_IN_LOOPS, Settings, Synthesizer, default_jitter, plan, schedule
+from oiiotex.synthesis.targets import stacks_of
 from oiiotex.windows import Window
 from tests import pictures
+from tests.conftest import data_folder
 from tests.reference.multiscale import Oracle
-from tests.test_candidates import exemplar_of, graph_of, stacks_of
+from tests.test_candidates import exemplar_of, graph_of
 
 BUDGET = 1 << 30
 FAR = 1 << 40
 
 
-def analysed(device, graph, *pictures_of, correct=True):
-    stacks = stacks_of(graph, *map(exemplar_of, pictures_of))
-    loops = [n for n in range(len(graph.names)) if graph.in_loop(n)]
-    lively = lively_texels(stacks.levels, stacks.planes, loops) if loops else None
-    stacks = Stacks(stacks.levels, stacks.planes, stacks.usable, lively)
-    return analyse(device, stacks, 16, correct, BUDGET, lambda done, total: None, None)
+def analysed(device, graph, *pictures_of, periodic=False):
+    stacks = stacks_of(graph, [exemplar_of(picture, periodic=periodic) for picture in pictures_of])
+    return analyse(device, stacks, 16, True, BUDGET, lambda done, total: None, None)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def loop(device):
 
 @pytest.fixture(scope="module")
 def plain(device):
-    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1))
+    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1), periodic=True)
 
 
 def settings(**more):
@@ -129,7 +129,7 @@ def test_without_jitter_the_root_itself_comes_out(device, plain):
 
 def test_jitter_by_level():
     assert default_jitter(6) == (0.0, 0.6, 0.6, 0.6, 0.6, 0.0)
-    assert default_jitter(6, locked=3) == (0.0, 0.0, 0.0, 0.0, 0.6, 0.0)
+    assert default_jitter(6, endless=True) == (0.0, 0.6)  # the last holds for all further ones
     assert settings().rho(9) == round(256 * 0.3)
 
 
@@ -147,15 +147,29 @@ def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
         Synthesizer(device, plain, settings(), BUDGET).window(61, Window(0, 0, 4, 4))
 
 
-@pytest.mark.parametrize("name", ["gravel", "grass"])
-def test_a_zoom_without_end_keeps_its_contrast(device, name):
-    """One exemplar that is alike twice of itself: octaves down it is neither flat nor out of its gamut."""
-    data = pytest.importorskip("skimage.data")
-    photo = getattr(data, name)()[:128, :128, None] / 255.0 * np.ones(3)
-    made = analysed(device, graph_of("a", ("a", "a", 1)), photo)
+@pytest.mark.parametrize(
+    "name, r",
+    [
+        ("gravel", 1),
+        ("grass", 2),
+        ("gravel", 3),
+        ("flower_meadow_stones", 1),
+        ("bark_flaky", 2),
+        ("castle_brick_broken", 3),
+    ],
+)
+def test_a_zoom_without_end_keeps_its_contrast(device, name, r):
+    """One exemplar that is alike 2^r times of itself: octaves down it is neither flat nor out of its gamut."""
+    if name in ("gravel", "grass"):
+        photo = getattr(pytest.importorskip("skimage.data"), name)()[:128, :128, None] / 255.0 * np.ones(3)
+    else:
+        whole = oiio.ImageBuf(str(data_folder() / "photos" / f"{name}.jpg")).get_pixels(oiio.FLOAT)
+        top, left = (n // 2 - 64 for n in whole.shape[:2])
+        photo = whole[top : top + 128, left : left + 128, :3].mean(-1, keepdims=True) * np.ones(3)
+    made = analysed(device, graph_of("a", ("a", "a", r)), photo)
     plain = made.stacks
-    maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7), kept=KEPT_IN_LOOPS), BUDGET)
-    exemplar = plain.planes[plain.levels.stacks.index((0, 7))][..., 0].astype(np.float64)
+    maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7, True), kept=KEPT_IN_LOOPS), BUDGET)
+    exemplar = 800 * (photo[..., 0] - photo[..., 0].mean())  # on the grid of the planes
     for level in (12, 20, 40):
         found = []
         for x, y in ((0, 0), (5000, 7000), (-3000, 99), (777, -1 << 20)):
@@ -163,4 +177,5 @@ def test_a_zoom_without_end_keeps_its_contrast(device, name):
             colour = plain.planes.reshape(-1, 4)[state.texel, 0].astype(np.float64) + state.offset[..., 0]
             assert exemplar.min() < colour.mean() < exemplar.max()
             found.append(colour.std())
+            assert len(np.unique(state.texel)) > 1000  # no texel is everywhere
         assert np.mean(found) == pytest.approx(exemplar.std(), rel=0.25)

@@ -89,13 +89,14 @@ from oiiotex.synthesis.exemplars import Edge, Graph
 from oiiotex.synthesis.multiscale import Settings, Synthesizer
 from oiiotex.synthesis.superexemplar import unrolled
 from oiiotex.windows import Window
-graph = Graph(("a",), (Path("a"),), 0, (Edge(0, 0, 1),), (1.0,))
+graph = Graph(("a",), (Path("a"),), 0, (Edge(0, 0, 1),), (1.0,), (None,))
 levels = unrolled(graph, 4)
 planes = np.random.default_rng(0).integers(-900, 900, (len(levels.stacks), 16, 16, 4)).astype(np.int16)
 planes[..., 3] = 0
 usable = np.ones(planes.shape[:3], bool)
 usable[:, 3:6, 2:9] = False
-made = analyse(opened, Stacks(levels, planes, usable), 16, True, 1 << 30, lambda done, total: None, None)
+stacks = Stacks(levels, planes, usable, usable, (False,) * len(planes))
+made = analyse(opened, stacks, 16, True, 1 << 30, lambda done, total: None, None)
 maker = Synthesizer(opened, made, Settings(seed=1, jitter=(0.0, 0.6), kept=0.8), 1 << 30)
 maker.window(5, Window.sized(3, -2, 6, 5))
 """,

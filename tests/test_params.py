@@ -312,6 +312,34 @@ def test_a_declaration_says_where_many_images_go():
     ]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Set(Op):
+    """Takes as many images as n says."""
+
+    name: ClassVar[str] = "set"
+    reach: ClassVar[Reach] = Reach.POINT
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (Output("out", "as many"),)
+
+    first: Image = image(help="the first")
+    others: tuple[Image, ...] = image((), help="the others", count="n")
+    mask: Image | None = image(None, help="where")
+    n: int = param(1, ge=1, le=9, help="how many")
+
+
+def test_a_declaration_says_which_parameter_counts_images():
+    assert Set.further_images().name == "others" and Everything.further_images() is None
+    assert [i.name for i in (*Set.images(), *Set.optional_images())] == ["first", "mask"]
+    assert [Set.arity(values, 9) for values in ({}, {"n": 3}, {"n": 3, "mask": True}, {"mask": "a.exr"})] == [
+        1,
+        3,
+        4,
+        1,
+    ]
+    assert [p.name for p in Set.modifiers()] == ["mask", "n"]
+    assert "unknown modifier 'others'" in refusal(parse_modifiers, Set, {"others": "1"})
+
+
 def test_a_text_that_is_not_known_yet_is_passed_over_but_its_name_is_checked():
     assert parse_modifiers(Merge, {"gamma": None, "from": "x"}) == {"from_": "x"}
     assert "did you mean 'gamma'" in refusal(parse_modifiers, Merge, {"gama": None})

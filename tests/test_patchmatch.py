@@ -72,6 +72,24 @@ def test_pixels_that_are_held_are_put_back(any_lanes):
     np.testing.assert_array_equal(found, np.where(kept, -target, target))
 
 
+def test_a_change_is_taken_back_by_shares(any_lanes):
+    g = GEOMETRIES[-1]
+    matcher, buffers, target, *_ = setup(any_lanes, g)
+    random = np.random.default_rng(4)
+    changed = random.integers(-2400, 2400, target.shape).astype(np.int16)
+    share = random.integers(0, 256, target.shape[:2]).astype(np.uint8)
+    share[0, :2] = 0, 255
+    with Buffers(any_lanes, {"changed": changed.nbytes, "ease": share.nbytes}, BUDGET, "test") as more:
+        any_lanes.write(more["changed"], changed)
+        any_lanes.write(more["ease"], share)
+        buffers._held |= {name: more[name] for name in ("changed", "ease")}
+        matcher.ease("changed")
+        found = any_lanes.read(more["changed"], target.shape, np.int16)
+    exact = target + (changed.astype(float) - target) * share[..., None] / 255
+    assert np.abs(found - exact).max() <= 0.51
+    np.testing.assert_array_equal(found[0, :2], [target[0, 0], changed[0, 1]])
+
+
 def test_a_price_divides_the_use_that_a_patch_pays_for(any_lanes):
     """Twice as dear is as if it were used twice as often; what is forbidden is never taken."""
     g = GEOMETRIES[0]

@@ -115,7 +115,7 @@ def oracle(image: np.ndarray, sigma: float, low: np.ndarray, high: np.ndarray) -
     roots = [matched(np.sign(b) * np.sqrt(np.abs(b)) * SCALE, -largest, largest) for b in bands]
     rest = image - back(bands)
     changes = responses_of(np.array(roots)) - bands
-    return np.clip(image + back(changes) + matched(rest, low, high) - rest, low, high)
+    return np.clip(image + projection._GAIN * back(changes) + matched(rest, low, high) - rest, low, high)
 
 
 def test_the_projection_is_close_to_the_dense_one(device):

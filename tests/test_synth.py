@@ -14,6 +14,7 @@ from oiiotex import errors, filters
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import data_folder, load, oiiotex, save
+from tests.test_faults import peak_of
 
 SRGB = "srgb_rec709_scene"
 
@@ -27,7 +28,8 @@ def folder(tmp_path_factory):
     save(np.broadcast_to(stripes, (64, 64, 3)), made / "stripes.png", space=SRGB)
     gray = pictures.pebbles(64, 64, 2).mean(-1, keepdims=True)
     save(np.broadcast_to(gray, (64, 64, 3)), made / "gray.png", space=SRGB)
-    nodes = [{"id": n, "file": f"{n}.png"} for n in ("stripes", "gray")]
+    # as a torus: mirrored, 64 px of pebbles are .01 to .03 farther from their stripes (four pictures)
+    nodes = [{"id": n, "file": f"{n}.png", "wrap": "periodic"} for n in ("stripes", "gray")]
     drawn = {"exemplars": nodes, "edges": [{"from": "stripes", "to": "gray", "r": 3}]}
     (made / "map.json").write_text(json.dumps(drawn))
     nodes = [{"id": "photo", "file": "photo.png"}]
@@ -246,3 +248,15 @@ def test_what_is_wrong_is_said_in_one_line(folder, words, message):
     save(pictures.moss(9, 40, 1), folder / "tiny.png", space=SRGB)
     save(np.dstack([pictures.moss(16, 16, 1), np.zeros((16, 16))]), folder / "clear.png", space=SRGB)
     assert message in refusal(folder, "--autocc", *words)
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_image(folder):
+    """A gigapixel of tiles takes what some rows of it take: benchmarks/README.md has the run."""
+    words = "--tile", "64", "64", "-d", "half", "-o", "big.exr"
+
+    def megabytes(size):
+        return peak_of(folder, "--cache", "256", "photo.png", f"--texsynth:size={size}", *words)
+
+    some = megabytes("8192x1024")  # enough to fill what is kept
+    assert megabytes("8192x3072") < some + 32 < 500

@@ -110,8 +110,8 @@ __kernel void steerable_columns(const __global float *restrict rows, __global sh
 // A response, from the root that a band keeps; nothing where it is none.
 inline wide response(wide_short root, float unit) {
   wide_int v = CONVERTED(root, wide_int);
-  wide squared = CONVERTED(v * (v < 0 ? -v : v), wide) * unit;
-  return v == OUTSIDE ? (wide)0.0f : squared;
+  wide f = CONVERTED(v, wide), squared = f * f * unit;
+  return v == OUTSIDE ? (wide)0.0f : f < 0.0f ? -squared : squared;
 }
 
 // MJH17 section 4.3, after Heeger and Bergen: responses are weights of the filters, which are turned back and spread,

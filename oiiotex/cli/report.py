@@ -63,6 +63,8 @@ def page(name: str) -> str:
 
 def _op_page(op: type[Op]) -> str:
     images = " ".join(i.name for i in op.images())
+    further = op.further_images()
+    images += f" {further.name}" if further else ""
     lines = [f"{_call(op)}  ({images} -> {', '.join(o.name for o in op.outputs)})", "", description(op)]
     if op.arguments():
         lines += ["", "Arguments:", *(f"  {p.name.upper():13s}{p.help}; {p.allowed()}" for p in op.arguments())]

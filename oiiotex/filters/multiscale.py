@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -69,6 +69,8 @@ class Multiscale(Op):
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
             raise ParameterError(f"{self.name}: takes an image, or graph=FILE")
+        if self.lock:  # the root comes out as it is only where its neighbourhoods go around, as its plane does
+            graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:
             for part in given.parts[1:]:
                 log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, given.source)

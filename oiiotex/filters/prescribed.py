@@ -111,7 +111,7 @@ def remade_places(
         What synthesizes.
     """
     height, width = marked.shape
-    places = pack(*np.indices(marked.shape))
+    places = pack(np.arange(height)[:, None], np.arange(width))
     if not marked.any():
         return places
     window = _surroundings(marked, recipe)

@@ -222,9 +222,9 @@ class Stationarize(_PatchSynthesis):
     """Turn a photo into a texture that tiles without visible repetition.
 
     Gradients of light, stains and other slow drift repeat visibly when a photo is tiled. This filter synthesizes the
-    photo anew from its own patches while it makes local histograms the same everywhere above a scale sigma (MJH17:
-    Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017). Every pixel of the
-    result is a copy of one pixel of the photo.
+    photo anew from its own patches while it makes local histograms, or another measure, the same everywhere above a
+    scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017). Every
+    pixel of the result is a copy of one pixel of the photo.
     """
 
     name: ClassVar[str] = "stationarize"

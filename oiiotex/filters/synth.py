@@ -38,9 +38,9 @@ class Synth(Multiscale):
     Without `graph` the top image is the one exemplar: a texture of any size grows from it (Lefebvre & Hoppe, Parallel
     controllable texture synthesis, 2005). A graph says of a few small exemplars how their scales relate, and any window
     of any level of detail can be had, alone and the same to the bit as in the whole (HRRG08: Han, Risser, Ramamoorthi,
-    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centres
-    and taken for periodic. Every pixel is a copy of one of an exemplar, but for the colour offset by which exemplars
-    that do not agree are brought together.
+    Grinspun, Multiscale Texture Synthesis, 2008). Exemplars are cut to squares of a power of two around their centres;
+    one that does not tile is mirrored at its borders. Every pixel is a copy of one of an exemplar, but for the colour
+    offset by which exemplars that do not agree are brought together.
     """
 
     name: ClassVar[str] = "synth"

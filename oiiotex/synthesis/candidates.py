@@ -3,15 +3,15 @@
 
 HRRG08 sections 4.4, 5 and 6. Everything is decided on integers, so that every device finds the same candidates.
 
-Departures: one basis serves all levels (a basis per level moved no measured result above the coarsest levels);
+Departures: one basis serves all levels (from level 4 of 7 on it holds at most .03 less of the variance than one each);
 neighbours are searched as PatchMatch does instead of exactly (tests/test_candidates.py states how near they come);
 a transfer function is found for levels of one exemplar, too, where HRRG08 takes the identity: self-loops lose their
-contrast without it.
+contrast without it; and where a zoom turns, candidates are found by shape, whatever their mean colour is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
@@ -19,7 +19,6 @@ import numpy as np
 
 from ..device import Buffers, Device
 from ..kept import Arrays, hash_of, kept
-from .stacks import blurred
 from .superexemplar import Levels
 
 DIMS = 16  # of cl/projected.h
@@ -29,9 +28,8 @@ DISC = 0.06  # radius that keeps two candidates apart, in exemplar sides (the sh
 _BITS = 12  # of the fraction of the basis
 _JUMPS = (8, 4, 2, 1)
 _ROUNDS = 5
-_DULL = 0.75  # share of a level's texels that are not jumped to in a loop
 _SAMPLES = 2000  # neighbourhoods of a level that the basis is found from
-_VERSION = "oiiotex candidates 3"  # to be counted up where the same stacks lead to another analysis
+_VERSION = "oiiotex candidates 4"  # to be counted up where the same stacks lead to another analysis
 
 
 @dataclass(frozen=True)
@@ -44,15 +42,18 @@ class Stacks:
     planes : (levels, side, side, 4) int16
         Colour of every texel on the integer grid (`stacks.grid_stack`).
     usable : (levels, side, side) bool
-        Texels that are not transparent.
-    lively : (levels, side, side) bool or None
-        Texels that may be candidates of others (`lively_texels`); None: all.
+        Texels that may be candidates of themselves.
+    targets : (levels, side, side) bool
+        Texels that may be candidates of others.
+    periodic : tuple of bool
+        Of every level, whether its exemplar is a torus; else neighbourhoods are mirrored at its borders.
     """
 
     levels: Levels
     planes: np.ndarray
     usable: np.ndarray
-    lively: np.ndarray | None = None
+    targets: np.ndarray
+    periodic: tuple[bool, ...]
 
     @property
     def side_bits(self) -> int:
@@ -87,36 +88,26 @@ class Analysis:
     variance: float = 0.0
 
 
-def lively_texels(levels: Levels, planes: np.ndarray, loops: Collection[int]) -> np.ndarray:
-    """Texels that hold much of what their exemplar has finer than their level; all, of exemplars in no loop.
-
-    Where a zoom never ends, flat matches flat, and every turn of the loop makes more of it (HRRG08 leaves this open:
-    with its candidates a zoom loses its contrast). So in a loop only those texels are jumped to that have more detail
-    to come than `_DULL` of all: squared differences to the finest level, summed up over what a neighbourhood sees.
-    """
-    found = np.ones(planes.shape[:3], bool)
-    for number, (exemplar, level) in enumerate(levels.stacks):
-        finest = (exemplar, levels.finest)
-        if exemplar in loops and level < levels.finest and finest in levels.stacks:
-            away = planes[levels.stacks.index(finest)].astype(np.float64) - planes[number]
-            detail = blurred(np.square(away).sum(-1, keepdims=True), 1.5 * levels.spacing(number))[..., 0]
-            found[number] = detail >= np.quantile(detail, _DULL)
-    return found
-
-
-def neighbourhoods(plane: np.ndarray, spacing: int) -> np.ndarray:
+def neighbourhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray:
     """The 5 x 5 neighbourhoods of a plane's texels: (side^2, 75) float64, in the order rows, columns, channels."""
-    steps = range(-2, 3)
-    shifted = [np.roll(plane[..., :3], (-y * spacing, -x * spacing), (0, 1)) for y in steps for x in steps]
-    return np.concatenate(shifted, -1).reshape(-1, 75).astype(np.float64)
+    side = len(plane)
+    at = _places_around(side, spacing, periodic)
+    padded = plane[at][:, at, :3].astype(np.float64)
+    steps = [n * spacing for n in range(5)]
+    return np.concatenate([padded[y : y + side, x : x + side] for y in steps for x in steps], -1).reshape(-1, 75)
 
 
-def _around(plane: np.ndarray, spacing: int, rows: np.ndarray) -> np.ndarray:
+def _around(plane: np.ndarray, spacing: int, periodic: bool, rows: np.ndarray) -> np.ndarray:
     """Those rows of `neighbourhoods`."""
-    side, steps = len(plane), range(-2, 3)
-    y, x = np.divmod(rows, side)
-    taken = [plane[(y + v * spacing) % side, (x + u * spacing) % side, :3] for v in steps for u in steps]
-    return np.concatenate(taken, -1).astype(np.float64)
+    at = _places_around(len(plane), spacing, periodic)
+    y, x = np.divmod(rows, len(plane))
+    steps = [n * spacing for n in range(5)]
+    return np.concatenate([plane[at[y + v], at[x + u], :3] for v in steps for u in steps], -1).astype(np.float64)
+
+
+def _places_around(side: int, spacing: int, periodic: bool) -> np.ndarray:
+    """Which line of a plane is looked at where, from two spacings before its border to two behind the other."""
+    return np.pad(np.arange(side), 2 * spacing, mode="wrap" if periodic else "symmetric")
 
 
 def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
@@ -126,7 +117,7 @@ def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
     for number, plane in enumerate(stacks.planes):
         usable = np.flatnonzero(stacks.usable[number])
         rows = usable[random.integers(0, len(usable), _SAMPLES)]
-        sampled.append(_around(plane, stacks.levels.spacing(number), rows))
+        sampled.append(_around(plane, stacks.levels.spacing(number), stacks.periodic[number], rows))
     variances, vectors = np.linalg.eigh(np.cov(np.concatenate(sampled).T))
     found = np.zeros((75, DIMS), np.int16)
     chosen = vectors[:, ::-1][:, :dims]
@@ -197,13 +188,18 @@ def _analysed(
     basis, variance = basis_of(stacks, dims)
     count, side = stacks.planes.shape[:2]
     projections = np.empty((count, side * side, DIMS), np.int16)
+    shapes = projections
+    if correct and any(map(stacks.levels.turns, range(count))):
+        shapes = np.empty_like(projections)
     means = np.empty((count, side * side, 3))
     for number, plane in enumerate(stacks.planes):
-        around = neighbourhoods(plane, stacks.levels.spacing(number))
+        around = neighbourhoods(plane, stacks.levels.spacing(number), stacks.periodic[number])
         projections[number] = project(around, basis)
         means[number] = around.reshape(-1, 25, 3).mean(1)
+        if shapes is not projections:
+            shapes[number] = project(around - np.tile(np.rint(means[number]), 25), basis)
         step(number + 1)
-    links = _searched(device, stacks, projections, budget, step)
+    links = _searched(device, stacks, projections, shapes, budget, step)
     offsets, records = _transfers(stacks, links, projections, means, basis, correct)
     return basis, links, records, offsets, np.array([variance])
 
@@ -233,27 +229,26 @@ def _transfers(
 
 
 def _searched(
-    device: Device, stacks: Stacks, projections: np.ndarray, budget: int, step: Callable[[int], None]
-) -> np.ndarray:
-    """The candidates of every texel: (levels, side^2, 2) uint32."""
+    device: Device, stacks: Stacks, projections: np.ndarray, shapes: np.ndarray, budget: int,
+    step: Callable[[int], None],
+) -> np.ndarray:  # fmt: skip
+    """The candidates of every texel: (levels, side^2, 2) uint32.
+
+    Where a zoom turns, neighbourhoods are compared by `shapes`, less their means: the transfer function takes up the
+    difference of these, and a flat place of any colour may come to detail of any other.
+    """
     count, texels = projections.shape[:2]
     links = np.empty((count, texels, 2), np.uint32)
     layout = {"projections": projections.nbytes, "usable": stacks.usable.size, "excluded": 4 * texels}
     layout |= dict.fromkeys(("texel", "cost", "texel_next", "cost_next"), 4 * texels)
     with Buffers(device, layout, budget, "the analysis of the exemplars", held=projections.nbytes) as buffers:
-        device.write(buffers["projections"], projections)
-        usable = stacks.usable if stacks.lively is None else _both(stacks.usable, stacks.lively)
-        device.write(buffers["usable"], usable.view(np.uint8))
+        device.write(buffers["usable"], stacks.targets.view(np.uint8))
         for number in range(count):
+            if number == 0 or stacks.levels.turns(number) != stacks.levels.turns(number - 1):
+                device.write(buffers["projections"], shapes if stacks.levels.turns(number) else projections)
             links[number] = _level(device, buffers, stacks, number)
             step(count + number + 1)
     return links
-
-
-def _both(usable: np.ndarray, lively: np.ndarray) -> np.ndarray:
-    """Where both say yes, level by level; where that is nowhere, what is usable."""
-    both = usable & lively
-    return np.where(both.any((1, 2), keepdims=True), both, usable)
 
 
 def _level(device: Device, buffers: Buffers, stacks: Stacks, number: int) -> np.ndarray:

@@ -9,7 +9,8 @@ A graph is a small JSON file (YAML where PyYAML is installed):
      "jitter": [0, 0.6, 0.6], "seed": 7}
 
 `r` is log2 of how many times smaller a pixel of `to` is; `scale` says the ratio itself, and `to` is resampled to the
-nearest power of two. Both together say to which, and `"resample": true` allows more than sqrt(2). `nodes` may stand for
+nearest power of two. Both together say to which, and `"resample": true` allows more than sqrt(2). `wrap` of an exemplar
+says what is at its borders, `periodic` or `mirror`; what it looks like when left out. `nodes` may stand for
 `exemplars`, and `title`, `note` and where a photo was taken from are passed over.
 """
 
@@ -26,9 +27,9 @@ from ..errors import ImageError
 from ..params import nearest
 
 _TOP = ("exemplars", "nodes", "root", "edges", "jitter", "seed", "resample", "title", "note")
-_NODE = ("id", "file", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
+_NODE = ("id", "file", "wrap", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
 _EDGE = ("from", "to", "r", "scale", "note", "to_origin_in_from_px")
-LOOP_R = 1  # of an exemplar to itself where nobody says it: with 3 flat parts fade later, but tile over and over
+LOOP_R = 1  # of an exemplar to itself where nobody says it
 _ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
 
 
@@ -54,6 +55,8 @@ class Graph:
     factors : tuple of float
         How much larger each exemplar is to be resampled, so that all ratios are powers of two; within sqrt(2) unless
         the document asks for more.
+    wraps : tuple of str or None
+        "periodic" or "mirror": what is at the borders of each exemplar; None: what they look like.
     jitter : tuple of float or None
         rho by level; the last holds for all finer ones.
     seed : int or None
@@ -64,18 +67,19 @@ class Graph:
     root: int
     edges: tuple[Edge, ...]
     factors: tuple[float, ...]
+    wraps: tuple[str | None, ...]
     jitter: tuple[float, ...] | None = None
     seed: int | None = None
 
     @classmethod
     def single(cls, name: str) -> Graph:
         """One exemplar without scale edges: Lefebvre & Hoppe 2005."""
-        return cls((name,), (Path(name),), 0, (), (1.0,))
+        return cls((name,), (Path(name),), 0, (), (1.0,), (None,))
 
     @classmethod
     def loop(cls, name: str, r: int) -> Graph:
         """One exemplar with an edge to itself: a zoom that never ends (HRRG08 figure 3)."""
-        return cls((name,), (Path(name),), 0, (Edge(0, 0, r),), (1.0,))
+        return cls((name,), (Path(name),), 0, (Edge(0, 0, r),), (1.0,), (None,))
 
     def leads_on(self, exemplar: int) -> bool:
         """Whether an edge leaves that exemplar."""
@@ -165,7 +169,7 @@ def parse_graph(document: Any, path: Path) -> Graph:
     nodes = _listed(top, "exemplars" if "exemplars" in top else "nodes", where)
     if not nodes:
         raise ImageError(f"{where}: there is no exemplar")
-    names, files = _exemplars(nodes, path)
+    names, files, wraps = _exemplars(nodes, path)
     drawn = [_edge(found, names, where) for found in _listed(top, "edges", where)]
     root = _root(top.get("root"), names, [(edge.source, edge.destination) for edge in drawn], where)
     resample = top.get("resample", False)
@@ -175,7 +179,7 @@ def parse_graph(document: Any, path: Path) -> Graph:
     seed = top.get("seed")
     if seed is not None and (not _whole(seed) or not 0 <= seed < 2**32):
         raise ImageError(f"{where}: seed={seed}: allowed is a whole number >= 0 and <= 4294967295")
-    return Graph(names, files, root, edges, factors, _jitter(top.get("jitter"), where), seed)
+    return Graph(names, files, root, edges, factors, wraps, _jitter(top.get("jitter"), where), seed)
 
 
 def _mapping(found: Any, known: tuple[str, ...], where: str) -> dict[str, Any]:
@@ -194,9 +198,10 @@ def _listed(top: dict[str, Any], name: str, where: str) -> list[Any]:
     return found
 
 
-def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Path, ...]]:
+def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Path, ...], tuple[str | None, ...]]:
     names: list[str] = []
     files: list[Path] = []
+    wraps: list[str | None] = []
     for n, found in enumerate(nodes):
         node = _mapping(found, _NODE, f"{path}: exemplar {n}")
         file = node.get("file")
@@ -207,9 +212,13 @@ def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Pat
             raise ImageError(f"{path}: exemplar '{name}' has no file")
         if name in names:
             raise ImageError(f"{path}: there are two exemplars '{name}'")
+        wrap = node.get("wrap")
+        if wrap not in (None, "periodic", "mirror"):
+            raise ImageError(f"{path}: exemplar '{name}': wrap={wrap}: allowed is periodic or mirror")
         names.append(name)
         files.append(path.parent / file)
-    return tuple(names), tuple(files)
+        wraps.append(wrap)
+    return tuple(names), tuple(files), tuple(wraps)
 
 
 class _Drawn(NamedTuple):

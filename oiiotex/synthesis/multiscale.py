@@ -19,11 +19,11 @@ from ..device import Buffers, Device
 from ..errors import ParameterError
 from ..windows import Window
 from .candidates import DIMS, Analysis, texels_at_once
+from .superexemplar import FIRST_CORRECTED
 
-FIRST_CORRECTED = 2  # level; coarser ones have less than a neighbourhood of the root
 JITTER = 0.6  # rho on the levels that are jittered: less is undone by the correction, and the root shows as tiles
 PENALTY = 1.5  # kappa: by how much a second candidate must be better
-KEPT_IN_LOOPS = 0.8  # of the transfer function per level: it would drift out of all colours where a zoom never ends
+KEPT_IN_LOOPS = 0.84  # of the transfer function per level: it would drift out of all colours where a zoom never ends
 PASSES = 2
 MOST_LEVEL = 60  # places on it fit 64 bits with room for the halo
 
@@ -111,9 +111,12 @@ class Settings:
         return self.around[0] >> (self.around_level - level), self.around[1] >> (self.around_level - level)
 
 
-def default_jitter(finest: int, locked: int = -1) -> tuple[float, ...]:
-    """rho by level: none on the two finest of the root and beyond, none up to level `locked`."""
-    return tuple(JITTER if max(0, locked) < level <= finest - 2 else 0.0 for level in range(finest))
+def default_jitter(finest: int, endless: bool = False) -> tuple[float, ...]:
+    """rho by level: none on the two finest of the root and beyond.
+
+    A zoom that never ends is jittered on all further levels, or places that are alike stay alike for ever.
+    """
+    return (0.0, JITTER) if endless else tuple(JITTER if 0 < level <= finest - 2 else 0.0 for level in range(finest))
 
 
 class State(NamedTuple):

@@ -7,7 +7,6 @@ pixels with their offset on them (`Plane.pixels`).
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -18,15 +17,17 @@ import numpy as np
 from .. import __version__
 from ..files import read
 from ..images import Image
+from ..kept import hash_of
 from ..session import Session
 from ..tiles import assembled
 from ..windows import Window
 from ..working import Lens
-from .candidates import Analysis, Stacks, analyse, lively_texels
+from .candidates import Analysis, analyse
+from .coverage import MUCH, RARE, shares, unmatched
 from .exemplars import Graph, read_graph
 from .multiscale import KEPT_IN_LOOPS, Settings, State, Synthesizer, default_jitter
-from .stacks import STEPS, Exemplar, grid_stack, load_exemplars, nearest_opaque, shown_level
-from .superexemplar import unrolled
+from .stacks import STEPS, Exemplar, load_exemplars, nearest_opaque, shown_level
+from .targets import stacks_of
 
 log = logging.getLogger("oiiotex")
 
@@ -73,12 +74,12 @@ class Plane:
 
         `lock` says the last level without jitter (HRRG08 figure 7); 0: none, 1 or True: L.
         """
-        jitter = self.graph.jitter or default_jitter(self.finest)
+        loops = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
+        jitter = self.graph.jitter or default_jitter(self.finest, endless=loops)
         if lock:
             last = self.finest if lock == 1 else int(lock)
             longer = (*jitter, *jitter[-1:] * (last + 1))
             jitter = tuple(0.0 if n <= last else rho for n, rho in enumerate(longer))
-        loops = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         return Settings(
             seed=seed if seed is not None else self.graph.seed or 0,
             jitter=jitter,
@@ -89,13 +90,10 @@ class Plane:
 
     def key(self, settings: Settings, level: int) -> str:
         """What texels and offsets of a level follow from, as a word: another graph, seed or version has another."""
-        arrays = (getattr(self.analysis, f.name) for f in fields(self.analysis))
-        seen = hashlib.blake2b(repr((__version__, self.analysis.stacks.levels, settings, level)).encode())
-        for array in (*arrays, self.analysis.stacks.planes):
-            if isinstance(array, np.ndarray):
-                seen.update(repr((array.shape, array.dtype)).encode())
-                seen.update(np.ascontiguousarray(array))
-        return seen.hexdigest()
+        found = (getattr(self.analysis, f.name) for f in fields(self.analysis))
+        arrays = (value for value in found if isinstance(value, np.ndarray))
+        stacks = self.analysis.stacks
+        return hash_of(__version__, stacks.levels, settings, level, stacks.planes, *arrays)
 
     def pixels(self, state: State) -> np.ndarray:
         """What pixels look like: (height, width, channels) of the root's pixel type.
@@ -181,66 +179,44 @@ def opened(
     """
     with session.stats.time("read and colour"):
         config = None if data else session.color
-        exemplars, lens = load_exemplars(images, graph.factors, config, session.autocc, side, graph.root)
+        exemplars, lens = load_exemplars(images, graph, config, session.autocc, side)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
-    key = _digest(graph, exemplars, dims, correct)
-    analysis = session.once(key, lambda: _analysed(session, graph, exemplars, finest, dims, correct))
+    looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]
+    key = hash_of(graph, dims, correct, *looks)
+    analysis = session.once(key, lambda: _analysed(session, graph, exemplars, dims, correct))
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
 
 
-def _digest(graph: Graph, exemplars: tuple[Exemplar, ...], *more: object) -> str:
-    """What an analysis follows from, as a word."""
-    seen = hashlib.blake2b(repr((graph, more)).encode())
-    for exemplar in exemplars:
-        for array in (exemplar.values, exemplar.opaque):
-            seen.update(b"" if array is None else np.ascontiguousarray(array))
-    return seen.hexdigest()
-
-
-def _analysed(
-    session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], finest: int, dims: int, correct: bool
-) -> Analysis:
+def _analysed(session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool) -> Analysis:
     import platformdirs
 
-    levels = unrolled(graph, finest)
     with session.stats.time("Gaussian stacks"):
-        root = exemplars[graph.root]
-        seen = root.values if root.opaque is None else root.values[root.opaque]
-        middle = seen[..., :3].reshape(-1, 3).mean(0, dtype=np.float64)
-        planes = np.empty((len(levels.stacks), root.side, root.side, 4), np.int16)
-        usable = np.ones(planes.shape[:3], bool)
-        for n, exemplar in enumerate(exemplars):
-            numbers = [m for m, (i, _) in enumerate(levels.stacks) if i == n]
-            planes[numbers] = grid_stack(exemplar, middle, [levels.stacks[m][1] for m in numbers], finest)
-            if exemplar.opaque is not None:
-                usable[numbers] = exemplar.opaque
-        loops = [n for n in range(len(exemplars)) if graph.in_loop(n)]
-        stacks = Stacks(levels, planes, usable, lively_texels(levels, planes, loops) if loops else None)
+        stacks = stacks_of(graph, exemplars)
     folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
     found = analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
-    _report_shares(graph, found)
+    _report(graph, exemplars, found)
     return found
 
 
-def _report_shares(graph: Graph, analysis: Analysis) -> None:
-    """Say how much of what may be replaced by each exemplar is; warn of one that appears nowhere (section 8)."""
-    of = np.array([exemplar for exemplar, _ in analysis.stacks.levels.stacks])
-    for n, name in enumerate(graph.names):
-        if n == graph.root:
-            continue
-        numbers = [
-            m
-            for m, onward in enumerate(analysis.stacks.levels.admissible)
-            if of[m] != n and n in of[[k for k, _ in onward]]
-        ]
-        if not numbers:
-            continue
-        into = of[(analysis.links[numbers] >> np.uint32(2 * analysis.stacks.side_bits)).astype(np.int64)]
-        share = float((into == n).any(-1).mean())
+def _report(graph: Graph, exemplars: Sequence[Exemplar], analysis: Analysis) -> None:
+    """Say how often each exemplar is taken, and warn of what will not show well (HRRG08 section 8)."""
+    for n, share in shares(graph, analysis):
+        name = graph.names[n]
         log.info("exemplar '%s' is a candidate of %.1f %% of the texels that it may replace", name, 100 * share)
-        if share == 0:
-            log.warning("exemplar '%s' appears nowhere: others match better everywhere (HRRG08 section 8)", name)
+        if share < RARE:
+            log.warning(
+                "exemplar '%s' appears %s: others match better (%.2g %% of the texels that it may replace; HRRG08"
+                " section 8)", name, "nowhere" if share == 0 else "hardly anywhere", 100 * share,
+            )  # fmt: skip
+    for n, share, x, y, away in unmatched(analysis):
+        if share >= MUCH:
+            place, factor = exemplars[n].place, exemplars[n].factor
+            log.warning(
+                "exemplar '%s': nothing finer is like %.0f %% of it (%.0f Lab units off at most, at %d,%d px):"
+                " its detail is another's there (HRRG08 section 8)",
+                graph.names[n], 100 * share, away, (place.left + x) / factor, (place.top + y) / factor,
+            )  # fmt: skip
 
 
 class States:

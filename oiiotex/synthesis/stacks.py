@@ -2,7 +2,10 @@
 """Exemplars as the synthesis sees them: squares of 2^L pixels in Lab, and their Gaussian stacks (HRRG08 section 3.2).
 
 Departure from HRRG08: the radius of the filter is not defined there; here level k of L has sigma = sqrt(h^2 - 1) / 2 px
-for its spacing h = 2^(L-k), so that the finest level is the exemplar itself. Exemplars are taken for periodic.
+for its spacing h = 2^(L-k), so that the finest level is the exemplar itself.
+
+An exemplar that tiles is a torus. Any other one is mirrored at its borders where a filter or a neighbourhood reaches
+across them; HRRG08 and Lefebvre & Hoppe 2005 leave open how they are told apart (`tiles` is how it is done here).
 """
 
 from __future__ import annotations
@@ -12,14 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..analysis.quality import seam_ratio, wrap_percentile
 from ..color import ColorConfig, as_float
 from ..errors import ImageError
 from ..images import Image, dtype_of, resized
 from ..windows import Window
 from ..working import Lens, in_type, lens_of
+from .exemplars import Graph
 
 LEAST, MOST = 16, 1024  # px; sides of exemplars
 STEPS = 8  # integer steps per Lab unit, as elsewhere
+_CLOSED = 1.5  # times the mean jump between lines: a wrap that is no steeper does not show
+_RARE = 99.0  # per cent of the lines: nor does one that is not steeper than the steepest hundredth of them
 _REACH = 2400  # steps: what is further from the mean decides as if it were this far
 
 
@@ -40,6 +47,8 @@ class Exemplar:
         Where it lies in the image's data window, counted from its corner; in pixels of the resampled image.
     factor : float
         How much the image was enlarged before.
+    periodic : bool
+        It is a torus; else it is mirrored at its borders.
     """
 
     name: str
@@ -48,6 +57,7 @@ class Exemplar:
     opaque: np.ndarray | None
     place: Window
     factor: float
+    periodic: bool = True
 
     @property
     def side(self) -> int:
@@ -56,7 +66,7 @@ class Exemplar:
 
 
 def load_exemplars(
-    images: Sequence[Image], factors: Sequence[float], config: ColorConfig | None, autocc: bool, most: int, root: int
+    images: Sequence[Image], graph: Graph, config: ColorConfig | None, autocc: bool, most: int
 ) -> tuple[tuple[Exemplar, ...], Lens]:
     """All exemplars, of one size and in the root's colour space, and how the root is seen.
 
@@ -66,15 +76,13 @@ def load_exemplars(
     Parameters
     ----------
     images : sequence of Image
-    factors : sequence of float
-        How much larger each is to be resampled first.
+    graph : Graph
+        Its root says space, channels and type.
     config : ColorConfig or None
         None: channels are data.
     autocc : bool
     most : int
         The longest side an exemplar may have, px.
-    root : int
-        Which of them says space, channels and type.
 
     Raises
     ------
@@ -83,6 +91,7 @@ def load_exemplars(
     ColorError
         As by `lens_of`.
     """
+    factors, root = graph.factors, graph.root
     shortest = min(
         min(_scaled_size(image, factor)) for image, factor in zip(images, factors, strict=True)
     )  # the side is common to all: HRRG08 section 3.1
@@ -92,9 +101,9 @@ def load_exemplars(
     side = 1 << (min(shortest, most).bit_length() - 1)
     lens = lens_of(images[root], config, autocc)
     found = []
-    for image, factor in zip(images, factors, strict=True):
+    for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):
         own = lens if image is images[root] else _fitting(image, images[root], lens, config, autocc)
-        found.append(_cut(image, factor, side, own, lens, np.dtype(dtype_of(images[root].first.spec))))
+        found.append(_cut(image, factor, side, wrap, own, lens, np.dtype(dtype_of(images[root].first.spec))))
     return tuple(found), lens
 
 
@@ -119,7 +128,7 @@ def _fitting(image: Image, root: Image, lens: Lens, config: ColorConfig | None, 
     return own
 
 
-def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens, kind: np.dtype) -> Exemplar:
+def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, root: Lens, kind: np.dtype) -> Exemplar:
     part = image.first
     width, height = _scaled_size(image, factor)
     place = Window.sized((width - side) // 2, (height - side) // 2, side, side)
@@ -140,7 +149,9 @@ def _cut(image: Image, factor: float, side: int, own: Lens, root: Lens, kind: np
         pixels = root.replaced(pixels, values.copy(), opaque)
     if pixels.dtype != kind:
         pixels = in_type(as_float(pixels), kind)
-    return Exemplar(image.source, pixels, np.ascontiguousarray(values, np.float32), opaque, place, factor)
+    values = np.ascontiguousarray(values, np.float32)
+    periodic = wrap == "periodic" if wrap else tiles(values)
+    return Exemplar(image.source, pixels, values, opaque, place, factor, periodic)
 
 
 def sigma_of(level: int, finest: int) -> float:
@@ -148,14 +159,25 @@ def sigma_of(level: int, finest: int) -> float:
     return 0.5 * float(np.sqrt(4.0 ** (finest - level) - 1.0))
 
 
-def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None) -> np.ndarray:
-    """A periodic Gaussian blur; transparent pixels have no say, and take what lies around them.
+def tiles(values: np.ndarray) -> bool:
+    """Whether opposite borders of an image meet without a seam that shows: (side, side, channels) float, by channel 0.
+
+    The jump from the last line to the first is like those between other lines: at most half as high again as their
+    mean, or one of a hundred is as high (a border may lie in a joint between bricks).
+    """
+    light = values[..., 0].astype(np.float64)
+    return all(seam_ratio(light, axis) <= _CLOSED or wrap_percentile(light, axis) <= _RARE for axis in (0, 1))
+
+
+def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None, periodic: bool = True) -> np.ndarray:
+    """A Gaussian blur of a torus, or mirrored; transparent pixels have no say, and take what lies around them.
 
     Parameters
     ----------
     planes : (side, side, channels) float
     sigma : float
     opaque : (side, side) bool or None
+    periodic : bool
 
     Returns
     -------
@@ -164,12 +186,12 @@ def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None) 
     planes = planes.astype(np.float64)
     if sigma <= 0:
         return planes
-    response = _response(len(planes), sigma)
+    filtered = _filtered if periodic else _filtered_mirrored
     if opaque is None:
-        return _filtered(planes, response)
-    weight = np.maximum(_filtered(opaque[..., None].astype(np.float64), response), 0)
+        return filtered(planes, sigma)
+    weight = np.maximum(filtered(opaque[..., None].astype(np.float64), sigma), 0)
     mean = planes[opaque].mean(0)
-    shared = _filtered(np.where(opaque[..., None], planes - mean, 0), response)
+    shared = filtered(np.where(opaque[..., None], planes - mean, 0), sigma)
     return mean + shared / np.maximum(weight, 1e-6)
 
 
@@ -184,9 +206,19 @@ def _response(side: int, sigma: float) -> np.ndarray:
     return np.fft.fft(taps / taps.sum()).real
 
 
-def _filtered(planes: np.ndarray, response: np.ndarray) -> np.ndarray:
+def _filtered(planes: np.ndarray, sigma: float) -> np.ndarray:
+    response = _response(len(planes), sigma)
     spectrum = np.fft.fft2(planes, axes=(0, 1)) * response[:, None, None] * response[None, :, None]
     return np.fft.ifft2(spectrum, axes=(0, 1)).real
+
+
+def _filtered_mirrored(planes: np.ndarray, sigma: float) -> np.ndarray:
+    """The same on the torus of twice the side that an image and its mirror images make: a cosine transform."""
+    from scipy import fft
+
+    response = _response(2 * len(planes), sigma)[: len(planes)]
+    spectrum = fft.dctn(planes, axes=(0, 1)) * response[:, None, None] * response[None, :, None]
+    return fft.idctn(spectrum, axes=(0, 1))
 
 
 def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], finest: int) -> np.ndarray:
@@ -199,11 +231,12 @@ def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], fi
     """
     values = exemplar.values[..., :3]
     if exemplar.opaque is not None:  # what a transparent pixel holds means nothing
-        near = blurred(values, 2.0, exemplar.opaque)
+        near = blurred(values, 2.0, exemplar.opaque, exemplar.periodic)
         values = np.where(exemplar.opaque[..., None], values, near)
     out = np.zeros((len(levels), exemplar.side, exemplar.side, 4), np.int16)
     for n, level in enumerate(levels):
-        steps = (blurred(values, sigma_of(level, finest), exemplar.opaque) - middle) * STEPS
+        seen = blurred(values, sigma_of(level, finest), exemplar.opaque, exemplar.periodic)
+        steps = (seen - middle) * STEPS
         out[n, ..., :3] = np.rint(np.clip(steps, -_REACH, _REACH))
     return out
 
@@ -212,10 +245,8 @@ def shown_level(exemplar: Exemplar, level: int, finest: int) -> np.ndarray:
     """A level as it is seen, all channels in the exemplar's own type: (side, side, channels)."""
     if level == finest:
         return exemplar.pixels
-    return in_type(
-        blurred(as_float(exemplar.pixels), sigma_of(level, finest), exemplar.opaque).astype(np.float32),
-        exemplar.pixels.dtype,
-    )
+    seen = blurred(as_float(exemplar.pixels), sigma_of(level, finest), exemplar.opaque, exemplar.periodic)
+    return in_type(seen.astype(np.float32), exemplar.pixels.dtype)
 
 
 def nearest_opaque(opaque: np.ndarray) -> np.ndarray:

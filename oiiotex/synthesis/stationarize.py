@@ -42,6 +42,8 @@ FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
 FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
+FIELD_BYTES = 12  # of a target pixel on the host: two fields, and the places that come of them
+COUNTED_ROWS = 256  # of an image whose histogram is taken
 EASE = 2.0  # patches away from pixels that stay: how far in the projection begins to have its full strength
 ENOUGH = 0.25  # of the finest level's share of whole patches: what a coarse level must have to be of use
 
@@ -182,7 +184,10 @@ def synthesize(
     done, field, coarser = 0, None, None
     held = guidance.held
     needed = _layout(recipe, geometries, scales, guidance)
-    with Buffers(device, needed, budget, what, held=2 * exemplar.nbytes) as buffers:
+    on_host = 2 * exemplar.nbytes + FIELD_BYTES * recipe.width * recipe.height
+    if held is not None:
+        on_host += 2 * exemplar.shape[2] * 4 * recipe.width * recipe.height
+    with Buffers(device, needed, budget, what, held=on_host) as buffers:
         for geometry, scale in zip(geometries, scales, strict=True):
             e_size = geometry.exemplar_width, geometry.exemplar_height
             image = to_grid(coarse_image(exemplar, allowed, *e_size), recipe.patch)
@@ -293,8 +298,8 @@ class _Level:
         if self._usable is not None:
             source = "image"  # which nothing has been voted into yet
             self._device.write(self._buffers[source], np.where(self._usable[..., None], exemplar, OUTSIDE))
-        self._projected(g.exemplar_width, g.exemplar_height, sigma, False, False).project(source, "matched")
-        return self._device.read(self._buffers["matched"], exemplar.shape, np.int16)
+        self._projected(g.exemplar_width, g.exemplar_height, sigma, False, False).project(source, "target")
+        return self._device.read(self._buffers["target"], exemplar.shape, np.int16)
 
     def _counted(self, exemplar: np.ndarray) -> np.ndarray:
         """Its pixels that may be used, (n, 3)."""
@@ -306,10 +311,10 @@ class _Level:
         self._hold()
         self._match_histogram(self._recipe.alpha(iteration))
         if self._projection is not None:
-            self._projection.project("image", "matched", OVERSHOOT)
+            self._projection.project("image", "target", OVERSHOOT)
             if self._free is not None:
-                self._matcher.ease("matched")
-            self._buffers.swap("image", "matched")
+                self._matcher.ease("target")
+            self._buffers.swap("image", "target")
             self._hold()
         self._matcher.improve(passes, iteration)
 
@@ -321,20 +326,34 @@ class _Level:
         if alpha <= 0:
             return
         g = self._geometry
-        image = self._device.read(self._buffers["image"], (g.height, g.width, g.channels), np.int16)
-        counted = image if self._free is None else image[self._free]
-        table = matching_table(value_counts(counted, self._first, self._entries), self._goal, self._first, alpha)
+        table = matching_table(self._counts(), self._goal, self._first, alpha)
         if self._free is None:
             apply_table(self._device, self._buffers, "image", g.width * g.height, table, self._first)
         else:  # eased as the projection is
+            image = self._device.read(self._buffers["image"], (g.height, g.width, g.channels), np.int16)
             far = table[np.arange(g.channels), image - np.int32(self._first)] - image.astype(np.int32)
             self._device.write(self._buffers["image"], (image + far * self._ease // 255).astype(np.int16))
+
+    def _counts(self) -> np.ndarray:
+        """`value_counts` of the image's free pixels, band by band: a large image is never held beside the device."""
+        g, total = self._geometry, np.int64(0)
+        for top in range(0, g.height, COUNTED_ROWS):
+            rows = slice(top, min(top + COUNTED_ROWS, g.height))
+            shape = rows.stop - top, g.width, g.channels
+            band = self._device.read(self._buffers["image"], shape, np.int16, offset=2 * g.channels * g.width * top)
+            band = band if self._free is None else band[self._free[rows]]
+            total = total + value_counts(band, self._first, self._entries)
+        return total
 
 
 def _layout(
     recipe: Recipe, geometries: list[Geometry], scales: list[float], guidance: Guidance = NOTHING
 ) -> dict[str, int]:
-    """Device memory that every level fits into; `image` and `matched` change places, so they are of one size."""
+    """Device memory that every level fits into.
+
+    A projection goes into `target`, which stands empty between two searches, and changes places with `image`: they are
+    of one size.
+    """
     needed = geometries[-1].layout()
     if guidance.held is not None:
         needed |= {"held": needed["image"], "ease": recipe.width * recipe.height}
@@ -348,5 +367,5 @@ def _layout(
         for size in sizes:
             for name, need in layout(recipe.measure, Cells.of(*size), geometry.channels).items():
                 needed[name] = max(needed.get(name, 0), need)
-    needed["image"] = max(needed["image"], needed.get("matched", 0))
+    needed["image"] = needed["target"] = max(needed["image"], needed["target"], needed.pop("matched", 0))
     return needed

@@ -21,6 +21,9 @@ _BEFORE = tuple(f"before{o}" for o in range(ORIENTATIONS))
 _AFTER = tuple(f"after{o}" for o in range(ORIENTATIONS))
 _REST = ("rest", "rest_matched")
 _LARGEST = 1344.0  # a response to int16 Lab of `patchmatch.to_grid`: 1.12 times half of 300 Lab in steps of 1/8
+_GAIN = (
+    2.0  # changes come back weakened: a response sees 0.7 of what it gave in the mean, and PatchMatch takes some back
+)
 _SCALE = math.floor(32000 / math.sqrt(_LARGEST))  # of the roots that are kept in 16 bits
 
 
@@ -65,5 +68,5 @@ class SteerableProjection:
         for one, other in zip(_BEFORE, _AFTER, strict=True):
             self._bands.project(one, other)
         self._rest.project(*_REST)
-        run("spread", shape, *before, *after, rows, taps, angular, unit, 1, *along_y)
+        run("spread", shape, *before, *after, rows, taps, angular, _GAIN * unit, 1, *along_y)
         run("add", shape, b[image], rows, *rest, b[matched], taps, *self._range, strength, *along_x)
