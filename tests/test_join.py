@@ -97,10 +97,14 @@ WRONG = [
         ),
         "has been made with seed=2, .* has seed=1: shares",
     ),
+    (
+        lambda: (share(0, 0, 70, 30, oiiotex_plane="a"), share(0, 30, 70, 50, oiiotex_plane="b")),
+        "are shares of different textures: the graph, the seed or another",
+    ),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("shares, message", WRONG, ids=["gap", "missing", "unlike", "channels", "seed"])
+@pytest.mark.parametrize("shares, message", WRONG, ids=["gap", "missing", "unlike", "channels", "seed", "plane"])
 def test_what_does_not_fit_is_refused_by_name(shares, message):
     with pytest.raises(errors.ImageError, match=message):
         filters.join(*shares())

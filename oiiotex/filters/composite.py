@@ -17,6 +17,7 @@ from ..params import Size, image, param
 from ..session import Session
 from ..synthesis.labelgrowth import cell_side, grow_labels
 from ..synthesis.plans import MOST_PATCH
+from ..windows import Window
 from .label import RHO
 from .sewing import Sewing, sewn_whole
 from .sources import LABELS, label_part
@@ -47,7 +48,7 @@ class Composite(Op):
         Output(
             "st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them"
         ),
-        Output("grown", "the label map that was grown, one pixel per cell: a guide for --texquilt"),
+        Output("grown", "the label map that was grown: a guide for --texquilt and --texpaint"),
     )
 
     exemplar: Image = image(help="the photo, with label maps as --texlabel:keep=1 makes them")
@@ -81,7 +82,7 @@ class Composite(Op):
         grown = self._grown(found, size, next(stages))
         sewing = Sewing.of(self, guide=Image((grown,), "the grown label map"), size=size)
         made = sewn_whole(self, sewing, next(stages))
-        return Image((*made.parts, grown), made.source) if self.grown else made
+        return Image((*made.parts, _enlarged(grown, made.first)), made.source) if self.grown else made
 
     def _grown(self, found: Part, size: Size, session: Session) -> Part:
         """The grown map as a part of ids."""
@@ -105,3 +106,24 @@ class Composite(Op):
         spec.attribute("oiio:subimagename", "grown")
         part = from_pixels("grown", np.ascontiguousarray(made.ids[..., None]), spec, spec.format)
         return replace(part, exact=True)
+
+
+def _enlarged(cells: Part, like: Part) -> Part:
+    """A map of cells in the windows of an image: parts of one file have one display window."""
+    ids, whole = cells.pixels(), like.window
+    spec = whole.apply_to(cells.spec)
+    display = Window.display(like.spec)
+    spec.full_x, spec.full_y, spec.full_width, spec.full_height = (
+        display.left,
+        display.top,
+        display.width,
+        display.height,
+    )
+
+    def fetch(window: Window) -> np.ndarray:
+        rows, columns = window.inside(whole)
+        y = np.arange(rows.start, rows.stop) * len(ids) // whole.height
+        x = np.arange(columns.start, columns.stop) * ids.shape[1] // whole.width
+        return ids[np.ix_(y, x)]
+
+    return replace(cells, spec=spec, fetch=fetch)

@@ -18,6 +18,7 @@ from ..params import image
 from ..session import Session
 from ..tiles import bands
 from ..windows import Window
+from .synth import PLANE
 
 _APART = ("tiles", "window", "resume", "graph", "stmap")  # what shares of one image may be told differently
 _SHARE = re.compile(r"(?:^|:)tiles=(\d+)/(\d+)(?:$|:)")
@@ -71,6 +72,11 @@ def _require_alike(share: Image, first: Image) -> None:
     mine, wanted_words = _said(share), _said(first)
     for name in mine.keys() & wanted_words.keys():
         differ("been made with", f"{name}={mine[name]}", f"{name}={wanted_words[name]}")
+    if len({one.first.spec.get_string_attribute(PLANE) for one in (share, first)}) > 1:
+        raise ImageError(
+            f"{share.source} and {first.source} are shares of different textures: the graph, the seed or another setting"
+            " has changed between them"
+        )
 
 
 def _said(share: Image) -> dict[str, str]:

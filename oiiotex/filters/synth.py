@@ -26,6 +26,8 @@ from ..writing import write
 from .multiscale import Multiscale, texture_spec
 from .stationarize import source_coordinates
 
+PLANE = "oiiotex:plane"  # the attribute that says of a share what its pixels follow from
+
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 _SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)
 _FARTHEST = 1 << 60  # px; places of windows
@@ -85,11 +87,14 @@ class Synth(Multiscale):
         settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level)
         maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
         session.device.collect(session.stats)
-        key = plane.key(settings, level) if self.resume else ""
-        states = States(session, maker, level, window, display or window, key)
+        key = plane.key(settings, level) if self.resume or self.tiles else ""
+        states = States(session, maker, level, window, display or window, key if self.resume else "")
         spec = texture_spec(first.spec, states.display, states.place, self.toroidal)
         spec.attribute("oiiotex:level", level)
         spec.attribute("oiiotex:window", str(window))
+        spec.attribute("oiiotex:seed", settings.seed)
+        if self.tiles:
+            spec.attribute(PLANE, key)
         texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.spec.format)
         maps = self._maps(plane, states)
         if isinstance(self.stmap, Path):
