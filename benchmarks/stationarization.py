@@ -80,8 +80,8 @@ class Photo:
         class Traced(module._Level):
             """Looks at what the result would be, were this the last iteration."""
 
-            def __init__(self, device, buffers, matcher, exemplar, usable, recipe, scale):
-                super().__init__(device, buffers, matcher, exemplar, usable, recipe, scale)
+            def __init__(self, device, buffers, matcher, exemplar, usable, recipe, scale, *more):
+                super().__init__(device, buffers, matcher, exemplar, usable, recipe, scale, *more)
                 self.lab, self.scale = exemplar.astype(np.float32) / grid_steps(recipe.patch), scale
 
             def iterate(self, iteration: int, passes: int) -> None:
