@@ -172,11 +172,16 @@ def analyse(
     name = hash_of(_VERSION, *facts, dims, correct, DISC, _ROUNDS, _JUMPS)
     steps = 2 * len(stacks.planes) + 1
 
+    told = 0
+
     def step(number: int) -> None:
+        nonlocal told
+        told = number
         advance(number, steps)
 
     found = kept(cache, name, lambda: _analysed(device, stacks, dims, correct, budget, step))
-    step(steps)
+    for number in range(told + 1, steps + 1):  # all of them, where it was kept from an earlier run
+        step(number)
     basis, links, records, offsets, variance = found
     return Analysis(stacks, basis, links, records, offsets, float(variance[0]))
 

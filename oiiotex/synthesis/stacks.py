@@ -150,7 +150,8 @@ def _cut(image: Image, factor: float, side: int, wrap: str | None, own: Lens, ro
     if pixels.dtype != kind:
         pixels = in_type(as_float(pixels), kind)
     values = np.ascontiguousarray(values, np.float32)
-    periodic = wrap == "periodic" if wrap else tiles(values)
+    seen = values if opaque is None else np.where(opaque[..., None], values, values[opaque].mean(0))
+    periodic = wrap == "periodic" if wrap else tiles(seen)
     return Exemplar(image.source, pixels, values, opaque, place, factor, periodic)
 
 
@@ -221,6 +222,15 @@ def _filtered_mirrored(planes: np.ndarray, sigma: float) -> np.ndarray:
     return fft.idctn(spectrum, axes=(0, 1))
 
 
+def seen_values(exemplar: Exemplar) -> np.ndarray:
+    """Its Lab values, (side, side, 3); what a transparent pixel holds means nothing, it takes what lies around it."""
+    values = exemplar.values[..., :3]
+    if exemplar.opaque is None:
+        return values
+    near = blurred(values, 2.0, exemplar.opaque, exemplar.periodic)
+    return np.where(exemplar.opaque[..., None], values, near)
+
+
 def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], finest: int) -> np.ndarray:
     """Levels of an exemplar's Gaussian stack on the integer grid on which everything is decided.
 
@@ -229,10 +239,7 @@ def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], fi
     (levels, side, side, 4) int16
         Steps away from `middle` (3,), and 0.
     """
-    values = exemplar.values[..., :3]
-    if exemplar.opaque is not None:  # what a transparent pixel holds means nothing
-        near = blurred(values, 2.0, exemplar.opaque, exemplar.periodic)
-        values = np.where(exemplar.opaque[..., None], values, near)
+    values = seen_values(exemplar)
     out = np.zeros((len(levels), exemplar.side, exemplar.side, 4), np.int16)
     for n, level in enumerate(levels):
         seen = blurred(values, sigma_of(level, finest), exemplar.opaque, exemplar.periodic)

@@ -9,7 +9,7 @@ import numpy as np
 
 from .candidates import Stacks
 from .exemplars import Graph
-from .stacks import Exemplar, blurred, grid_stack, sigma_of
+from .stacks import Exemplar, blurred, grid_stack, seen_values, sigma_of
 from .superexemplar import LEAST_TURN, Levels, unrolled, with_long_turns
 
 _EARLIER = 0.98  # times as much gained: reason to turn early
@@ -63,7 +63,7 @@ def _left_early(graph: Graph, exemplars: Sequence[Exemplar], finest: int) -> lis
 def _gain(exemplar: Exemplar, finest: int, end: int) -> float:
     """What the quarter of an exemplar that gains least gains in a turn that ends on a level: rms, Lab units."""
     coarse, fine = (
-        blurred(exemplar.values[..., :3], sigma_of(k, finest), exemplar.opaque, exemplar.periodic)
+        blurred(seen_values(exemplar), sigma_of(k, finest), exemplar.opaque, exemplar.periodic)
         for k in (end - LEAST_TURN, end)
     )
     power = np.square(fine - coarse).sum(-1, keepdims=True)
