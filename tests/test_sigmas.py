@@ -147,7 +147,7 @@ def test_what_goes_wrong_says_what_is_allowed(fails, photo):
             filters.stationarize(image, amount=value)
     with pytest.raises(errors.ParameterError, match=r"amount=0\.5: sigma=8 says it already"):
         filters.stationarize(image, amount=0.5, sigma=8)
-    with pytest.raises(errors.ParameterError, match="n=2: .*>= 3 and <= 32"):
+    with pytest.raises(errors.ParameterError, match=r"n=2: .*>= 3 and <= 32"):
         filters.sigmas(image, n=2)
     broken = pictures.bricks(40, 40, 1)
     broken[3, 5, 0] = np.nan
