@@ -39,6 +39,7 @@ benchmark: $(VENV)/test
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.gravel
 	$(BIN)/python -m benchmarks.chains
+	$(BIN)/python -m benchmarks.textures
 	$(BIN)/python -m pytest benchmarks/test_kernels.py
 
 clean:

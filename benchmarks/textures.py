@@ -134,7 +134,7 @@ def distances(plane: Plane) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     stacks, side = analysis.stacks, analysis.stacks.planes.shape[1]
     disc = round((DISC * side) ** 2)
     for number in range(2, len(stacks.planes)):
-        around = neighbourhoods(stacks.planes[number], stacks.levels.spacing(number))
+        around = neighbourhoods(stacks.planes[number], stacks.levels.spacing(number), stacks.periodic[number])
         all_of = project(around, analysis.basis).astype(np.float64)
         texels = random.choice(side * side, SAMPLED, replace=False)
         found = analysis.links[number, texels, 1].astype(np.int64) - number * side * side

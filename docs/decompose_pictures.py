@@ -25,7 +25,7 @@ LANDSCAPES = (
 )  # fmt: skip
 UNSHIFTED = ("drone_track_grass_soil.jpg", "moss_grass_stones_ground.jpg", "castle_brick_broken.jpg")
 COMPOSED = (
-    ("photos/moss_grass_stones_ground.jpg", {}, None), ("photos/castle_brick_broken.jpg", {}, None),
+    ("photos/moss_grass_stones_ground.jpg", {"radius": 24}, None), ("photos/castle_brick_broken.jpg", {}, None),
     ("photos/onyx_veins.jpg", {"threshold": 0.6}, 64),
 )  # fmt: skip
 
@@ -80,7 +80,7 @@ def composites() -> None:
         made = filters.composite(parts, size=(768, 512), patch=patch)
         ids = parts["label.1"].get_pixels(oiio.UINT32)[..., 0]
         rows.append(beside(halved(pixels(photo)), painted(ids, 256), halved(pixels(made))))
-    write_jpeg(stacked(rows, 6), "decompose_composite.jpg", 70)
+    write_jpeg(stacked(rows, 6), "decompose_composite.jpg", 65)
 
 
 def unshifted() -> None:

@@ -192,4 +192,4 @@ if __name__ == "__main__":
         raise SystemExit(f"no {MAP}: the pictures stay as they are")
     SESSION = Session(autocc=True)
     for name in sys.argv[1:] or FIGURES:
-        write_jpeg(FIGURES[name](), f"synth_{name}.jpg", quality=70)
+        write_jpeg(FIGURES[name](), f"synth_{name}.jpg", quality=64)

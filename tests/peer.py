@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+import pytest
 
 from oiiotex.cli.running import run
+from oiiotex.errors import Error
 
 OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 # what names the program that wrote a file, and when
@@ -35,6 +38,15 @@ def same(folder: Path, *words: object, tolerance: float = 0.0) -> None:
             assert_same_file(
                 folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance
             )
+
+
+def refused(folder: Path, chain: str, says: str) -> None:
+    """Run a chain that would write 'o.exr' in `folder`: it fails in one line that says so, and leaves nothing."""
+    with pytest.raises(Error) as caught:
+        run(shlex.split(chain), folder)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not (folder / "o.exr").exists()
 
 
 def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:

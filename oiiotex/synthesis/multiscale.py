@@ -23,7 +23,7 @@ from .superexemplar import FIRST_CORRECTED
 
 JITTER = 0.6  # rho on the levels that are jittered: less is undone by the correction, and the root shows as tiles
 PENALTY = 1.5  # kappa: by how much a second candidate must be better
-KEPT_IN_LOOPS = 0.87  # of the transfer function per level: it would drift out of all colours where a zoom never ends
+KEPT_IN_LOOPS = 0.84  # of the transfer function per level: it would drift out of all colours where a zoom never ends
 PASSES = 2
 MOST_LEVEL = 60  # places on it fit 64 bits with room for the halo
 

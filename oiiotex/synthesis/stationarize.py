@@ -298,8 +298,8 @@ class _Level:
         if self._usable is not None:
             source = "image"  # which nothing has been voted into yet
             self._device.write(self._buffers[source], np.where(self._usable[..., None], exemplar, OUTSIDE))
-        self._projected(g.exemplar_width, g.exemplar_height, sigma, False, False).project(source, "matched")
-        return self._device.read(self._buffers["matched"], exemplar.shape, np.int16)
+        self._projected(g.exemplar_width, g.exemplar_height, sigma, False, False).project(source, "target")
+        return self._device.read(self._buffers["target"], exemplar.shape, np.int16)
 
     def _counted(self, exemplar: np.ndarray) -> np.ndarray:
         """Its pixels that may be used, (n, 3)."""
@@ -311,10 +311,10 @@ class _Level:
         self._hold()
         self._match_histogram(self._recipe.alpha(iteration))
         if self._projection is not None:
-            self._projection.project("image", "matched", OVERSHOOT)
+            self._projection.project("image", "target", OVERSHOOT)
             if self._free is not None:
-                self._matcher.ease("matched")
-            self._buffers.swap("image", "matched")
+                self._matcher.ease("target")
+            self._buffers.swap("image", "target")
             self._hold()
         self._matcher.improve(passes, iteration)
 
@@ -349,7 +349,11 @@ class _Level:
 def _layout(
     recipe: Recipe, geometries: list[Geometry], scales: list[float], guidance: Guidance = NOTHING
 ) -> dict[str, int]:
-    """Device memory that every level fits into; `image` and `matched` change places, so they are of one size."""
+    """Device memory that every level fits into.
+
+    A projection goes into `target`, which stands empty between two searches, and changes places with `image`: they are
+    of one size.
+    """
     needed = geometries[-1].layout()
     if guidance.held is not None:
         needed |= {"held": needed["image"], "ease": recipe.width * recipe.height}
@@ -363,5 +367,5 @@ def _layout(
         for size in sizes:
             for name, need in layout(recipe.measure, Cells.of(*size), geometry.channels).items():
                 needed[name] = max(needed.get(name, 0), need)
-    needed["image"] = max(needed["image"], needed.get("matched", 0))
+    needed["image"] = needed["target"] = max(needed["image"], needed["target"], needed.pop("matched", 0))
     return needed
