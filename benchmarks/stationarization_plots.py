@@ -122,7 +122,8 @@ def _figure_4(costs: Costs, path: Path) -> None:
                 v: np.array([statistic(c) for c in by.values() if statistic is np.mean or len(c) > 1])
                 for v, by in per_photo.items()
             }
-            if not all(len(v) for v in found.values()):
+            if not all(len(v) for v in found.values()):  # a variance asks for two seeds
+                axis.set_axis_off()
                 continue
             edges = np.linspace(0, np.percentile(np.concatenate(list(found.values())), 95), 20)
             for variant, values in found.items():
@@ -174,7 +175,8 @@ def _table(costs: Costs, table: list[dict[str, str]]) -> str:
             squares = [(c - c.mean()) ** 2 * len(c) / (len(c) - 1) for c in seen]
             figures = (
                 np.mean([c.mean() for c in seen]), np.mean([t_width(c) for c in seen]),
-                np.mean([s.mean() for s in squares]), np.mean([t_width(s) for s in squares]),
+                np.mean([s.mean() for s in squares]),
+                np.mean([t_width(s) if len(s) > 2 else np.nan for s in squares]),  # two squares are always equal
             )  # fmt: skip
             counts = sorted({len(c) for c in seen})
             name = f"{measure}, {_NAMES.get(variant, 'ours')}"
