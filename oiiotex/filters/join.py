@@ -74,8 +74,8 @@ def _require_alike(share: Image, first: Image) -> None:
         differ("been made with", f"{name}={mine[name]}", f"{name}={wanted_words[name]}")
     if len({one.first.spec.get_string_attribute(PLANE) for one in (share, first)}) > 1:
         raise ImageError(
-            f"{share.source} and {first.source} are shares of different textures: the graph, the seed or another setting"
-            " has changed between them"
+            f"{share.source} and {first.source} are shares of different textures: the graph, the seed or another"
+            " setting has changed between them"
         )
 
 
