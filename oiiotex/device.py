@@ -194,7 +194,7 @@ class Program:
         cl = device._cl
         self._device, self._stem = device, stem
         folder = resources.files("oiiotex") / "cl"
-        options = ["-I", str(folder), f"-DLANES={device.lanes}", *(f"-D{k}={v}" for k, v in macros.items())]
+        options = ["-w", "-I", str(folder), f"-DLANES={device.lanes}", *(f"-D{k}={v}" for k, v in macros.items())]
         if device.info.handle.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
             options.append("-cl-fp32-correctly-rounded-divide-sqrt")
         try:

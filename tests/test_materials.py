@@ -81,15 +81,16 @@ def test_signed_normals_are_as_good_as_encoded_ones():
     assert (pixels(made(signed)[0]) == pixels(made(encoded)[0])).mean() > 0.98  # but for the rounding of 2 n - 1
 
 
-def test_normals_of_length_0_are_never_a_source(caplog):
+@pytest.mark.parametrize("none", [0.5, 0.0], ids=["middle gray", "black, as around UV islands"])
+def test_normals_of_length_0_are_never_a_source(caplog, none):
     broken = NORMAL.copy()
-    broken[20:30, 30:50] = 0.5
+    broken[20:30, 30:50] = none
     with caplog.at_level(logging.WARNING):
         tiles = made(images(broken), stmap=True)
     assert "200 normals of length 0: these pixels are never a source" in caplog.text
-    assert (np.abs(pixels(tiles[1]).astype(float) - 0.5).max(-1) > 0.02).all()
+    assert (np.abs(pixels(tiles[1]).astype(float) - none).max(-1) > 0.02).all()
     with pytest.raises(errors.ImageError, match="no normal of any length"):
-        made(images(np.full_like(NORMAL, 0.5)))
+        made(images(np.full_like(NORMAL, none)))
 
 
 @pytest.mark.parametrize(

@@ -136,8 +136,8 @@ def _normals(image: Image) -> tuple[np.ndarray, np.ndarray | None]:
     vectors = as_float(part.pixels()[..., list(channels.colour)])
     if not np.isfinite(vectors).all():
         raise ImageError(f"{image.source} has {np.count_nonzero(~np.isfinite(vectors))} NaN or Inf values")
-    if vectors.min() >= 0:
-        vectors = 2 * vectors - 1
+    if vectors.min() >= 0:  # encoded; black, as it lies around UV islands, is none
+        vectors = np.where(vectors.any(-1, keepdims=True), 2 * vectors - 1, np.float32(0))
     if vectors.shape[2] == 2:
         rest = np.sqrt(np.maximum(0, 1 - (vectors**2).sum(-1, keepdims=True)))
         vectors = np.concatenate([vectors, rest.astype(np.float32)], axis=-1)

@@ -21,6 +21,8 @@ from ..working import in_type
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
 _OF_EXEMPLAR = ("exemplar", "seamless")
 _GAP = 8  # px between panels
+_HELD = 14  # bytes a value of the panels and their sheet; measured, as the next
+_SUMMED = 24  # bytes a value while the widest panel is summed up in doubles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,8 +54,8 @@ class Preview(Op):
         """One image of all panels."""
         names = self._names()
         part = self.tile.first
-        size = part.spec.width * part.spec.height * part.spec.nchannels
-        session.require(24 * size, f"a preview of a tile of {part.spec.width}x{part.spec.height}")
+        what = f"a preview of a tile of {part.spec.width}x{part.spec.height}, {self.height} px high,"
+        session.require(self._memory(names), what, "take a smaller height")
         with session.stats.time("read"):
             tile = as_float(part.pixels())
             photo = None if self.exemplar is None else as_float(self.exemplar.first.pixels())
@@ -74,6 +76,18 @@ class Preview(Op):
         with np.errstate(invalid="ignore"):
             pixels = in_type(sheet.astype(np.float32), np.dtype(dtype_of(part.spec)))
         return Image((from_pixels(part.name, pixels, spec, part.spec.format),), self.tile.source)
+
+    def _memory(self, names: list[str]) -> int:
+        """Bytes: the images, the panels and their sheet, and what the widest of them is summed up in."""
+        images = [self.tile.first.spec, *([] if self.exemplar is None else [self.exemplar.first.spec])]
+        across = {name: (images[-1] if name in _OF_EXEMPLAR else images[0]) for name in names}
+        widths = [
+            self.height * 3 // 2 if name == "plane" else self.height * spec.width // spec.height + 1
+            for name, spec in across.items()
+        ]
+        held = 24 * sum(spec.width * spec.height for spec in images)
+        summed = max(*widths, *(spec.width for spec in images))
+        return images[0].nchannels * (held + _HELD * self.height * sum(widths) + _SUMMED * self.height * summed)
 
     def _names(self) -> list[str]:
         if self.panels is None:

@@ -203,7 +203,12 @@ class Sewing:
         if replaced:
             named = ", ".join(f"{a} by {b}" for a, b in list(replaced.items())[:5])
             more = f" and {len(replaced) - 5} more" if len(replaced) > 5 else ""
-            log.warning("%s: keys that no patch has are replaced by the nearest: %s%s", self.flag, named, more)
+            log.warning(
+                "%s: no patch holds these pairs of labels (dominant, second), the nearest are taken: %s%s",
+                self.flag,
+                named,
+                more,
+            )
         return Demand(keys, wishes.wanted)
 
     def _meant(self, ids: np.ndarray) -> Meaning:

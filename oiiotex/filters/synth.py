@@ -66,7 +66,7 @@ class Synth(Multiscale):
     level: int | None = param(
         None, ge=0, le=MOST_LEVEL, help="octaves below a pixel as large as the root; the finest that exemplars hold"
     )
-    toroidal: bool = param(False, help="the result of that size tiles")
+    toroidal: bool = param(False, help="the result of that size tiles; sides are multiples of 2^level px")
     resume: bool = param(
         False, help="keep finished pieces in OUT.parts until OUT is whole: a run that was killed goes on from there"
     )
