@@ -128,3 +128,19 @@ def test_parts_that_stay_are_said_in_one_line_and_labels_are_not(caplog):
     assert [r.getMessage() for r in caplog.records] == [
         "--texpatchmatch: of photo only the first part is used, not depth, normals"
     ]
+
+
+def test_a_mask_lies_where_its_windows_say():
+    photo = buffer(PHOTO)
+    whole = np.zeros((*PHOTO.shape[:2], 1))
+    whole[10:50, 20:60] = 1
+    expected = pixels(filters.patchmatch(photo, mask=buffer(whole), seed=1))
+    crop = buffer(whole[10:50, 20:60])  # as compositors crop mattes
+    spec = crop.specmod()
+    spec.x, spec.y, spec.full_x, spec.full_y = 20, 10, 0, 0
+    spec.full_width, spec.full_height = PHOTO.shape[1::-1]
+    np.testing.assert_array_equal(pixels(filters.patchmatch(photo, mask=crop, seed=1)), expected)
+    away = buffer(whole)
+    away.specmod().x = away.specmod().full_x = 500
+    with pytest.raises(errors.ImageError, match=r"^mask is .*[+]500[+]0, the exemplar .*: they must be alike, or in"):
+        filters.patchmatch(photo, mask=away)

@@ -15,7 +15,7 @@ from ..synthesis.guidance import Guidance, Held
 from ..synthesis.patchmatch import pack
 from ..synthesis.stationarize import Recipe, Synthesis
 from ..windows import Window
-from .sources import fitting, mask_pixels
+from .sources import laid_over, mask_pixels
 
 WITHIN = (
     "make only these pixels anew, from patches outside of them, and leave the rest to the bit: above one half of the"
@@ -36,7 +36,7 @@ def marked_pixels(within: Image, exemplar: Image) -> np.ndarray:
     ImageError
         The mask is of another size than the exemplar, or covers all of it.
     """
-    marked = mask_pixels(fitting(within.first, exemplar, "within"))
+    marked = mask_pixels(laid_over(within.first, exemplar, "within"))
     if marked.all():
         raise ImageError(
             f"within covers all of {exemplar.source}: nothing is left to take patches from; leave it out to make the"
@@ -53,7 +53,7 @@ def weights_of(weight: Image, exemplar: Image) -> np.ndarray:
     ImageError
         It is of another size, negative or NaN somewhere, or 0 everywhere.
     """
-    values = _channel(fitting(weight.first, exemplar, "weight"))
+    values = _channel(laid_over(weight.first, exemplar, "weight"))
     wrong = np.count_nonzero(~(np.isfinite(values) & (values >= 0)))
     if wrong:
         raise ImageError(f"weight has {wrong} values that are negative, NaN or Inf: allowed are numbers >= 0")

@@ -9,14 +9,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..color import as_float
+from ..color import BrokenValues, as_float
 from ..errors import ImageError, ParameterError
 from ..images import Image, derived_spec, dtype_of, from_pixels, resized
 from ..op import Op, Output, Reach, Space
 from ..params import image, param
 from ..session import Session
 from ..synthesis.layouts import made_seamless, plane_in_perspective, repeated
-from ..working import in_type
+from ..working import count_broken, in_type
 
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
 _OF_EXEMPLAR = ("exemplar", "seamless")
@@ -57,8 +57,8 @@ class Preview(Op):
         what = f"a preview of a tile of {part.spec.width}x{part.spec.height}, {self.height} px high,"
         session.require(self._memory(names), what, "take a smaller height")
         with session.stats.time("read"):
-            tile = as_float(part.pixels())
-            photo = None if self.exemplar is None else as_float(self.exemplar.first.pixels())
+            tile = _values(self.tile)
+            photo = None if self.exemplar is None else _values(self.exemplar)
         if photo is not None and photo.shape[2] != tile.shape[2]:
             raise ImageError(f"exemplar has {photo.shape[2]} channels, the tile {tile.shape[2]}: they must be alike")
         made: dict[str, Callable[[], np.ndarray]] = {
@@ -68,13 +68,11 @@ class Preview(Op):
             "3x3": lambda: repeated(tile, 3, self.height),
             "plane": lambda: plane_in_perspective(tile, self.height * 3 // 2, self.height),
         }
-        with np.errstate(invalid="ignore", over="ignore"):  # NaN and Inf make NaN
-            panels = [made[name]() for name in names]
+        panels = [made[name]() for name in names]
         gap = np.zeros((self.height, _GAP, tile.shape[2]))
         sheet = np.concatenate([piece for panel in panels for piece in (gap, panel)][1:], axis=1)
         spec = derived_spec(part.spec, sheet.shape[1], self.height)
-        with np.errstate(invalid="ignore"):
-            pixels = in_type(sheet.astype(np.float32), np.dtype(dtype_of(part.spec)))
+        pixels = in_type(sheet.astype(np.float32), np.dtype(dtype_of(part.spec)))
         return Image((from_pixels(part.name, pixels, spec, part.spec.format),), self.tile.source)
 
     def _memory(self, names: list[str]) -> int:
@@ -99,6 +97,15 @@ class Preview(Op):
         if self.exemplar is None and missing:
             raise ParameterError(f"panels={self.panels}: {missing[0]} needs exemplar=")
         return names
+
+
+def _values(image: Image) -> np.ndarray:
+    """All channels; one broken value would spoil every mean, so there must be none."""
+    values = as_float(image.first.pixels())
+    counts = count_broken(values)
+    if counts.any():
+        raise BrokenValues(image.source, counts)
+    return values
 
 
 def _at_height(photo: np.ndarray, height: int) -> np.ndarray:

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..color import as_float
 from ..errors import ImageError, ParameterError
-from ..images import Image, Part, channels_of, dtype_of
+from ..images import Image, Part, channels_of, cropped, dtype_of
 from ..op import Op
 from ..tiles import bands
+from ..windows import Window
 
 log = logging.getLogger("oiiotex")
 
@@ -35,7 +36,7 @@ def source_pixels(
     """
     allowed = None
     if mask is not None:
-        allowed = mask_pixels(fitting(mask.first, exemplar, "mask"))
+        allowed = mask_pixels(laid_over(mask.first, exemplar, "mask"))
     if label is not None:
         part = label_part(exemplar, labels, level)
         ids = part.pixels()[..., 0]
@@ -85,6 +86,25 @@ def fitting(part: Part, exemplar: Image, name: str) -> Part:
     if size != wanted:
         raise ImageError(f"{name} is {size[0]}x{size[1]}, the exemplar {wanted[0]}x{wanted[1]}: they must be alike")
     return part
+
+
+def laid_over(part: Part, exemplar: Image, name: str) -> Part:
+    """The part where the exemplar's pixels are.
+
+    One of the exemplar's size that begins at the same place, or at 0 as formats without windows have it, lies over it
+    pixel for pixel. Another must be in the exemplar's display window, and is black beyond its own data window: so do
+    compositors crop mattes.
+    """
+    mine, whole = part.window, exemplar.first.window
+    alike = (mine.width, mine.height) == (whole.width, whole.height)
+    if alike and (mine.left, mine.top) in ((whole.left, whole.top), (0, 0)):
+        return part
+    if Window.display(part.spec) != Window.display(exemplar.first.spec):
+        said = [str(w) if alike else f"{w.width}x{w.height}" for w in (mine, whole)]
+        raise ImageError(
+            f"{name} is {said[0]}, the exemplar {said[1]}: they must be alike, or in the same display window"
+        )
+    return cropped(part, whole)
 
 
 def mask_pixels(part: Part) -> np.ndarray:
