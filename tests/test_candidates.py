@@ -211,7 +211,10 @@ def test_the_search_is_the_oracles(any_lanes, small, at, exclude):
     assert usable.ravel()[found].all()
 
 
-@pytest.mark.parametrize("picture", [pictures.moss, pictures.pebbles, pictures.bricks])
+SLOW = [pytest.param(picture, marks=pytest.mark.slow) for picture in (pictures.moss, pictures.pebbles)]
+
+
+@pytest.mark.parametrize("picture", [pictures.bricks, *SLOW])
 def test_candidates_come_near_the_exact_ones(device, picture):
     """What is stated: second candidates cost at most 6 % more than the exact ones, in the mean over all levels."""
     stacks = stacks_of(graph_of("a", ("a", "a", 1)), [exemplar_of(picture(64, 64, 1))])

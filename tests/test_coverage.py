@@ -66,6 +66,7 @@ def run(folder, *words):
     return done.stderr
 
 
+@pytest.mark.slow
 def test_the_program_warns(tmp_path):
     moss = pictures.moss(64, 64, 1) * 0.5 + 0.2
     save(moss, tmp_path / "root.exr", space=SRGB)
@@ -80,6 +81,7 @@ def test_the_program_warns(tmp_path):
     assert "exemplar 'root': nothing finer is like" in said and "appears" not in said
 
 
+@pytest.mark.slow
 def test_an_exemplar_may_say_what_is_at_its_borders(tmp_path):
     save(np.linspace(0, 1, 64)[:, None, None] * np.ones((64, 64, 3)), tmp_path / "root.exr", space=SRGB)
     outcomes = {}
@@ -112,6 +114,7 @@ def test_exemplars_of_other_spaces_are_brought_to_the_roots(tmp_path):
     assert load(tmp_path / "a.exr").mean() == pytest.approx(picture.mean(), abs=0.05)
 
 
+@pytest.mark.slow
 def test_bytes_and_halfs_may_be_mixed_and_gray_and_colour_may_not(tmp_path):
     save(pictures.moss(32, 32, 1), tmp_path / "bytes.png", space=SRGB)
     half = oiio.ImageBuf(oiio.ImageSpec(32, 32, 3, oiio.HALF))

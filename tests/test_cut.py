@@ -159,6 +159,7 @@ def total_cost(places: np.ndarray, lab: np.ndarray, wrap: bool = True) -> int:
     return sum(int(c.sum()) for c in seams.seam_costs(source, at, np.ones(at.shape[1:], bool)))
 
 
+@pytest.mark.slow
 def test_refinement_never_makes_seams_worse_and_mostly_better():
     lab = (PHOTO * 90 - 10).astype(np.float32)
     gains = []

@@ -150,7 +150,9 @@ def test_a_run_that_is_to_ignore_interrupts_ignores_them(tmp_path):
     assert (tmp_path / "out.exr").exists()
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), slow(signal.SIGTERM, 143), slow(signal.SIGKILL, -9)]
+)
 def test_a_signal_to_parallel_frames_ends_all_processes(tmp_path, number, code):
     (tmp_path / "out.0001.exr").write_bytes(OLD)
     words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
@@ -467,6 +469,7 @@ def test_two_processes_that_write_the_same_output_leave_a_whole_one(tmp_path):
 LATIN = os.fsdecode(b"caf\xe9.png")
 
 
+@pytest.mark.slow
 def test_names_that_are_not_utf_8_are_refused_in_one_line(tmp_path, picture):
     try:
         shutil.copy(picture, tmp_path / LATIN)
@@ -497,6 +500,7 @@ def test_echo_gives_back_the_bytes_that_it_was_given():
     assert (done.returncode, done.stdout) == (0, b"caf\xe9\n")
 
 
+@pytest.mark.slow
 def test_names_as_long_as_the_disk_allows_are_written(tmp_path, picture):
     for name in ("n" * 251 + ".png", "日" * 83 + ".png", "\U0001f9f1" * 62 + ".png"):
         assert oiiotex(picture, "-o", name, cwd=tmp_path).returncode == 0
@@ -629,6 +633,7 @@ def test_an_op_that_needs_the_whole_image_refuses_with_the_figure(tmp_path, op):
     assert os.listdir(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_thirty_two_channels_go_through_or_are_cut_with_a_warning(tmp_path):
     save(np.random.default_rng(0).random((20, 30, 32)), tmp_path / "many.exr", "float")
     pixels = load(tmp_path / "many.exr")

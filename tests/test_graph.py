@@ -40,6 +40,7 @@ def takes(folder, graph):
     assert load(folder / "taken.png").std() > 5
 
 
+@pytest.mark.slow
 def test_photos_become_a_chain_that_is_synthesized_at_once(folder):
     photos = ("moss.png", "bricks.png", "pebbles.png")
     run(folder, *photos, "--texgraph:json=sub/chain.json:scale=4,3", "-o", "chain.png")

@@ -63,6 +63,7 @@ def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:
     return done
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
 def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
     pytest.importorskip("ziglang")

@@ -37,6 +37,7 @@ def test_the_python_example_runs_and_reads_what_was_written(folder):
     assert done.stdout.split() == ["uint32", "(96,", "96)", str(96 * 96), str(ids.max())]
 
 
+@pytest.mark.slow
 def test_the_lines_that_take_a_level_out_work(folder):
     lines = [shlex.split(line, comments=True)[1:] for line in PAGE.splitlines() if "--subimage" in line]
     assert len(lines) == 4

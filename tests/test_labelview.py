@@ -31,6 +31,7 @@ def view(folder, *words: str) -> np.ndarray:
     return load(folder / "view.png").astype(int)
 
 
+@pytest.mark.slow
 def test_superpixels_behind_their_photo_are_shown(folder):
     shown = view(folder, "photo.png", "--texsuperpixel:count=40:keep=1")
     alone = view(folder, "photo.png", "--texsuperpixel:count=40")
@@ -41,6 +42,7 @@ def test_superpixels_behind_their_photo_are_shown(folder):
     assert np.abs(view(folder, "cells.exr") - shown).max() <= 1
 
 
+@pytest.mark.slow
 def test_superpixels_beside_labels_have_a_panel_and_no_place_in_the_tree(folder):
     labels = view(folder, "photo.png", "--texlabel:keep=1")
     both = view(folder, "photo.png", "--texsuperpixel:keep=1", "--texlabel:keep=1")

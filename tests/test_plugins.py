@@ -70,6 +70,7 @@ def test_it_joins_help_and_completion(studio):
     assert "--texposterize" in oiiotex("--completion", "bash", env=studio).stdout
 
 
+@pytest.mark.slow
 def test_it_joins_the_promise_tests(studio):
     command = [sys.executable, "-m", "pytest", "tests/test_promises.py", "-k", "posterize", "-v"]
     done = subprocess.run(command, cwd=ROOT, env=studio, capture_output=True, text=True)

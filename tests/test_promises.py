@@ -18,7 +18,8 @@ from oiiotex.windows import Window
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
-SMALL = {"iterations": 4, "threshold": 0.9, "radius": 8}  # fewer rounds where beauty does not matter; small places
+# fewer rounds and small places, where beauty does not matter
+SMALL = {"iterations": 4, "threshold": 0.9, "radius": 8, "height": 64}
 
 
 def settings(op: type[Op], **more: object) -> dict[str, object]:
@@ -124,6 +125,7 @@ def test_a_seed_is_a_promise(op):
         assert (pixels(apply(op, photo, seed=4)) != once).mean() > 0.3
 
 
+@pytest.mark.slow
 @every_filter
 def test_threads_and_budget_do_not_show(op, tmp_path):
     save(PHOTO, tmp_path / "photo.png")
