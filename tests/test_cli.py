@@ -276,6 +276,13 @@ def test_help_and_warp_need_no_opencl(tmp_path, photo):
     np.testing.assert_array_equal(load(tmp_path / "again.png"), load(tmp_path / "tile.png"))
 
 
+def test_nothing_dear_is_imported_before_it_is_needed():
+    """Every run of the program waits for what is imported at its start: scipy.stats alone takes half a second."""
+    script = "import sys, oiiotex.cli.language; print(*{name.partition('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert not {"scipy", "pyopencl", "sklearn", "matplotlib"} & set(done.stdout.split())
+
+
 def test_debug_shows_the_traceback(tmp_path):
     done = oiiotex("none.png", "--debug")
     assert done.returncode == 1 and "Traceback" in done.stderr

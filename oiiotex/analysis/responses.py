@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.ndimage import minimum_filter
 
 from ..color import BrokenValues
 from ..images import Image
@@ -78,6 +77,8 @@ def _responses_in(
     values: np.ndarray, opaque: np.ndarray | None, piece: Window, around: Window
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Responses of a piece's pixels, (height, width, 4 channels) float32, and which of them see no pixel of alpha 0."""
+    from scipy.ndimage import minimum_filter  # when it is needed: it is slow to import
+
     rows = slice(piece.top - around.top, piece.bottom - around.top)
     # rows that are not there lie beyond the border, where the filters mirror; others end where no filter looks
     planes = [responses(values[..., c])[:, rows] for c in range(values.shape[-1])]

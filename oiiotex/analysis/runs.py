@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 OUTSIDE = -1  # what transparent pixels are
 _RUN_BYTES, _BORDER_BYTES = 40, 200  # of memory while pieces are put together, as measured on noise
@@ -208,6 +206,9 @@ def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tu
 
 def _united(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
     """Sets of 0 .. count - 1 when a[i] and b[i] belong together: how many, and the set of each."""
+    from scipy.sparse import coo_array  # when it is needed: it is slow to import
+    from scipy.sparse.csgraph import connected_components
+
     if count == 0:
         return 0, np.zeros(0, np.int32)
     return connected_components(coo_array((np.ones(len(a), bool), (a, b)), (count, count)), directed=False)

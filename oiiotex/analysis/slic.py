@@ -18,7 +18,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 from ..device import Buffers
 from ..session import Session
@@ -190,6 +189,8 @@ class Slic:
 
         `jitter` (down, across, 2) moves the seeds at the start, px.
         """
+        from scipy.ndimage import maximum_filter  # when it is needed: it is slow to import
+
         grid = self.grid
         present = own_cells_only(grid)
         centres = np.full((grid.down, grid.across, 5), np.nan)

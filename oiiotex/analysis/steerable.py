@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.ndimage import correlate1d
 
 ORIENTATIONS = 4
 RADIUS = 6  # px; of the taps
@@ -58,6 +57,8 @@ def responses(plane: np.ndarray, wrap_x: bool = False, wrap_y: bool = False) -> 
     (ORIENTATIONS, height, width) float64
         In the plane's unit.
     """
+    from scipy.ndimage import correlate1d  # when it is needed: it is slow to import
+
     modes = ["wrap" if wraps else "mirror" for wraps in (wrap_y, wrap_x)]
     plane = np.asarray(plane, np.float64)
     out = np.zeros((ORIENTATIONS, *plane.shape))

@@ -29,7 +29,6 @@ from .materials import KINDS_HELP, MATCH_HELP, read_material
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .prescribed import SIGMAMAP, WEIGHT, WITHIN, marked_pixels, remade_places, sigmas_of, weights_of
 from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, say_what_stays, source_pixels
-from .tilereport import report
 
 log = logging.getLogger("oiiotex")
 
@@ -153,6 +152,8 @@ class _PatchSynthesis(Op):
         session.device.collect(session.stats)
         if session.measure and marked is None:
             with session.stats.time("measure"):
+                from .tilereport import report
+
                 report(self.flag(), material.lab, made, recipe, session)
         tiles = tuple(
             tile_image(self, image, p, places, session, first=image is self.exemplar, as_it_was=marked is not None)

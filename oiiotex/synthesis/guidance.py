@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from ..device import Buffers, Device
 from ..images import resized
@@ -95,6 +94,8 @@ NOTHING = Guidance()
 
 def ease_from(free: np.ndarray, distance: float) -> np.ndarray:
     """How strongly free pixels are changed: 0 beside pixels that stay, 255 at a distance; (height, width) uint8."""
+    from scipy import ndimage  # when it is needed: it is slow to import
+
     away = ndimage.distance_transform_edt(free) if not free.all() else np.full(free.shape, np.inf)
     return np.rint(255 * np.clip(away / distance, 0.0, 1.0)).astype(np.uint8)
 

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_cdt
 
 from ..tiles import PieceCache, assembled
 from ..windows import Window
@@ -53,6 +52,8 @@ class Layers:
         return assembled(window, (TILE, TILE), self.whole, tile)[..., 0]
 
     def _tile(self, place: Window) -> np.ndarray:
+        from scipy.ndimage import distance_transform_cdt  # when it is needed: it is slow to import
+
         around = place.grown(self.band) & self.whole
         mask = self.above(around)[0]
         inside = place.inside(around)

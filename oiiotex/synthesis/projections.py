@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from ..device import Buffers, Device
-from . import moments, steerable
 from .histograms import Cells, Projection
 
 
@@ -26,6 +25,8 @@ def projection(
     high: np.ndarray, wrap_x: bool, wrap_y: bool,
 ) -> Projecting:  # fmt: skip
     """By local histograms, moments up to `order` or steerable responses; all else as `histograms.Projection` has it."""
+    from . import moments, steerable  # when they are needed: scipy.stats takes half a second
+
     what = (device, buffers, cells, sigma, low, high, wrap_x, wrap_y)
     if measure == "moments":
         return moments.MomentProjection(*what, order)
@@ -34,4 +35,6 @@ def projection(
 
 def layout(measure: str, cells: Cells, channels: int = 3) -> dict[str, int]:
     """Memory that it needs, in bytes by name."""
+    from . import moments, steerable
+
     return {"moments": moments.layout, "steerable": steerable.layout}.get(measure, Cells.layout)(cells, channels)

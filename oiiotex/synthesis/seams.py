@@ -14,8 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 COST_STEPS = 64  # whole numbers per unit of KSE03 eq. 2, a ratio of differences to gradients
 MOST_COST = 1 << 13  # of one edge; sums over a patch of 512 x 512 stay below 2^31
@@ -167,6 +165,9 @@ def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]
     -------
     (count,) bool
     """
+    from scipy.sparse import csr_array  # when it is needed: it is slow to import
+    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
     node = np.arange(count)
     top, bottom = count, count + 1
     dear, cheap = lean > 0, lean < 0
