@@ -207,5 +207,7 @@ def test_sigmas_that_are_none_are_refused(value, said):
 def test_a_map_of_sigmas_must_fit_the_result_and_stand_alone():
     with pytest.raises(errors.ImageError, match="sigmamap is 112x96, the result 64x50"):
         made(sigmamap=sigmas(np.full((96, 112), 8.0)), size=(64, 50))
+    with pytest.raises(errors.ImageError, match="sigmamap is of uint8: sigmas are in pixels, in a file of floats"):
+        made(sigmamap=buffer(np.ones((96, 112, 1)), oiio.UINT8))
     with pytest.raises(errors.ParameterError, match="sigma=8: sigmamap says it already"):
         made(sigmamap=sigmas(np.full((96, 112), 8.0)), sigma=8.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..color import as_float
 from ..errors import ImageError
-from ..images import Image, Part, channels_of
+from ..images import Image, Part, channels_of, dtype_of
 from ..synthesis.guidance import Guidance, Held
 from ..synthesis.patchmatch import pack
 from ..synthesis.stationarize import Recipe, Synthesis
@@ -74,6 +74,8 @@ def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
     if (part.spec.width, part.spec.height) != (width, height):
         size = f"{part.spec.width}x{part.spec.height}"
         raise ImageError(f"sigmamap is {size}, the result {width}x{height}: they must be alike")
+    if not np.issubdtype(dtype_of(part.spec), np.floating):
+        raise ImageError(f"sigmamap is of {part.spec.format}: sigmas are in pixels, in a file of floats")
     values = _channel(part)
     broken = np.count_nonzero(~np.isfinite(values))
     if broken:
