@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """MJH17 figures 3 and 4 on a folder of photos, for every measure of stationarity, beside toroidal PatchMatch.
 
-python -m benchmarks.stationarization run FOLDER OUT [--side 256] [--seeds 10] [--moments N] [--steerable N]
-python -m benchmarks.stationarization plot OUT
+python -m benchmarks.stationarization FOLDER OUT [--side 256] [--seeds 10] [--moments N] [--steerable N]
+python -m benchmarks.stationarization_plots OUT
 
-`run` appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped; `plot` makes OUT/figure3.png,
+The first appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped; the other makes OUT/figure3.png,
 figure4.png and table.md of them (matplotlib is in the extra 'benchmark').
 
 The protocol is that of MJH17 section 5.2: the same seeds for all variants, and beside it the one seed of ten with which
@@ -161,23 +161,15 @@ def append(path: Path, fields: tuple[str, ...], more: list[tuple]) -> None:
 
 
 def main() -> None:
-    """Run or plot."""
+    """Run what has not been run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(dest="command", required=True)
-    running = commands.add_parser("run")
-    running.add_argument("folder", type=Path)
-    running.add_argument("out", type=Path)
-    running.add_argument("--side", type=int, default=256)
-    running.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--side", type=int, default=256)
+    parser.add_argument("--seeds", type=int, default=10)
     for measure in MEASURES[1:]:
-        running.add_argument(f"--{measure}", type=int, help="seeds of that measure, where fewer than of the others")
-    commands.add_parser("plot").add_argument("out", type=Path)
+        parser.add_argument(f"--{measure}", type=int, help="seeds of that measure, where fewer than of the others")
     given = parser.parse_args()
-    if given.command == "plot":
-        from benchmarks.stationarization_plots import plot
-
-        plot(given.out)
-        return
     seeds = {v: getattr(given, v, None) or given.seeds for v in (BASELINE, *MEASURES)}
     run(given.folder, given.out, given.side, seeds)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
@@ -185,3 +186,9 @@ def _table(costs: Costs, table: list[dict[str, str]]) -> str:
                 + "".join(f" {f:.3g} |" for f in figures)
             )
     return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    plot(parser.parse_args().out)
