@@ -4,7 +4,7 @@
 python -m benchmarks.stationarization FOLDER OUT [--side 256] [--seeds 10] [--moments N] [--steerable N]
 python -m benchmarks.stationarization_plots OUT
 
-The first appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped; the other makes OUT/figure3.png,
+The first appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped; the other makes figure3.png,
 figure4.png and table.md of them (matplotlib is in the extra 'benchmark').
 
 The protocol is that of MJH17 section 5.2: the same seeds for all variants, and beside it the one seed of ten with which
