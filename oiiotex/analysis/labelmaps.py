@@ -31,7 +31,6 @@ from .hierarchy import Hierarchy, hierarchy
 from .similarity import NEIGHBOURS, Walk, similarity_graph
 from .superpixels import Superpixels, superpixels
 
-CLUSTERS = ("nmf", "kmeans", "spectral")
 MOST = 20000  # superpixels up to which all are nodes of the graph
 _PIXEL_BYTES, _EDGE_BYTES = 300, 80  # held at once, per pixel of the reduced image and per edge of the graph
 _NEAREST = 6  # sampled superpixels that one which was left out looks at
