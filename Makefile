@@ -8,12 +8,15 @@ EXTRAS := cpu,linker,demo
 .PHONY: demo test test-all lint docs golden benchmark clean
 
 demo: $(VENV)/demo
+	@$(BIN)/python -m docs.device
 	$(BIN)/python -m docs.demo $(if $(PHOTO),--photo "$(PHOTO)")
 
 test: $(VENV)/test
+	@$(BIN)/python -m docs.device
 	$(BIN)/python -m pytest -n 2 -m "not slow"
 
 test-all: $(VENV)/test  # with the slow sweeps
+	@$(BIN)/python -m docs.device
 	$(BIN)/python -m pytest -n 2
 
 lint: $(VENV)/test
@@ -27,6 +30,7 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.stationarized
 	$(BIN)/python -m docs.comparison
 	$(BIN)/python -m docs.dominant_pictures
+	$(BIN)/python -m docs.structure_pictures
 	$(BIN)/python -m docs.measure_pictures
 	$(BIN)/python -m docs.multiscale_pictures
 	$(BIN)/python -m docs.synth_pictures

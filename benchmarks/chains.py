@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.formats import Format
-from oiiotex.images import Image, Part
-from oiiotex.windows import Window
-from oiiotex.writing import write
+from oiiotex.core.image import Image, Part
+from oiiotex.core.window import Window
+from oiiotex.io.formats import Format
+from oiiotex.io.writing import write
 
 BIN = Path(sys.executable).parent
 CHAINS = {

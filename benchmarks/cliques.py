@@ -12,8 +12,8 @@ import time
 import numpy as np
 from scipy.sparse import csr_array
 
-from oiiotex.analysis.cliques import partition, score
-from tests.reference.cliques import best_partition, instance, misplaced
+from oiiotex.segmentation.clique_partition import partition
+from tests.reference.cliques import best_partition, instance, misplaced, score
 
 TABLE_1 = ((15, 3, 6.8, 6.93), (12, 2, 2.92, 3.08), (21, 3, 2.19, 2.14), (24, 3, 1.13, 1.33))  # noise 25 %
 TABLE_2 = ((40, 4, 0.25, 0.33), (60, 4, 0.25, 0.1), (60, 4, 0.33, 2.1), (120, 5, 0.36, 1.6), (1000, 10, 0.40, 0.7))

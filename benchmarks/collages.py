@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 
 from benchmarks.labels import Case
 from benchmarks.measures import data_folder
-from oiiotex.images import from_buffer
+from oiiotex.core.image import from_buffer
 from tests import pictures
 
 

@@ -12,7 +12,7 @@ import time
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from oiiotex.synthesis import seams
+from oiiotex.graphcut import seams
 
 SIDES = (64, 128, 256)
 

@@ -18,11 +18,12 @@ import OpenImageIO as oiio
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.collages import _photo
-from oiiotex.analysis.diffusion import dominant_mask, dominant_texture
-from oiiotex.analysis.labpixels import LabPixels, lab_pixels
-from oiiotex.images import from_buffer
+from oiiotex.color.lab import lens_of
+from oiiotex.color.lab_reduced import LabPixels, lab_pixels
+from oiiotex.core.image import from_buffer
+from oiiotex.dominant.diffusion import dominant_mask, dominant_texture
+from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
-from oiiotex.working import lens_of
 from tests import pictures
 
 HEIGHT, WIDTH = 94, 125
@@ -91,7 +92,7 @@ def seen_as(picture: np.ndarray, session: Session) -> LabPixels:
     buffer = oiio.ImageBuf(spec)
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(picture, np.float32))
     image = from_buffer(buffer)
-    return lab_pixels(image, lens_of(image, session.color), session)
+    return lab_pixels(image, lens_of(image, session), session)
 
 
 def main() -> None:
@@ -113,7 +114,8 @@ def main() -> None:
                 start = time.process_time()
                 found = dominant_texture(pixels, session, mode=mode, rule=rule, step=arguments.step)
                 took = time.process_time() - start
-                mask = dominant_mask(found, pixels.seen)
+                literal = rule == "paper"
+                mask = dominant_mask(found, pixels.seen) if literal else refined_mask(found, pixels)
                 iou = (mask & truth).sum() / max((mask | truth).sum(), 1)
                 precision = (mask & truth).sum() / max(mask.sum(), 1)
                 rows.append((iou, precision, took))

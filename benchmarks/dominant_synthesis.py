@@ -17,10 +17,10 @@ import OpenImageIO as oiio
 
 from benchmarks.measures import data_folder, load
 from oiiotex import filters
-from oiiotex.analysis.stationarity import stationarity_cost
-from oiiotex.color import working_values
-from oiiotex.images import from_buffer
+from oiiotex.color.lab import working_values
+from oiiotex.core.image import from_buffer
 from oiiotex.session import Session
+from oiiotex.stationarity.costs import stationarity_cost
 
 METHODS = ("patchmatch", "quilt")
 
@@ -34,7 +34,7 @@ def non_stationary() -> list[str]:
 
 def cost(made: oiio.ImageBuf, wraps: bool, session: Session) -> float:
     """MJH17 eq. 1 of an image at the filters' own sigma."""
-    lab = working_values(from_buffer(made), session.color).values
+    lab = working_values(from_buffer(made), session)[0]
     return stationarity_cost(lab, max(lab.shape[:2]) / 32, wraps, wraps)
 
 

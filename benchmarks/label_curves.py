@@ -23,12 +23,12 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.labels import Case, cases, score
-from oiiotex.analysis.features import Features, features_of
-from oiiotex.analysis.hierarchy import Hierarchy, hierarchy
-from oiiotex.analysis.labelmaps import Settings, labelled
-from oiiotex.analysis.superpixels import superpixels
+from oiiotex.color.lab import lens_of
+from oiiotex.labels.features import Features, features_of, small_lab
+from oiiotex.labels.scales import LabelSettings, labelled
 from oiiotex.session import Session
-from oiiotex.working import lens_of
+from oiiotex.superpixels.hierarchy import Hierarchy, hierarchy
+from oiiotex.superpixels.superpixels import superpixels
 
 PERSISTENCES = (0.99, 0.97, 0.95, 0.9, 0.85, 0.75, 0.6, 0.45, 0.3, 0.15, 0.05)
 COUNTS = (2, 3, 4, 5, 6, 8, 10, 12, 16)
@@ -64,7 +64,7 @@ def curve(case: Case, ids: np.ndarray, groups: np.ndarray, described: Features, 
     warnings.filterwarnings("ignore", "Graph is not fully connected")
     found: dict[int, list[tuple[float, float, float]]] = {}
     for persistence in PERSISTENCES:
-        made = labelled(points, Settings(cluster=cluster, persistence=persistence), 0)
+        made = labelled(points, LabelSettings(cluster=cluster, persistence=persistence), 0)
         s = score(case.truth, made.G.argmax(0)[groups][ids], groups[ids])
         found.setdefault(made.G.shape[0], []).append((s.rand, s.covering, s.back))
     counts = np.array(sorted(found))
@@ -78,13 +78,13 @@ def partition_near(levels: Hierarchy, count: int) -> np.ndarray:
 
 def measured(case: Case, wanted: Iterable[Series], session: Session) -> Iterator[tuple[Series, Curve]]:
     """Every series on one image."""
-    found = superpixels(case.image, lens_of(case.image, session.color), session)
+    found = superpixels(case.image, lens_of(case.image, session), session)
     levels = hierarchy(found, session)
     ids = found.labels.read(found.window)[..., 0].astype(np.int64) - 1
     described: dict[str, Features] = {}
     for series in wanted:
         if series.features not in described:
-            described[series.features] = features_of(series.features, found, session)
+            described[series.features] = features_of(series.features, found, small_lab(found), session)
         groups = partition_near(levels, series.superpixels)
         yield series, curve(case, ids, groups, described[series.features], series.cluster)
 

@@ -25,14 +25,16 @@ from sklearn.metrics.cluster import contingency_matrix, pair_confusion_matrix
 
 from benchmarks.measures import data_folder
 from oiiotex import filters
-from oiiotex.analysis.features import features_of
-from oiiotex.analysis.hierarchy import hierarchy
-from oiiotex.analysis.labelmaps import LabelMaps, Settings, label_levels
-from oiiotex.analysis.superpixels import superpixels
-from oiiotex.filters.label import label_part
-from oiiotex.images import Image, from_buffer, to_buffer
+from oiiotex.color.lab import lens_of
+from oiiotex.core.image import Image, from_buffer, to_buffer
+from oiiotex.filters.label import label_map
+from oiiotex.labels.features import features_of, small_lab
+from oiiotex.labels.scales import LabelMaps, LabelSettings, label_levels
+from oiiotex.run import run
+from oiiotex.segmentation.superpixel_subtextures import superpixel_subtextures
 from oiiotex.session import Session
-from oiiotex.working import lens_of
+from oiiotex.superpixels.hierarchy import hierarchy
+from oiiotex.superpixels.superpixels import superpixels
 from tests import pictures
 
 PHOTOS = {"facade_tiles": "photos/facade_tiles.jpg", "rusty_metal_albedo": "pbr/rusty_metal/rusty_metal_albedo.jpg"}
@@ -114,8 +116,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--features", default="textons,moments,gabor,quadtree")
     parser.add_argument("--cluster", default="nmf")
-    parser.add_argument("--persistence", type=float, default=Settings.persistence)
-    parser.add_argument("--share", type=float, default=Settings.share)
+    parser.add_argument("--persistence", type=float, default=LabelSettings.persistence)
+    parser.add_argument("--share", type=float, default=LabelSettings.share)
     parser.add_argument("--name", default="")
     parser.add_argument("--levels", action="store_true", help="every level, not the best alone")
     parser.add_argument("--pictures", type=Path)
@@ -123,20 +125,27 @@ def main() -> None:
     session = Session()
     rows: dict[tuple[str, str], list[tuple[str, Score, bool, float]]] = {}
     for case in cases(arguments.name):
-        lens = lens_of(case.image, session.color)
+        lens = lens_of(case.image, session)
         start = time.perf_counter()
         found = superpixels(case.image, lens, session)
         levels = hierarchy(found, session)
+        small = small_lab(found)
         before = time.perf_counter() - start
         ids = found.labels.read(found.window)[..., 0].astype(np.int64) - 1
         for kind in arguments.features.split(","):
             start = time.perf_counter()
-            described = features_of(kind, found, session)
+            described = features_of(kind, found, small, session)
             describing = time.perf_counter() - start
             for cluster in arguments.cluster.split(","):
                 start = time.perf_counter()
-                settings = Settings(cluster=cluster, persistence=arguments.persistence, share=arguments.share)
-                labelled = label_levels(levels, described, settings)
+                settings = LabelSettings(cluster=cluster, persistence=arguments.persistence, share=arguments.share)
+                labelled = label_levels(
+                    levels,
+                    described,
+                    settings,
+                    found.edges,
+                    lambda: superpixel_subtextures(found, small, session),  # noqa: B023 - called at once
+                )
                 took = time.perf_counter() - start
                 scores = [score(case.truth, level.labels[ids], level.groups[ids]) for level in labelled]
                 best = max(range(len(scores)), key=lambda n: scores[n].covering)
@@ -151,9 +160,9 @@ def main() -> None:
                           f" {s.covering:.3f} back {s.back:.3f} UE {100 * s.error:.1f} %", end="")  # fmt: skip
                 print(flush=True)
                 if arguments.pictures and cluster == "nmf":
-                    maps = LabelMaps(found, levels, labelled)
-                    parts = [label_part(case.image.first, maps, n + 1) for n in range(len(labelled))]
-                    view = filters.LabelView(source=Image((case.image.first, *parts), case.name)).compute(session)
+                    maps = LabelMaps(found, labelled)
+                    parts = [label_map(case.image.first, maps, n + 1).part for n in range(len(labelled))]
+                    view = run(filters.LabelView(source=Image((case.image.first, *parts), case.name)), session)[0].image
                     arguments.pictures.mkdir(parents=True, exist_ok=True)
                     to_buffer(view.first).write(str(arguments.pictures / f"{case.name}_{kind}.png"))
     print(f"\n{'':18s} {'':9s} {'Rand':>6s} {'ARI':>6s} {'cover':>6s} {'back':>6s}   UE %  count within 50 %   s")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.analysis.quality import low_frequency, sharpness, wrap_percentile
+from oiiotex.stationarity.seam_measures import low_frequency, sharpness, wrap_percentile
 
 __all__ = ["data_folder", "load", "low_frequency", "luma", "sharpness", "wrap_percentile"]
 

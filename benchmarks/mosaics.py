@@ -1,27 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mosaics of 3 to 12 textures with exact truth, drawn by lot: two halves, one to set parameters on, one to judge them.
+"""Mosaics of 2 to 12 textures with exact truth, drawn by lot: two halves, one to set parameters on, one to judge them.
 
-Four kinds take turns: photos in colour, photos in gray, textures drawn by code in gray, and drawn and photographed
-ones together in colour. The halves share no photo and no drawn texture. Photos come from `$OIIOTEX_TEST_DATA` and
-from scikit-image's wheel. Fields are Voronoi cells with straight or wavy borders, or four quarters around a disc.
+Kinds take turns: photos in colour, photos in gray, textures drawn by code in gray, drawn and photographed ones
+together in colour, two photos in many small patches (behind fine or soft borders), one photo in four versions (turned,
+at other scales), and five photos in gray. The halves share no photo and no drawn texture. Photos come from
+`$OIIOTEX_TEST_DATA` and from scikit-image's wheel. Fields are Voronoi cells with straight or wavy borders, or four
+quarters around a disc; patches are where smooth noise is above a level.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 import OpenImageIO as oiio
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates, rotate, zoom
 from scipy.spatial import cKDTree
 
 from benchmarks.labels import Case
 from benchmarks.measures import data_folder
-from oiiotex.images import from_buffer
+from oiiotex.core.image import from_buffer
 
 SIDE = 512
-KINDS = ("photos colour", "photos gray", "drawn gray", "all colour")
+KINDS = (
+    "photos colour", "photos gray", "drawn gray", "all colour", "patches fine", "patches soft", "versions", "five gray",
+)  # fmt: skip
 _SETS = {
     "tune": (
         "photos/clover_lawn.jpg", "photos/facade_tiles.jpg", "photos/pebbles_beach_shadow.jpg",
@@ -40,6 +44,11 @@ _SETS = {
     ),
 }  # fmt: skip
 
+_DIRECTED = {  # of which a turned version can be told
+    "tune": ("photos/roof_slates.jpg", "photos/sandstone_wall_cracked.jpg", "skimage/brick.png"),
+    "judge": ("photos/bark_flaky.jpg", "photos/castle_brick_broken.jpg", "photos/marble_tiles_4x4.jpg"),
+}
+
 
 def suite(half: str, count: int = 40, first: int = 0) -> Iterator[Case]:
     """Mosaics `first` .. `first + count - 1` of the half: "tune" or "judge"."""
@@ -51,21 +60,58 @@ def mosaic(half: str, seed: int) -> Case:
     """One of them; the kind follows from the seed."""
     kind = KINDS[seed % len(KINDS)]
     random = np.random.default_rng([seed, half == "judge"])
-    many = int(random.integers(3, 13)) if "all" in kind else int(random.integers(3, 8))
-    fields = _fields(many, random)
     photos = random.permutation(len(_SETS[half])).tolist()
-    picture = np.zeros((SIDE, SIDE, 3), np.float32)
-    for n in range(many):
-        drawn = kind.startswith("drawn") or ("all" in kind and (n % 2 == 1 or not photos))
-        look = _drawn(random) if drawn else _piece(_SETS[half][photos.pop()], random)
-        picture[fields == n] = look[fields == n]
+    if "patches" in kind:
+        fields, cover = _patches(random, "soft" in kind)
+        one, other = (_piece(_SETS[half][photos.pop()], random) for _ in range(2))
+        picture = other + (one - other) * cover[..., None]
+    elif kind == "versions":
+        fields = _fields(4, random)
+        picture = _pictured(fields, _versions(str(random.choice(_DIRECTED[half])), random))
+    else:
+        many = 5 if "five" in kind else int(random.integers(3, 13 if "all" in kind else 8))
+        fields = _fields(many, random)
+        looks = (
+            _drawn(random)
+            if kind.startswith("drawn") or ("all" in kind and (n % 2 == 1 or not photos))
+            else _piece(_SETS[half][photos.pop()], random)
+            for n in range(many)
+        )
+        picture = _pictured(fields, looks)
     if "gray" in kind:
         picture[:] = picture.mean(-1, keepdims=True)
     spec = oiio.ImageSpec(SIDE, SIDE, 3, oiio.FLOAT)
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     buffer = oiio.ImageBuf(spec)
-    buffer.set_pixels(buffer.roi, np.ascontiguousarray(np.rint(picture * 255) / 255, np.float32))
+    buffer.set_pixels(buffer.roi, np.ascontiguousarray(np.rint(np.clip(picture, 0, 1) * 255) / 255, np.float32))
     return Case(f"{half} {seed:02d} {kind}", from_buffer(buffer), fields + 1)
+
+
+def _pictured(fields: np.ndarray, looks: Iterable[np.ndarray]) -> np.ndarray:
+    """Of every field the texture that is its own."""
+    picture = np.zeros((*fields.shape, 3), np.float32)
+    for n, look in enumerate(looks):
+        picture[fields == n] = look[fields == n]
+    return picture
+
+
+def _patches(random: np.random.Generator, soft: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Fields 0 and 1 in many small patches, and how much of field 0's texture is seen: a border is a ramp of 2 px,
+    or of up to 12 where `soft`."""
+    height = _smooth(random, random.uniform(18, 30) if soft else random.uniform(9, 18))
+    within = height > np.quantile(height, random.uniform(0.4, 0.7))
+    cover = gaussian_filter(within.astype(np.float32), random.uniform(4, 12) if soft else 2.0)
+    return (cover <= 0.5).astype(np.int64), cover
+
+
+def _versions(name: str, random: np.random.Generator) -> Iterator[np.ndarray]:
+    """One photo as it is, at about half its size, turned by a right angle, and by half of one."""
+    piece = _piece(name, random)
+    yield piece
+    smaller = zoom(piece, (0.55, 0.55, 1), order=1)
+    yield np.pad(smaller, [(0, SIDE - s) for s in smaller.shape[:2]] + [(0, 0)], mode="symmetric")
+    yield np.rot90(piece)
+    yield rotate(piece, 45, order=1, reshape=False, mode="mirror")
 
 
 def _fields(count: int, random: np.random.Generator) -> np.ndarray:

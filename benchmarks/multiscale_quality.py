@@ -17,13 +17,13 @@ import OpenImageIO as oiio
 
 from benchmarks.measures import data_folder
 from docs.demo import save
+from oiiotex.color.lab_grid import FINE_STEPS
+from oiiotex.core.window import Window
+from oiiotex.multiscale.candidate_sets import neighbourhoods
+from oiiotex.multiscale.coverage import shares, unmatched
+from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
+from oiiotex.multiscale.synthesizer import Synthesizer
 from oiiotex.session import Session
-from oiiotex.synthesis.candidates import neighbourhoods
-from oiiotex.synthesis.coverage import shares, unmatched
-from oiiotex.synthesis.multiscale import Synthesizer
-from oiiotex.synthesis.planes import Plane, graph_images, opened
-from oiiotex.synthesis.stacks import STEPS
-from oiiotex.windows import Window
 from tests import pictures
 
 PHOTOS = (
@@ -48,7 +48,7 @@ def lab(plane: Plane, maker: Synthesizer, level: int, window: Window) -> np.ndar
     """What pixels look like, L, a and b away from the root's mean: (h, w, 3)."""
     state = maker.window(level, window)
     planes = plane.analysis.stacks.planes.reshape(-1, 4)
-    return (planes[state.texel][..., :3] + state.offset[..., :3].astype(float)) / STEPS
+    return (planes[state.texel][..., :3] + state.offset[..., :3].astype(float)) / FINE_STEPS
 
 
 def zooms(folder: Path, session: Session, side: int) -> None:
@@ -81,7 +81,7 @@ def unlikeness(plane: Plane, maker: Synthesizer, level: int) -> float:
     stacks, window = plane.analysis.stacks, Window.sized(300, 200, 64, 64)
     state = maker.window(level, window)
     colour = stacks.planes.reshape(-1, 4)[state.texel][..., :3].astype(float) + state.offset[..., :3]
-    number = plane.places(state)[0]
+    number = plane.source(state).number
     random = np.random.default_rng(0)
     y, x = random.integers(2, 62, (2, SAMPLED))
     seen = np.stack([colour[y + v, x + u] for v in range(-2, 3) for u in range(-2, 3)], 1)
@@ -91,7 +91,7 @@ def unlikeness(plane: Plane, maker: Synthesizer, level: int) -> float:
         other = neighbourhoods(stacks.planes[to], stacks.levels.spacing(to), stacks.periodic[to])
         squares = np.square(seen).sum(1)[:, None] + np.square(other).sum(1) - 2 * seen @ other.T
         least = np.minimum(least, squares.min(1))
-    return float(np.sqrt(np.maximum(least, 0).mean() / 25) / STEPS)
+    return float(np.sqrt(np.maximum(least, 0).mean() / 25) / FINE_STEPS)
 
 
 def incoherence(plane: Plane, maker: Synthesizer, level: int) -> float:

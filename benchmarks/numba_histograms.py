@@ -12,7 +12,8 @@ import numpy as np
 from numba import prange
 
 from benchmarks.numba_patchmatch import parallel, serial
-from oiiotex.synthesis.histograms import BINS, INVERSE, Cells
+from oiiotex.projections.histograms import BINS, INVERSE
+from oiiotex.stationarity.grid_statistics import CellGrid
 
 # --- local histograms ---
 
@@ -188,13 +189,13 @@ def match(image, cumulative, cells_y, cells_x, inverse, matched, low, per_bin, s
 class BoundProjection:
     """`Projection` for an image that wraps along both axes; parameters as there."""
 
-    def __init__(self, cells: Cells, sigma: float, low: np.ndarray, high: np.ndarray):
+    def __init__(self, grid: CellGrid, low: np.ndarray, high: np.ndarray):
         self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
         self._per_bin = ((BINS - 1) / np.maximum(self._high - self._low, np.float32(1.0))).astype(np.float32)
-        self._weights = [gaussian(sigma * n / size) for n, size in ((cells.x, cells.width), (cells.y, cells.height))]
-        self._grid = np.empty((3, cells.y, cells.x, BINS), np.float32)
+        self._weights = [taps.astype(np.float32) for taps in grid.taps()]
+        self._grid = np.empty((3, grid.down, grid.across, BINS), np.float32)
         self._grid_next = np.empty_like(self._grid)
-        self._row_sums = np.empty((3 * cells.y, BINS), np.float32)
+        self._row_sums = np.empty((3 * grid.down, BINS), np.float32)
 
     def project(self, image: np.ndarray, matched: np.ndarray, strength: float = 1.0) -> None:
         """Write to `matched` what lies `strength` times the way from `image` to its projection."""
@@ -220,11 +221,3 @@ class BoundProjection:
             low, high = float(self._low[c]), float(self._high[c])
             table[c] = np.clip(low + place * max(1.0, high - low) / (BINS - 1), low, high)
         return table
-
-
-def gaussian(sigma: float) -> np.ndarray:
-    """Weights over cells, as `Projection` has them."""
-    sigma = math.sqrt(max(1e-4, sigma**2 - 1.0 / 3.0))
-    radius = max(1, math.ceil(3.2 * sigma))
-    weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
-    return (weights / weights.sum()).astype(np.float32)

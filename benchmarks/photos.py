@@ -15,26 +15,29 @@ import OpenImageIO as oiio
 
 from benchmarks.measures import data_folder, load
 from oiiotex import filters
-from oiiotex.analysis.stationarity import stationarity_cost, texture_cost
-from oiiotex.color import working_values
-from oiiotex.images import from_buffer
+from oiiotex.color.lab import working_values
+from oiiotex.core.image import from_buffer
+from oiiotex.core.source_map import SourceMap
+from oiiotex.core.window import Domain
+from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.session import Session
-from oiiotex.synthesis.patchmatch import match_patches, pack, unpack
+from oiiotex.stationarity.costs import stationarity_cost, texture_cost
 
 PATCH = 11
 
 
 def costs(photo: oiio.ImageBuf, made: dict[str, oiio.ImageBuf], session: Session) -> tuple[float, float]:
     """(stationarity cost, texture cost) of a tile made with `stmap`."""
-    lab = working_values(from_buffer(photo), session.color).values
+    lab = working_values(from_buffer(photo), session)[0]
     height, width = lab.shape[:2]
     st = made["st"].get_pixels(oiio.FLOAT)
     x, y = (np.floor(st[..., i] * n).astype(np.int64) for i, n in ((0, width), (1, height)))
     tile = lab[y, x]
     # where the tile's pixels come from is a good first guess of where its patches do
-    guess = pack(np.minimum(y, height - PATCH), np.minimum(x, width - PATCH))
-    field = match_patches(session.device, tile, lab, guess, PATCH, (True, True), 1, session.budget)
-    return stationarity_cost(tile, max(width, height) / 32), texture_cost(tile, lab, *unpack(field), PATCH)
+    guess = SourceMap.of(np.minimum(y, height - PATCH), np.minimum(x, width - PATCH))
+    torus = Domain(tile.shape[1], tile.shape[0], True, True)  # of a lattice's own size
+    field = match_patches(session.device, tile, lab, guess, PATCH, torus, 1, session.budget)
+    return stationarity_cost(tile, max(width, height) / 32), texture_cost(tile, lab, field, PATCH)
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ quality: seams, verbatim copies and the most repeated region on test photos.
 patches: the same on three photos that are smooth between large edges, by the side of a patch.
 peers: 1024 x 1024 from 256 x 256 crops of four photos, beside all the tools that synthesize and are installed: time,
 verbatim copies and the most repeated region, by where the exemplar has each block of the result
-(oiiotex/analysis/copies.py).
+(benchmarks/copies.py).
 fidelity: how much of a guide is found again, on six photos: in the labels of the sources, and in what the result looks
 like (benchmarks/relabel.py).
 """
@@ -26,11 +26,13 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.analysis.copies import copies, most_shown
-from oiiotex.files import read
-from oiiotex.synthesis.patchmatch import hash_at
-from oiiotex.synthesis.plans import Plan
+from oiiotex.core.source_map import SourceMap
+from oiiotex.io.reading import read
+from oiiotex.patchmatch.field import hash_at
+from oiiotex.quilting.quilt_plan import Plan
+from oiiotex.stationarity.copy_detection import most_shown
 
+from .copies import copies
 from .peers import CROPS, PEERS, SYNTHESIZERS, ToolError
 from .relabel import far_from_borders, relabelled
 
@@ -132,7 +134,7 @@ def sources(path: Path, photo: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def most_used(path: Path) -> tuple[Plan, float]:
-    """A plan, and how often its most used region stands in it over its fair share; `reuse` caps that."""
+    """A plan, and how often its most used region stands in it over its fair share, by blocks of offsets."""
     plan, (width, height) = Plan.load(path)
     step = plan.grid.step
     blocks = (plan.offsets >> 16) // step * 10000 + (plan.offsets & 0xFFFF) // step
@@ -173,7 +175,7 @@ def patches(folder: Path) -> None:
 
 
 def peers(folder: Path) -> None:
-    """Each tool once per photo, in turn. Ours: `by the plan` is what `reuse` caps, `by sources` the true `/ fair`."""
+    """Each tool once per photo, in turn. Ours: `by the plan` counts offsets, `by sources` what is seen."""
     for tool in SYNTHESIZERS:
         if not tool.available():
             print(f"{tool.name} is not installed: {tool.install}")
@@ -189,7 +191,7 @@ def peers(folder: Path) -> None:
             oiiotex(crop, *SPACE, f"{quilt}:plan=p.npz:stmap=st.exr", "-o", "a.png", cwd=folder)
             plan, most = most_used(folder / "p.npz")
             down, right = sources(folder / "st.exr", crop)
-            true = most_shown(down * seen.shape[1] + right, seen.shape[:2])[1]
+            true = most_shown(SourceMap.of(down, right), seen.shape[:2])[1]
             more[out] = f"  patch {plan.grid.patch}: {most:.2f} by the plan, {true:.2f} by sources"
             walls[out] = oiiotex(crop, *SPACE, quilt, "-o", out, cwd=folder)[0]
         for tool in SYNTHESIZERS:
@@ -200,9 +202,9 @@ def peers(folder: Path) -> None:
                 except ToolError as error:
                     print(name, tool.name, error)
         for out, wall in walls.items():
-            found = copies(read(out).first.pixels()[..., :3], seen)
+            found, near = copies(read(out).first.pixels()[..., :3], seen)
             tool = out.stem.removeprefix(f"{name}_")
-            print(f"{name:21} {tool:16} {wall:6.1f} {found.exact:6.3f} {found.near:6.3f} {found.shown:6.1f}"
+            print(f"{name:21} {tool:16} {wall:6.1f} {found.exact:6.3f} {near:6.3f} {found.shown:6.1f}"
                   f" {found.over_fair:6.2f}{more.get(out, '')}", flush=True)  # fmt: skip
 
 

@@ -11,12 +11,12 @@ import OpenImageIO as oiio
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from oiiotex.analysis import features
-from oiiotex.analysis.hierarchy import hierarchy, scales
-from oiiotex.analysis.superpixels import FINEST, LEAST_SIGMA, superpixels
-from oiiotex.images import from_buffer
+from oiiotex.color.lab import lens_of
+from oiiotex.core.image import from_buffer
+from oiiotex.labels import features
 from oiiotex.session import Session
-from oiiotex.working import lens_of
+from oiiotex.superpixels.hierarchy import hierarchy, scales
+from oiiotex.superpixels.superpixels import FINEST, LEAST_SIGMA, superpixels
 
 GAP = 64  # px between the two, of alpha 0
 NEAREST = (1, 3, 5)
@@ -54,13 +54,13 @@ def relabelled(exemplar: np.ndarray, ids: np.ndarray, made: np.ndarray, rho: flo
     buffer.set_pixels(buffer.roi, both)
     image, session = from_buffer(buffer), Session()
     finest = max(LEAST_SIGMA, FINEST * min(height, width))
-    found = superpixels(image, lens_of(image, session.color), session, sigma=finest)
+    found = superpixels(image, lens_of(image, session), session, sigma=finest)
     steps = scales(finest, min(height, width))
     levels = hierarchy(found, session, np.append(steps[steps < rho], max(rho, finest)))
     groups = levels.partition(len(levels.counts) - 1)
     times = int(np.ceil(np.sqrt(height * width / features.WORKING_PIXELS)))
     with patch.object(features, "WORKING_PIXELS", -(-both.shape[0] * both.shape[1] // times**2)):
-        points = features.features_of("textons", found, session)(groups)
+        points = features.features_of("textons", found, features.small_lab(found), session)(groups)
     at = found.labels.read(found.window)[..., 0].astype(np.int64)
     at = np.concatenate([[-1], groups])[at]
     there, here = at[:height, :width], at[: len(made), width + GAP :]

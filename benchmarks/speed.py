@@ -25,7 +25,7 @@ import OpenImageIO as oiio
 from benchmarks.gravel import row
 from benchmarks.peers import PEERS, Tool, ToolError
 from docs.demo import gravel, save, stained
-from oiiotex.device import choose
+from oiiotex.opencl.device import choose
 
 SIZE = (512, 512)
 OURS = Tool(

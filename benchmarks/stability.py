@@ -23,13 +23,13 @@ from skimage.metrics import variation_of_information
 from benchmarks.measures import data_folder
 from benchmarks.segmenters import scikit_slic
 from benchmarks.superpixels import load, under_segmentation
-from oiiotex.analysis import superpixels as module
-from oiiotex.analysis.hierarchy import hierarchy
-from oiiotex.analysis.slic import Slic
-from oiiotex.analysis.superpixels import Superpixels, superpixels
-from oiiotex.images import Image
+from oiiotex.color.lab import lens_of
+from oiiotex.core.image import Image
 from oiiotex.session import Session
-from oiiotex.working import lens_of
+from oiiotex.superpixels import superpixels as module
+from oiiotex.superpixels.hierarchy import hierarchy
+from oiiotex.superpixels.slic import Slic
+from oiiotex.superpixels.superpixels import Superpixels, superpixels
 
 PHOTOS = ("castle_brick_broken", "fieldstone_wall_kodim01", "flower_meadow_stones", "moss_grass_stones_ground",
           "pebbles_beach_shadow", "rust_barrel_side", "stained_plaster_wall", "stone_breccia")  # fmt: skip
@@ -59,7 +59,7 @@ class Photo:
 
     def __init__(self, image: Image, session: Session):
         self.image, self.session = image, session
-        self.lens = lens_of(image, session.color)
+        self.lens = lens_of(image, session)
         self.shape = image.first.spec.height, image.first.spec.width
         self.lab = self.lens.values(image.first.pixels())[0][..., :3].astype(np.float64)
         self._finest: dict[int, Superpixels] = {}

@@ -26,13 +26,16 @@ import numpy as np
 
 from benchmarks.measures import load
 from oiiotex import errors
-from oiiotex.analysis.stationarity import stationarity_cost, texture_cost
-from oiiotex.color import Working, working_values
-from oiiotex.filters.stationarize import PatchMatch, Stationarize
-from oiiotex.images import from_buffer
+from oiiotex.color.lab import working_values
+from oiiotex.color.lab_grid import steps_for
+from oiiotex.core.image import from_buffer
+from oiiotex.core.window import Domain
+from oiiotex.filters.patchmatch import PatchMatch
+from oiiotex.filters.stationarize import Stationarize
+from oiiotex.patchmatch import optimization as module
+from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.session import Session
-from oiiotex.synthesis import stationarize as module
-from oiiotex.synthesis.patchmatch import grid_steps, match_patches, unpack
+from oiiotex.stationarity.costs import stationarity_cost, texture_cost
 
 MEASURES = ("histogram", "moments", "steerable")
 BASELINE = "patchmatch"
@@ -48,8 +51,7 @@ class Photo:
         self.name, self.session = path.stem, session
         self.buffer = load(path, side)
         self.image = from_buffer(self.buffer)
-        self.working: Working = working_values(self.image, session.color)
-        self.lab = self.working.values
+        self.lab, self.opaque = working_values(self.image, session)
         self.height, self.width = self.lab.shape[:2]
         self.sigma = max(self.width, self.height) / 32
 
@@ -60,18 +62,18 @@ class Photo:
         recipe = op.recipe(self.width, self.height)
         session = self.session
         return module.synthesize(
-            session.device, self.lab, self.working.opaque, recipe, session.budget, lambda done, total: None
+            session.device, self.lab, self.opaque, recipe, session.budget, lambda done, total: None
         )
 
     def costs(self, variant: str, seed: int) -> dict[str, float]:
         """Stationarity by its own measure (all three of the baseline), and texture."""
         made = self.made(variant, seed)
-        tile = self.lab[unpack(made.source)]
+        tile = made.source.gather(self.lab)
         measures = MEASURES if variant == BASELINE else {"histogram": 0, variant: 0}
         found = {m: stationarity_cost(tile, self.sigma, measure=m, like=self.lab) for m in measures}
-        device, budget = self.session.device, self.session.budget
-        field = match_patches(device, tile, self.lab, made.field, 11, (True, True), 1, budget)
-        return found | {TEXTURE: texture_cost(tile, self.lab, *unpack(field))}
+        device, budget, torus = self.session.device, self.session.budget, Domain(self.width, self.height, True, True)
+        field = match_patches(device, tile, self.lab, made.field, 11, torus, 1, budget)
+        return found | {TEXTURE: texture_cost(tile, self.lab, field)}
 
     def traced(self, variant: str, seed: int) -> list[tuple[float, float, float]]:
         """(stationarity, texture, deviation) after every iteration, at the size of its level."""
@@ -82,13 +84,13 @@ class Photo:
 
             def __init__(self, device, buffers, matcher, exemplar, usable, recipe, scale, *more):
                 super().__init__(device, buffers, matcher, exemplar, usable, recipe, scale, *more)
-                self.lab, self.scale = exemplar.astype(np.float32) / grid_steps(recipe.patch), scale
+                self.lab, self.scale = exemplar.astype(np.float32) / steps_for(recipe.patch), scale
 
             def iterate(self, iteration: int, passes: int) -> None:
                 super().iterate(iteration, passes)
-                tile = self.lab[unpack(self._matcher.pick())]
+                tile = self._matcher.pick().gather(self.lab)
                 cost = stationarity_cost(tile, sigma * self.scale)
-                texture = texture_cost(tile, self.lab, *unpack(self._matcher.field()))
+                texture = texture_cost(tile, self.lab, self._matcher.field())
                 found.append((cost, texture, _deviation(self.lab)))
 
         sigma = self.sigma

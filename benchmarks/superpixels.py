@@ -20,14 +20,14 @@ from scipy import ndimage
 
 from benchmarks.measures import data_folder
 from benchmarks.segmenters import by_boundary, by_colour, scikit_slic
-from oiiotex.analysis.hierarchy import hierarchy
-from oiiotex.analysis.labgrid import LabGrid
-from oiiotex.analysis.slic import SeedGrid, Slic
-from oiiotex.analysis.superpixels import Superpixels, superpixels
-from oiiotex.images import Image, Part, from_buffer
+from oiiotex.color.lab import lens_of
+from oiiotex.color.lab_on_device import LabGrid
+from oiiotex.core.image import Image, Part, from_buffer
+from oiiotex.core.window import Window
 from oiiotex.session import Session
-from oiiotex.windows import Window
-from oiiotex.working import lens_of
+from oiiotex.superpixels.hierarchy import hierarchy
+from oiiotex.superpixels.slic import SeedGrid, Slic
+from oiiotex.superpixels.superpixels import Superpixels, superpixels
 
 PEERS = (
     "our SLIC",
@@ -71,7 +71,7 @@ def speed() -> None:
 
     image = load(data_folder() / "large" / "large_drone_scrub_road_12mp.jpg", 2560, 1920)
     session = Session()
-    lens = lens_of(image, session.color)
+    lens = lens_of(image, session)
     pixels = image.first.pixels()
     lab = rgb2lab(pixels).astype(np.float32)
     grid = SeedGrid.of(2560, 1920, 44.0, 20.0)
@@ -134,7 +134,7 @@ def hundred() -> None:
     image = Image((Part("part0", spec, fetch, ready=True),))
     session = Session()
     begin = time.perf_counter()
-    found = superpixels(image, lens_of(image, session.color), session)
+    found = superpixels(image, lens_of(image, session), session)
     middle = time.perf_counter()
     levels = hierarchy(found, session)
     end = time.perf_counter()
@@ -201,7 +201,7 @@ def quality(names: str = "") -> None:
         if not any(part in name for part in names.split(",")):
             continue
         image = load(photo)
-        lens = lens_of(image, session.color)
+        lens = lens_of(image, session)
         found = superpixels(image, lens, session)
         cells = []
         values = lens.values(image.first.pixels())[0][..., :3].astype(np.float64)
@@ -214,7 +214,7 @@ def quality(names: str = "") -> None:
             smooth = load_pixels(soft, image)
             row = [labels]
             for one in (image, smooth):
-                row.append(superpixels(one, lens_of(one, session.color), session, sigma=sigma).labels.pixels()[..., 0])
+                row.append(superpixels(one, lens_of(one, session), session, sigma=sigma).labels.pixels()[..., 0])
             row.append(scikit_slic(values, count))
             row += [peer.partition_of(count) for peer in segmenters]
             cells.append([100 * under_segmentation(r, regions) for r in row])
@@ -249,7 +249,7 @@ def pictures(folder: Path) -> None:
     mosaics = [p for p in sorted((data_folder() / "gt").glob("mosaic*.png")) if not p.stem.endswith("_gt")]
     for path in [*sorted((data_folder() / "photos").glob("*.jpg"))[:14], *mosaics]:
         image = load(path)
-        found = superpixels(image, lens_of(image, session.color), session)
+        found = superpixels(image, lens_of(image, session), session)
         levels = hierarchy(found, session)
         out = image.first.pixels()[..., :3].copy()
         for count, colour in ((found.count, (0, 0, 0)), (max(60, int(levels.counts[-1])), (255, 230, 0))):

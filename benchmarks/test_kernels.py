@@ -23,19 +23,26 @@ from benchmarks.numba_histograms import BoundProjection
 from benchmarks.numba_multiscale import BoundCorrection
 from benchmarks.numba_patchmatch import BoundMatcher
 from docs.demo import gravel, save, stained
-from oiiotex.color import working_values
-from oiiotex.device import Buffers, Device, open_device
-from oiiotex.files import read as read_image
+from oiiotex.color.lab import working_values
+from oiiotex.color.lab_grid import to_grid
+from oiiotex.core.image import from_buffer
+from oiiotex.core.source_map import SourceMap
+from oiiotex.core.window import Window
 from oiiotex.filters.stationarize import Stationarize
-from oiiotex.images import from_buffer
+from oiiotex.io.reading import read as read_image
+from oiiotex.multiscale.graph import Graph
+from oiiotex.multiscale.infinite_plane import opened
+from oiiotex.multiscale.synthesizer import PASSES, LevelPlan, Synthesizer, parents, plan, schedule
+from oiiotex.opencl.buffers import Buffers
+from oiiotex.opencl.device import Device, open_device
+from oiiotex.opencl.rows import Rows
+from oiiotex.patchmatch.field import Geometry, allowed_patches, random_field
+from oiiotex.patchmatch.matcher import Matcher, _penalty_unit
+from oiiotex.patchmatch.optimization import OVERSHOOT, Recipe, synthesize
+from oiiotex.projections.histograms import Projection, layout
+from oiiotex.projections.projection import projected
 from oiiotex.session import Session
-from oiiotex.synthesis.exemplars import Graph
-from oiiotex.synthesis.histograms import Cells, Projection
-from oiiotex.synthesis.multiscale import PASSES, LevelPlan, Synthesizer, parents, plan, schedule
-from oiiotex.synthesis.patchmatch import Geometry, Matcher, _penalty_unit, allowed_patches, random_field, to_grid
-from oiiotex.synthesis.planes import opened
-from oiiotex.synthesis.stationarize import OVERSHOOT, Recipe, synthesize
-from oiiotex.windows import Window
+from oiiotex.stationarity.grid_statistics import CellGrid
 
 ROUNDS, WARMUPS = 15, 2
 STEP = 1000  # numbers the iteration; any that has not been
@@ -49,24 +56,28 @@ class Scene:
     device: Device
     recipe: Recipe
     geometry: Geometry
-    cells: Cells
+    grid: CellGrid
     exemplar: np.ndarray
     allowed: np.ndarray
-    fields: dict[str, np.ndarray]
+    fields: dict[str, SourceMap]
     budget: int
 
     def buffers(self) -> Buffers:
-        return Buffers(self.device, self.geometry.layout() | self.cells.layout(), self.budget, "the benchmark")
+        matched = {"matched": self.geometry.layout()["image"]}
+        return Buffers(self.device, self.geometry.layout() | layout(self.grid) | matched, self.budget, "the benchmark")
 
-    def matcher(self, buffers: Buffers, field: np.ndarray) -> Matcher:
+    def matcher(self, buffers: Buffers, field: SourceMap) -> Matcher:
         arguments = (self.exemplar, self.allowed, field, self.recipe.uniformity, self.recipe.seed)
         return Matcher(self.device, buffers, self.geometry, *arguments)
 
     def value_range(self) -> tuple[np.ndarray, np.ndarray]:
         return self.exemplar.min(axis=(0, 1)), self.exemplar.max(axis=(0, 1))
 
-    def projection(self, buffers: Buffers) -> Projection:
-        return Projection(self.device, buffers, self.cells, self.recipe.sigma, *self.value_range(), True, True)
+    def project(self, buffers: Buffers) -> None:
+        projection = Projection(self.device, buffers, self.grid, *self.value_range())
+        rows = Rows(self.device, buffers, "image", *self.geometry.size, True, None, 0)
+        for _ in projected(projection, rows, "matched", OVERSHOOT):
+            pass
 
 
 @pytest.fixture(scope="module")
@@ -78,16 +89,16 @@ def scene() -> Scene:
     session = Session(device_name=os.environ.get("OIIOTEX_DEVICE") or "cpu")
     device = open_device(session.device_name)
     image = from_buffer(photo)
-    lab = working_values(image, session.color).values
+    lab = working_values(image, session)[0]
     recipe = Stationarize(exemplar=image).recipe(512, 512)
-    geometry = Geometry(512, 512, 512, 512, recipe.patch, True, True)
+    geometry = Geometry(512, 512, True, True, exemplar_width=512, exemplar_height=512, patch=recipe.patch)
     allowed = allowed_patches(None, geometry)
     fields = {
         "scrambled": random_field(geometry, allowed, recipe.seed),
         "settled": synthesize(device, lab, None, recipe, session.budget, lambda done, total: None).field,
     }
-    cells = Cells.of(512, 512, recipe.sigma)
-    return Scene(device, recipe, geometry, cells, to_grid(lab, recipe.patch), allowed, fields, session.budget)
+    grid = CellGrid.of(geometry, recipe.sigma)
+    return Scene(device, recipe, geometry, grid, to_grid(lab, geometry.steps), allowed, fields, session.budget)
 
 
 @dataclass(frozen=True)
@@ -98,13 +109,13 @@ class Match:
     buffers: Buffers
     matcher: Matcher
     bound: BoundMatcher
-    field: np.ndarray
+    field: SourceMap
 
     def reset(self) -> None:
         """The field as it was before."""
-        self.scene.device.write(self.buffers["field"], self.field)
+        self.scene.device.write(self.buffers["field"], self.field.packed)
         self.scene.device.finish()
-        self.bound.field[:] = self.field
+        self.bound.field[:] = self.field.packed
 
     def improve(self) -> None:
         self.matcher.improve(1, STEP)
@@ -120,17 +131,19 @@ def match(request: pytest.FixtureRequest, scene: Scene) -> Iterator[Match]:
     with scene.buffers() as buffers:
         matcher = scene.matcher(buffers, field)
         matcher.vote()
-        scene.projection(buffers).project("image", "matched", OVERSHOOT)
+        scene.project(buffers)
         buffers.swap("image", "matched")
         target = scene.device.read(buffers["image"], SHAPE, np.int16)
         weight = scene.recipe.uniformity * _penalty_unit(scene.exemplar, scene.geometry)
-        bound = BoundMatcher(scene.geometry, scene.exemplar, scene.allowed, target, field, weight, scene.recipe.seed)
+        what = scene.exemplar, scene.allowed, target, field.packed, weight, scene.recipe.seed
+        bound = BoundMatcher(scene.geometry, *what)
         both = Match(scene, buffers, matcher, bound, field)
         both.improve()
         both.improve_bound()
-        assert (matcher.field() != field).mean() > 0.01, "there was nothing to do"
-        np.testing.assert_array_equal(bound.field, matcher.field())
-        np.testing.assert_array_equal(bound.distance, matcher.distances())
+        assert (matcher.field().packed != field.packed).mean() > 0.01, "there was nothing to do"
+        np.testing.assert_array_equal(bound.field, matcher.field().packed)
+        distance = scene.device.read(buffers["distance"], bound.distance.shape, np.int32)
+        np.testing.assert_array_equal(bound.distance, distance)
         yield both
 
 
@@ -147,13 +160,13 @@ class Project:
     """The projection of a voted image by both."""
 
     scene: Scene
-    projection: Projection
+    buffers: Buffers
     bound: BoundProjection
     image: np.ndarray
     matched: np.ndarray
 
     def project(self) -> None:
-        self.projection.project("image", "matched", OVERSHOOT)
+        self.scene.project(self.buffers)
         self.scene.device.finish()
 
     def project_bound(self) -> None:
@@ -165,8 +178,8 @@ def project(scene: Scene) -> Iterator[Project]:
     with scene.buffers() as buffers:
         scene.matcher(buffers, scene.fields["settled"]).vote()
         image = scene.device.read(buffers["image"], SHAPE, np.int16)
-        bound = BoundProjection(scene.cells, scene.recipe.sigma, *scene.value_range())
-        both = Project(scene, scene.projection(buffers), bound, image, np.empty_like(image))
+        bound = BoundProjection(scene.grid, *scene.value_range())
+        both = Project(scene, buffers, bound, image, np.empty_like(image))
         both.project()
         both.project_bound()
         theirs = scene.device.read(buffers["matched"], SHAPE, np.int16)

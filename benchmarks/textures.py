@@ -24,13 +24,13 @@ import numpy as np
 
 from benchmarks.speed import machine
 from docs.demo import gravel, save, stained
-from oiiotex.files import read
+from oiiotex.core.window import Window
+from oiiotex.io.reading import read
+from oiiotex.multiscale.candidate_sets import DIMS, DISC, analyse, neighbourhoods, project
+from oiiotex.multiscale.graph import Graph
+from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
+from oiiotex.multiscale.synthesizer import Synthesizer
 from oiiotex.session import Session
-from oiiotex.synthesis.candidates import DIMS, DISC, analyse, neighbourhoods, project
-from oiiotex.synthesis.exemplars import Graph
-from oiiotex.synthesis.multiscale import Synthesizer
-from oiiotex.synthesis.planes import Plane, graph_images, opened
-from oiiotex.windows import Window
 
 SIDE = 1024  # px of a window
 SAMPLED = 1500  # texels of a level whose exact candidates are looked for

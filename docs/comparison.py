@@ -11,12 +11,13 @@ import OpenImageIO as oiio
 
 from docs.pictures import beside, shrunk, stacked, test_photo, write_jpeg
 from docs.stationarized import one_channel
+from docs.wang_plane import random_plane
 from oiiotex import filters
+from oiiotex.charts.tile_preview import made_seamless, repeated
 from oiiotex.errors import Error
 from oiiotex.filters.stationarity import COST
 from oiiotex.filters.stationarize import Stationarize
-from oiiotex.synthesis.layouts import made_seamless, repeated
-from oiiotex.synthesis.wang import edges_of, random_plane
+from oiiotex.patchmatch.wang_tiles import edges_of
 
 PHOTOS = (
     "castle_brick_broken", "moss_grass_stones_ground", "rust_barrel_side", "stained_plaster_wall",

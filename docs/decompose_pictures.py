@@ -12,9 +12,10 @@ from benchmarks.measures import data_folder
 from benchmarks.mosaics import suite
 from docs.layout import beside, halved, pixels, shrunk, small, stacked, write_jpeg
 from oiiotex import filters
+from oiiotex.core.image import to_buffer
 from oiiotex.filters.decompose import Decompose
-from oiiotex.filters.labelview import distinct_colours
-from oiiotex.images import to_buffer
+from oiiotex.labels.legend import colours_of
+from oiiotex.run import run
 from oiiotex.session import Session
 
 SIDE = 128  # px, of a pane
@@ -32,14 +33,13 @@ COMPOSED = (
 
 def painted(ids: np.ndarray, side: int = SIDE) -> np.ndarray:
     """Labels in distinct colours."""
-    colours = np.rint(255 * distinct_colours()).astype(np.uint8)
-    return colours[(small(ids, side).astype(int) - 1) % len(colours)]
+    return np.rint(255 * colours_of(small(ids, side).astype(int))).astype(np.uint8)
 
 
 def labels_of(case: Case, way: str = "", **values: object) -> np.ndarray:
     """Subtextures of a case, grouped as `benchmarks.decompose` names it."""
     with grouped_by(way, len(np.unique(case.truth[case.truth > 0]))):
-        return Decompose(source=case.image, **values).compute(Session()).first.pixels()[..., 0]
+        return run(Decompose(source=case.image, **values), Session())[0].image.first.pixels()[..., 0]
 
 
 def mosaics() -> None:

@@ -68,6 +68,7 @@ def main() -> None:
     tile = out / "tile.png"
     command = [
         sys.executable,
+        "-P",  # nothing of the current folder
         "-m",
         "oiiotex.cli.main",
         "-v",
@@ -78,7 +79,7 @@ def main() -> None:
         "-o",
         str(tile),
     ]
-    print(" ".join(["oiiotex", *command[3:]]), flush=True)
+    print(" ".join(["oiiotex", *command[4:]]), flush=True)
     if subprocess.run(command).returncode != 0:
         sys.exit(1)
     preview(tile, out / "preview_2x2.png")

@@ -15,7 +15,8 @@ from benchmarks.dominant import TWELVE, composite, seen_as
 from docs.demo import save
 from docs.layout import beside, halved, pixels, shrunk, small, stacked, test_photo, write_jpeg
 from oiiotex import filters
-from oiiotex.analysis.diffusion import dominant_mask, dominant_texture
+from oiiotex.dominant.diffusion import dominant_texture
+from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
 
 MODES = ("diffusion", "euclidean", "spectral")
@@ -64,7 +65,7 @@ def every_composite() -> None:
     for n in range(len(TWELVE)):
         _, picture, truth = composite(n)
         seen = seen_as(picture, session)
-        mask = dominant_mask(dominant_texture(seen, session), seen.seen)
+        mask = refined_mask(dominant_texture(seen, session), seen)
         shown = [picture, *(np.where(kept[..., None], picture, 1) for kept in (mask, truth))]
         panes.append(beside(*(np.rint(255 * p).astype(np.uint8) for p in shown), gap=4))
     rows = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]

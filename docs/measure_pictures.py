@@ -10,12 +10,12 @@ import OpenImageIO as oiio
 
 from docs.pictures import beside, pixels, shrunk, test_photo, twice, write_jpeg
 from oiiotex import filters
-from oiiotex.color import working_values
+from oiiotex.color.lab import working_values
+from oiiotex.core.image import from_buffer
 from oiiotex.filters.measures import scale_folder
 from oiiotex.filters.stationarize import Stationarize
-from oiiotex.images import from_buffer
+from oiiotex.patchmatch.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from oiiotex.session import Session
-from oiiotex.synthesis.perception import PALETTE, Palette, perceived_scale
 
 RUST = "rust_barrel_side.jpg"
 
@@ -56,11 +56,11 @@ def gradients(size: tuple[int, int] = (768, 128)) -> None:
             return
         photo = shrunk(photo, 256)
         image = from_buffer(photo)
-        working = working_values(image, session.color)
+        lab, _ = working_values(image, session)
         recipe = Stationarize(exemplar=image).recipe(256, 256)
-        palette = Palette(session.device, working.values, None, recipe, session.budget, "nothing")
-        scale = perceived_scale(palette, PALETTE, session.advance, scale_folder())
-        low, high = palette.limits()
+        tiles = SigmaTiles(session.device, lab, None, recipe, session.budget, "nothing")
+        scale = perceived_scale(tiles, DEFAULT_COUNT, session.advance, scale_folder())
+        low, high = tiles.limits()
         even = np.linspace(0, 1, size[0])
         for row in (low + (high - low) * even, np.array([scale.sigma_at(1 - a) for a in even])):
             held = oiio.ImageBuf(oiio.ImageSpec(*size, 1, oiio.FLOAT))

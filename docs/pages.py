@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Docs pages from the filters' declarations: `python -m docs.pages`.
+"""Docs pages and the stub from the filters' declarations: `python -m docs.pages`.
 
 A page is the declaration followed by what a person wrote below the line `<!-- by hand -->`.
 """
@@ -9,12 +9,13 @@ from __future__ import annotations
 import inspect
 from pathlib import Path
 
+from docs import stubs
 from oiiotex.cli.language import LANGUAGE
 from oiiotex.cli.parse import Option
 from oiiotex.cli.report import description
-from oiiotex.filters import FILTERS
-from oiiotex.op import Op
-from oiiotex.params import declared
+from oiiotex.core.op import Op
+from oiiotex.core.parameters import declared
+from oiiotex.filters import OURS
 
 FOLDER = Path(__file__).parent
 MARK = "<!-- by hand -->"
@@ -37,9 +38,9 @@ def page_text(op: type[Op], path: Path) -> str:
             allowed = p.allowed().replace("|", "\\|")
             lines.append(f"| `{p.name}` | {default} | {allowed} | {p.help} |")
         lines.append("")
-    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {o.help} |" for o in op.outputs), ""]
+    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {o.text} |" for o in op.outputs), ""]
     lines += [
-        f"Works in {op.space.value}; looks at {op.reach.value}. Python: `oiiotex.filters.{op.name}{_call(op)}`.",
+        f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}{_call(op)}`.",
         "",
     ]
     return "\n".join([*lines, MARK]) + _by_hand(path)
@@ -85,10 +86,11 @@ def _option_row(option: Option) -> str:
 def main() -> None:
     """Write all pages."""
     (FOLDER / "chain.md").write_text(language_text())
-    for op in FILTERS:
+    for op in OURS:  # not of packages that happen to be installed
         path = FOLDER / f"tex{op.name}.md"
         path.write_text(page_text(op, path))
         print(path)
+    stubs.main()
 
 
 if __name__ == "__main__":

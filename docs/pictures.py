@@ -16,7 +16,7 @@ from benchmarks.peers import CROPS, SYNTHESIZERS
 from docs.demo import gravel, save, stained
 from docs.layout import beside, halved, labelled, pixels, shrunk, small, stacked, test_photo, twice, write_jpeg
 from oiiotex import filters
-from oiiotex.filters.labelview import distinct_colours
+from oiiotex.labels.legend import colours_of
 
 SIDE = 192  # px, longer side of a photo on a contact sheet
 PER_SHEET = 6
@@ -130,8 +130,7 @@ def layered_textures() -> None:
         for ids in maps:
             pieces = sum(ndimage.label(ids == label)[1] for label in np.unique(ids))
             print(f"{name}: {len(np.unique(ids))} labels in {pieces} pieces")
-            colours = distinct_colours()
-            panes.append(np.rint(255 * colours[(small(ids, SIDE) - 1) % len(colours)]).astype(np.uint8))
+            panes.append(np.rint(255 * colours_of(small(ids, SIDE))).astype(np.uint8))
         rows.append(np.pad(beside(*panes), ((0, 10), (0, 0), (0, 0)), constant_values=255))
     width = max(row.shape[1] for row in rows)
     rows = [np.pad(r, ((0, 0), (0, width - r.shape[1]), (0, 0)), constant_values=255) for r in rows]

@@ -12,8 +12,9 @@ import OpenImageIO as oiio
 
 from docs.demo import gravel, save, stained
 from docs.pictures import beside, halved, pixels, shrunk, stacked, test_photo, write_jpeg
+from docs.wang_plane import random_plane
 from oiiotex import filters
-from oiiotex.synthesis.wang import edges_of, random_plane
+from oiiotex.patchmatch.wang_tiles import edges_of
 
 SEED = 7
 
@@ -75,9 +76,34 @@ def material_set(side: int = 384) -> None:
         return
     maps = [shrunk(oiio.ImageBuf(str(folder / f"mossy_rock_{name}.jpg")), side) for name in names]
     gray = [maps[0], maps[1], *(oiio.ImageBufAlgo.channels(m, (0,)) for m in maps[2:])]
-    made = filters.stationarize(gray[0], maps=gray[1:], kinds="colour,normal,data,data", seed=SEED)
+    made = filters.stationarize(gray[0], maps=gray[1:], kinds=("colour", "normal", "data", "data"), seed=SEED)
     rows = [beside(*(np.broadcast_to(pixels(m), (side, side, 3)) for m in row)) for row in (maps, made)]
     write_jpeg(halved(stacked(rows)), "stationarize_material.jpg")
+
+
+def levelled_heights(side: int = 256) -> None:
+    """The relief of a rock, lit from the upper left: the photo's, led by colours alone, matched, and levelled."""
+    folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "pbr" / "mossy_rock"
+    if not folder.is_dir():
+        print(f"no {folder}: its picture stays as it is")
+        return
+    albedo, height = (
+        shrunk(oiio.ImageBuf(str(folder / f"mossy_rock_{name}.jpg")), side) for name in ("albedo", "height")
+    )
+    height = oiio.ImageBufAlgo.copy(oiio.ImageBufAlgo.channels(height, (0,)), "float")
+    ways = ({"match": (1, 0)}, {}, {"relevel": True})
+    made = [
+        filters.stationarize(albedo, maps=[height], kinds=("colour", "height"), seed=SEED, **way)[1] for way in ways
+    ]
+    write_jpeg(beside(*map(lit, (height, *made))), "stationarize_heights.jpg")
+
+
+def lit(height: oiio.ImageBuf, steepness: float = 25) -> np.ndarray:
+    """A height map shaded by its slopes, 8-bit gray in three channels."""
+    values = height.get_pixels(oiio.FLOAT, height.roi)[..., 0]
+    down, right = (steepness * np.gradient(values, axis=axis) for axis in (0, 1))
+    shade = (0.8 - 0.5 * (right + down)) / np.sqrt(1 + right**2 + down**2)
+    return np.repeat(np.rint(255 * np.clip(shade, 0, 1)).astype(np.uint8)[..., None], 3, -1)
 
 
 def wang_plane(side: int = 128, rows: int = 4, columns: int = 6) -> None:
@@ -104,5 +130,6 @@ if __name__ == "__main__":
     stains_removed()
     gradient_of_sigmas()
     material_set()
+    levelled_heights()
     wang_plane()
     previewed()

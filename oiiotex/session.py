@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one run shares: device, colour config, memory budget, threads, time spent, progress."""
+"""One run: its settings, what it opens once and shares (device, colour config, cache, threads), its progress."""
 
 from __future__ import annotations
 
@@ -9,30 +9,106 @@ import functools
 import logging
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from .errors import ImageError, Interrupted
-from .keeping import Keeper
+from .core.demand import PieceCache
+from .core.machine import memory, usable_threads
+from .errors import BuildError, Error, ImageError, Interrupted
+from .io.checkpoint import Checkpoint
 from .stats import Stats
-from .tiles import PieceCache
 
 if TYPE_CHECKING:
-    from .color import ColorConfig
-    from .device import Device
+    import numpy as np
+    from numpy.typing import DTypeLike
+
+    from .color.config import ColorConfig
+    from .opencl.device import Device
 
 log = logging.getLogger("oiiotex")
 
 Progress = Callable[[int, int], bool | None]
-Piece, Made = TypeVar("Piece"), TypeVar("Made")
+Piece = TypeVar("Piece")
+Result = TypeVar("Result")
+
+
+class Resources:
+    """What a run opens once, when it is first needed.
+
+    Parameters
+    ----------
+    settings : Session
+
+    Attributes
+    ----------
+    keeper : Checkpoint or None
+        Of the file that is being written: where ops with resume=1 keep what is finished.
+    """
+
+    def __init__(self, settings: Session):
+        self._settings = settings
+        self._last: tuple[str, Any] = ("", None)
+        self.keeper: Checkpoint | None = None
+
+    @functools.cached_property
+    def device(self) -> Device:
+        """The OpenCL device."""
+        from .opencl import device
+
+        with self._settings.stats.time("open device"):
+            opened = device.open_device(self._settings.device_name, self._settings.threads)
+        opened.record = self._settings.profile
+        return opened
+
+    @property
+    def has_device(self) -> bool:
+        """Whether it is open."""
+        return "device" in self.__dict__
+
+    def forget_device(self) -> None:
+        """Let the next one be opened instead; what was made with this one is made anew."""
+        self.__dict__.pop("device", None)
+        self._last = "", None
+
+    @functools.cached_property
+    def color(self) -> ColorConfig:
+        """The colour config."""
+        from .color.config import ColorConfig
+
+        return ColorConfig(self._settings.colorconfig, self._settings.interchange)
+
+    @functools.cached_property
+    def cache(self) -> PieceCache:
+        """Decoded pieces of files and of results that are asked for again."""
+        return PieceCache(max(32 << 20, min(self._settings.budget // 4, 1 << 28)))
+
+    @functools.cached_property
+    def workers(self) -> ThreadPoolExecutor:
+        """Threads that compute."""
+        return ThreadPoolExecutor(self._settings.threads or usable_threads(), "oiiotex-work")
+
+    def inherit(self, other: Resources) -> None:
+        """Take over what is dear to open from the resources of a session with the same settings that has ended."""
+        for name in ("device", "color"):
+            if name in other.__dict__:
+                self.__dict__[name] = other.__dict__[name]
+        self._last = other._last
+
+    def once(self, key: str, make: Callable[[], Result]) -> Result:
+        """What `make` gives, or gave when it was last asked under that key: for frames that share their preparation."""
+        if self._last[0] != key:
+            self._last = "", None  # not two of them in memory
+            self._last = key, make()
+        value: Result = self._last[1]
+        return value
 
 
 @dataclass(kw_only=True)
 class Session:
-    """Settings of a run, and what is opened once for it when it is first needed.
+    """Settings of a run, its resources and its progress.
 
     Attributes
     ----------
@@ -62,10 +138,8 @@ class Session:
         Where the time went.
     words : tuple of str
         The command line, for what files say of the program that wrote them.
-    written : set of str
-        Real paths of files that ops wrote beside their result; `-o` must not overwrite them.
-    keeper : Keeper or None
-        Of the file that is being written: where ops with resume=1 keep what is finished.
+    resources : Resources
+        What is opened once, also where an op works in stages.
     """
 
     device_name: str | None = None
@@ -81,57 +155,79 @@ class Session:
     profile: bool = False
     stats: Stats = field(default_factory=Stats)
     words: tuple[str, ...] = ()
-    written: set[str] = field(default_factory=set)
-    keeper: Keeper | None = None
-    _last: tuple[str, Any] = ("", None)
+    resources: Resources = field(init=False, repr=False)
 
-    @functools.cached_property
+    def __post_init__(self) -> None:
+        self.resources = Resources(self)
+
+    @property
     def device(self) -> Device:
         """The OpenCL device, opened on first use."""
-        from . import device
+        return self.resources.device
 
-        with self.stats.time("open device"):
-            opened = device.open_device(self.device_name, self.threads)
-        opened.record = self.profile
-        return opened
-
-    @functools.cached_property
+    @property
     def color(self) -> ColorConfig:
         """The colour config, loaded on first use."""
-        from .color import ColorConfig
+        return self.resources.color
 
-        return ColorConfig(self.colorconfig, self.interchange)
-
-    @functools.cached_property
+    @property
     def cache(self) -> PieceCache:
         """Decoded pieces of files and of results that are asked for again."""
-        return PieceCache(max(32 << 20, min(self.budget // 4, 1 << 28)))
+        return self.resources.cache
 
-    @functools.cached_property
-    def _workers(self) -> ThreadPoolExecutor:
-        return ThreadPoolExecutor(self.threads or usable_threads(), "oiiotex-work")
-
-    def spread(self, work: Callable[[Piece], Made], pieces: Iterable[Piece]) -> Iterator[Made]:
+    def spread(self, work: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Iterator[Result]:
         """What `work` makes of each piece, in order, on all threads of the run.
 
         Work must be computing alone: what reads an image may itself be waiting for these threads.
         """
-        return self._workers.map(work, pieces)
-
-    def once(self, key: str, make: Callable[[], Made]) -> Made:
-        """What `make` gives, or gave when it was last asked under that key: for frames that share their preparation."""
-        if self._last[0] != key:
-            self._last = "", None  # not two of them in memory
-            self._last = key, make()
-        return self._last[1]
+        return self.resources.workers.map(work, pieces)
 
     @contextlib.contextmanager
-    def keeping(self, path: str | os.PathLike) -> Iterator[None]:
+    def beside(self, work: Callable[[Session], Result]) -> Iterator[Callable[[], Result]]:
+        """Begin `work` on a thread of its own, while the block does something else; gives what waits for its result.
+
+        A run of one thread does it when its result is asked for.
+        """
+        if (self.threads or usable_threads()) == 1:
+            yield lambda: work(self)
+            return
+        with ThreadPoolExecutor(1, "oiiotex-beside") as thread:
+            yield thread.submit(work, self).result
+
+    def on_a_device(self, work: Callable[[], Result]) -> Result:
+        """What `work` gives. Where the device's compiler refuses a program, the next device does it all: once, loudly.
+
+        A device that was named is not replaced.
+        """
+        try:
+            return work()
+        except Error as error:
+            instead = self._instead(error)
+            if instead is None:
+                raise
+            log.warning("%s; all is done again on %s", error, instead)
+        self.resources.forget_device()
+        return work()
+
+    def _instead(self, error: BaseException | None) -> str | None:
+        """The device that takes over; None where that would not help, or is not wanted."""
+        from .opencl import device
+
+        while error is not None and not isinstance(error, BuildError):
+            # a step's error may be raised from itself
+            error = error.__cause__ if error.__cause__ is not error else None
+        if error is None or not self.resources.has_device or self.device_name or device.named_by_environment():
+            return None
+        instead = device.refuse(self.device.info, self.threads)
+        return instead.name if instead else None
+
+    @contextlib.contextmanager
+    def checkpoints(self, path: str | os.PathLike[str]) -> Iterator[None]:
         """While this lasts, ops with resume=1 keep finished pieces beside `path`: for who writes it.
 
         They are removed when it ends well; else they are there for the next run.
         """
-        self.keeper = keeper = Keeper(Path(path))
+        self.resources.keeper = keeper = Checkpoint(Path(path))
         try:
             yield
         except Exception:
@@ -145,9 +241,9 @@ class Session:
         else:
             keeper.discard()
         finally:
-            self.keeper = None
+            self.resources.keeper = None
 
-    def require(self, need: int, what: str, advice: str = "make the image smaller") -> None:
+    def require(self, need: int, task: str, advice: str = "make the image smaller") -> None:
         """Refuse what does not fit the budget.
 
         Raises
@@ -157,9 +253,33 @@ class Session:
         """
         if need > self.budget:
             raise ImageError(
-                f"{what} needs {-(-need >> 20)} MB of memory; the budget is {self.budget >> 20} MB:"
+                f"{task} needs {-(-need >> 20)} MB of memory; the budget is {self.budget >> 20} MB:"
                 f" raise --cache, or {advice}"
             )
+
+    def scratch(
+        self, layout: Mapping[str, tuple[tuple[int, ...], DTypeLike]], task: str, advice: str, beside: int = 0
+    ) -> dict[str, np.ndarray]:
+        """Arrays of zeros declared as a whole: summed, checked against the budget, then allocated, as `Buffers` are.
+
+        Parameters
+        ----------
+        layout : mapping of name to (shape, dtype)
+        task, advice : str
+            For the error's text.
+        beside : int
+            Bytes that calculations hold beside them for a while.
+
+        Raises
+        ------
+        ImageError
+            They do not fit.
+        """
+        import numpy as np  # the program asks for a session before it needs numpy
+
+        need = sum(np.dtype(kind).itemsize * math.prod(shape) for shape, kind in layout.values())
+        self.require(need + beside, task, advice)
+        return {name: np.zeros(shape, kind) for name, (shape, kind) in layout.items()}
 
     def advance(self, done: int, total: int) -> None:
         """Report progress.
@@ -174,7 +294,6 @@ class Session:
 
     def stages(self) -> Iterator[Session]:
         """This session again and again, for ops that work in stages: progress goes on where the last stage ended."""
-        self.device  # noqa: B018 - opened once, for all
         begun = ended = 0
 
         def advance(done: int, total: int) -> bool | None:
@@ -187,41 +306,3 @@ class Session:
             stage.progress = advance
             yield stage
             begun = ended
-
-
-def usable_threads() -> int:
-    """CPU threads that this process may use: by affinity, and by the quota of its cgroup."""
-    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    for quota in _quotas():
-        count = min(count, max(1, math.ceil(quota)))
-    return count
-
-
-def _quotas() -> list[float]:
-    """CPUs that the cgroup allows, where it says so."""
-    found = []
-    try:
-        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
-        found.append(int(quota) / int(period))
-    except (OSError, ValueError):  # absent, or the word 'max'
-        pass
-    try:
-        folder = Path("/sys/fs/cgroup/cpu")
-        quota, period = ((folder / f"cpu.cfs_{n}_us").read_text() for n in ("quota", "period"))
-        if int(quota) > 0:
-            found.append(int(quota) / int(period))
-    except (OSError, ValueError):
-        pass
-    return found
-
-
-def memory() -> int:
-    """Bytes of memory that this process may use: the machine's, or less where a cgroup says so."""
-    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 8 << 30
-    limits = [installed]
-    for name in ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"):
-        try:
-            limits.append(int(Path(name).read_text()))
-        except (OSError, ValueError):  # absent, or the word 'max'
-            continue
-    return min(limits)

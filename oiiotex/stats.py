@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
@@ -14,6 +14,7 @@ class Stats:
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self.calls: dict[str, int] = {}
+        self.watch: Callable[[str, bool], object] | None = None  # told of each block that begins (True) or ends
 
     def add(self, name: str, seconds: float) -> None:
         """Count one call of `name` that took `seconds`."""
@@ -24,7 +25,11 @@ class Stats:
     def time(self, name: str) -> Iterator[None]:
         """Count the wall time of a block as one call of `name`."""
         start = time.perf_counter()
+        if self.watch is not None:
+            self.watch(name, True)
         try:
             yield
         finally:
+            if self.watch is not None:
+                self.watch(name, False)
             self.add(name, time.perf_counter() - start)

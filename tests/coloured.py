@@ -6,8 +6,11 @@ from __future__ import annotations
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.color import TAG, ColorConfig, working_values
-from oiiotex.images import Image, from_pixels
+from oiiotex.color.config import TAG, ColorConfig
+from oiiotex.color.lab import working_values
+from oiiotex.core.image import Image, from_pixels
+from oiiotex.core.op import Space
+from oiiotex.session import Session
 
 LINEAR = "lin_rec709_scene"
 SRGB = "srgb_rec709_scene"
@@ -27,4 +30,13 @@ def image_of(pixels, names: str | tuple[str, ...] = "RGB", space: str = "", sour
 
 
 def lab(pixels, config: ColorConfig, names: str | tuple[str, ...] = "RGB", space: str = LINEAR) -> np.ndarray:
-    return working_values(image_of(pixels, names, space), config).values
+    return seen(image_of(pixels, names, space), config)[0]
+
+
+def seen(image: Image, config: ColorConfig | None, autocc: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
+    """(values, opaque) as an op in Lab gets them; without a config, as one that was told that they are data."""
+    session = Session(autocc=autocc)
+    if config is None:
+        return working_values(image, session, Space.DATA)
+    session.resources.color = config
+    return working_values(image, session)

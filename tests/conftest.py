@@ -6,15 +6,17 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import device as devices
-from tests import pictures
+from oiiotex.opencl import device as devices
+from tests import forked, pictures
+from tests.kernel_options import require_known
 
 
 class NarrowDevice(devices.Device):
@@ -23,19 +25,36 @@ class NarrowDevice(devices.Device):
     lanes = 1
 
 
+@pytest.fixture(scope="session", autouse=True)
+def known_kernel_options() -> Iterator[None]:
+    """Whatever any test builds is in the table that is compiled for other devices."""
+    build = devices.Device.program
+
+    def program(self: devices.Device, stem: str, **macros: int) -> devices.Program:
+        built = build(self, stem, **macros)
+        require_known(stem, macros)
+        return built
+
+    devices.Device.program = program
+    yield
+    devices.Device.program = build
+
+
 @pytest.fixture(scope="session")
 def device() -> devices.Device:
     return devices.open_device()
 
 
 @pytest.fixture(scope="session")
-def narrow_device() -> devices.Device:
-    return NarrowDevice(devices.choose())
+def narrow_device(device: devices.Device) -> devices.Device:
+    return device if device.lanes == 1 else NarrowDevice(devices.choose())
 
 
 @pytest.fixture(params=["wide", "narrow"])
-def any_lanes(request: pytest.FixtureRequest) -> devices.Device:
+def any_lanes(request: pytest.FixtureRequest, device: devices.Device) -> devices.Device:
     """The device with its own lanes, and with one."""
+    if request.param == "wide" and device.lanes == 1:
+        pytest.skip("the device has no wide lanes")
     return request.getfixturevalue("device" if request.param == "wide" else "narrow_device")
 
 
@@ -67,7 +86,18 @@ def load(path: Path, subimage: int = 0) -> np.ndarray:
     return buffer.get_pixels(buffer.spec().format, buffer.roi)
 
 
-def oiiotex(*words: object, **options: object) -> subprocess.CompletedProcess:
+def oiiotex(*words: object, cwd: Path | None = None, **options: object) -> subprocess.CompletedProcess:
+    """Run the program; where the machine is slow it shall not tell of its progress.
+
+    With `options` of `subprocess.run`, or without words, it is started as it is installed; else in a fork (`forked`).
+    """
+    line = [*(["--noprogress"] if words else []), *map(str, words)]
+    if words and not options:
+        return forked.run(line, cwd or Path.cwd(), 300)
+    return installed(*line, cwd=cwd, **options)
+
+
+def installed(*words: object, **options: object) -> subprocess.CompletedProcess:
     """Run the installed program."""
     command = [sys.executable, "-m", "oiiotex.cli.main", *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
@@ -97,3 +127,13 @@ def data_folder() -> Path:
     if not folder.is_dir():
         pytest.skip("no test photos: set OIIOTEX_TEST_DATA")
     return folder
+
+
+_begun = time.monotonic()
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Where time is short ($OIIOTEX_SLOW_UNTIL, seconds from the start) slow tests are left out by then, and said."""
+    until = os.environ.get("OIIOTEX_SLOW_UNTIL")
+    if until and item.get_closest_marker("slow") and time.monotonic() - _begun > float(until):
+        pytest.skip("LEFT OUT: the time for slow tests is over")

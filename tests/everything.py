@@ -11,20 +11,20 @@ from typing import Any, ClassVar
 
 import pytest
 
+from oiiotex.core.access import Pointwise
+from oiiotex.core.image import Image
+from oiiotex.core.op import Kind, Output, Space
+from oiiotex.core.parameters import Numbers, Parameter, Size, Words, declared, image, param
 from oiiotex.errors import ParameterError
-from oiiotex.images import Image
-from oiiotex.op import Op, Output, Reach, Space
-from oiiotex.params import Numbers, Parameter, Size, declared, image, param
 
 
 @dataclass(frozen=True, kw_only=True)
-class Everything(Op):
+class Everything(Pointwise):
     """An op with one parameter of every kind."""
 
     name: ClassVar[str] = "everything"
-    reach: ClassVar[Reach] = Reach.POINT
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("out", "nothing"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("out", Kind.PIXELS, "nothing"),)
 
     source: Image = image(help="what to look at")
     mask: Image | None = image(None, help="where to look")
@@ -38,6 +38,7 @@ class Everything(Op):
     mode: str = param("xy", help="how", choices=("xy", "x", "none"))
     patch: int = param(0, help="of what side", choices=(0, 1, 5, 7))
     colour: Numbers | None = param(None, help="of what colour")
+    words: Words | None = param(None, help="of what kinds")
 
 
 KNOWN = {p.name: p for p in declared(Everything)[1]}
@@ -55,7 +56,7 @@ def refusal(call: Callable, *arguments: object) -> str:
 def is_allowed(parameter: Parameter, value: Any) -> bool:
     """What the declarations above say, once more and without the code under test."""
     if value is None:
-        return parameter.name in ("sigma", "size", "colour")
+        return parameter.name in ("sigma", "size", "colour", "words")
     return {
         "count": lambda: type(value) is int and 0 <= value <= 10,
         "strength": lambda: type(value) is float and -1 <= value <= 2.5,
@@ -68,5 +69,6 @@ def is_allowed(parameter: Parameter, value: Any) -> bool:
         "colour": lambda: (
             type(value) is Numbers and len(value) > 0 and all(type(n) is float and math.isfinite(n) for n in value)
         ),
+        "words": lambda: type(value) is Words and len(value) > 0 and all(type(word) is str for word in value),
         "patch": lambda: type(value) is int and value in (0, 1, 5, 7),
     }[parameter.name]()

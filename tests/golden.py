@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -150,9 +151,9 @@ def make(name: str, folder: Path) -> Path:
 
 
 def main() -> None:
-    """Renew all goldens."""
+    """Renew the goldens whose names begin with a word of the command line; all without one."""
     FOLDER.mkdir(exist_ok=True)
-    for name in CASES:
+    for name in (name for name in CASES if name.startswith(tuple(sys.argv[1:]) or "")):
         with tempfile.TemporaryDirectory() as folder:
             (FOLDER / f"{name}.exr").write_bytes(make(name, Path(folder)).read_bytes())
         print(FOLDER / f"{name}.exr")

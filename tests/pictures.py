@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.synthesis.patchmatch import hash_at
+from oiiotex.patchmatch.field import hash_at
 
 
 def noise(height: int, width: int, seed: int, step: int = 0) -> np.ndarray:

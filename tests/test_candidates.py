@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from oiiotex.device import Buffers
-from oiiotex.synthesis import candidates
-from oiiotex.synthesis.candidates import NONE, analyse, neighbourhoods, project
-from oiiotex.synthesis.exemplars import Graph, parse_graph
-from oiiotex.synthesis.stacks import STEPS, Exemplar, blurred, nearest_opaque, sigma_of, tiles
-from oiiotex.synthesis.superexemplar import unrolled
-from oiiotex.synthesis.targets import lively_texels, stacks_of
-from oiiotex.windows import Window
+from oiiotex.color.lab_grid import FINE_STEPS
+from oiiotex.core.window import Window
+from oiiotex.multiscale import candidate_sets
+from oiiotex.multiscale.candidate_sets import NONE, analyse, neighbourhoods, project
+from oiiotex.multiscale.graph import Graph, parse_graph
+from oiiotex.multiscale.stacks import Exemplar, blurred, nearest_opaque, sigma_of, tiles
+from oiiotex.multiscale.superexemplar import unrolled
+from oiiotex.multiscale.targets import lively_texels, stacks_of
+from oiiotex.opencl.buffers import Buffers
 from tests import pictures
 from tests.reference import candidates as reference
 
@@ -101,9 +102,9 @@ def test_transparent_pixels_have_no_say_in_a_stack():
     a, b = (blurred(np.where(opaque[..., None], random, under), 3.0, opaque) for under in (0.0, 1e3))
     np.testing.assert_allclose(a, b, atol=1e-9)
     assert a.min() > 0.4 and a.max() < 0.7
-    index = nearest_opaque(opaque)
-    assert opaque.ravel()[index].all()
-    assert (index[opaque] == np.flatnonzero(opaque)).all()
+    nearest = nearest_opaque(opaque)
+    assert nearest.gather(opaque).all()
+    assert (nearest[opaque].flat(32) == np.flatnonzero(opaque)).all()
 
 
 def around_all(stacks):
@@ -123,7 +124,7 @@ def test_neighbourhoods_go_around_or_are_mirrored(periodic, wrap, spacing):
         y, x = divmod(int(row), 16)
         seen = padded[y : y + 4 * spacing + 1 : spacing, x : x + 4 * spacing + 1 : spacing]
         np.testing.assert_array_equal(found[row], seen.ravel())
-    np.testing.assert_array_equal(candidates._around(plane, spacing, periodic, rows), found[rows])
+    np.testing.assert_array_equal(candidate_sets._around(plane, spacing, periodic, rows), found[rows])
 
 
 def test_a_mirrored_stack_is_the_blur_of_the_mirrored_exemplar():
@@ -187,7 +188,7 @@ def buffers_of(device, stacks, projections):
 
 
 def projections_of(stacks):
-    basis, _ = candidates.basis_of(stacks, 16)
+    basis, _ = candidate_sets.basis_of(stacks, 16)
     return np.array([project(seen, basis) for seen in around_all(stacks)])
 
 
@@ -200,11 +201,11 @@ def test_the_search_is_the_oracles(any_lanes, small, at, exclude):
     own = (number * 256 + np.arange(256)).astype(np.uint32)
     excluded = own if exclude else np.full(256, NONE, np.uint32)
     with buffers_of(any_lanes, small, q) as buffers:
-        found = candidates.search(any_lanes, buffers, small, number, excluded)
+        found = candidate_sets.search(any_lanes, buffers, small, number, excluded)
     usable = small.usable.reshape(len(small.usable), -1)
-    disc = round((candidates.DISC * 16) ** 2)
+    disc = round((candidate_sets.DISC * 16) ** 2)
     oracle = reference.Oracle(q, usable, small.levels.admissible[number], excluded, disc, number, 4)
-    expected = np.array(oracle.run(candidates._ROUNDS, candidates._JUMPS), np.uint32)
+    expected = np.array(oracle.run(candidate_sets._ROUNDS, candidate_sets._JUMPS), np.uint32)
     hit = expected != NONE
     assert hit.all()
     np.testing.assert_array_equal(found, expected)
@@ -223,9 +224,9 @@ def test_candidates_come_near_the_exact_ones(device, picture):
     with buffers_of(device, stacks, q) as buffers:
         for number in range(2, len(q)):
             excluded = (number * 4096 + np.arange(4096)).astype(np.uint32)
-            found = candidates.search(device, buffers, stacks, number, excluded).astype(np.int64)
+            found = candidate_sets.search(device, buffers, stacks, number, excluded).astype(np.int64)
             cost = ((q[number].astype(np.int64) - q.reshape(-1, 16)[found]) ** 2).sum(1)
-            disc = round((candidates.DISC * 64) ** 2)
+            disc = round((candidate_sets.DISC * 64) ** 2)
             usable = stacks.usable.reshape(len(stacks.usable), -1)
             exact = reference.exact(q, usable, stacks.levels.admissible[number], excluded, disc, number, 6)
             assert (cost >= exact - 0.5).all()
@@ -247,7 +248,7 @@ def test_transfer_functions_bring_the_means_of_neighbourhoods_together(device):
     away = means[number][:, None] - means.reshape(-1, 3)[links]
     np.testing.assert_allclose(made.offsets[number, ..., :3], away, atol=0.5001)
     # matched as they are (section 8), so bright places of the dark one are taken: less than 20 Lab are left
-    assert 2 * STEPS < away[..., 0].mean() < 20 * STEPS
+    assert 2 * FINE_STEPS < away[..., 0].mean() < 20 * FINE_STEPS
     # what is stored is the candidate's neighbourhood with the offset on it
     shifted = around.reshape(-1, 75)[links[:, 0]] + np.tile(made.offsets[number, :, 0, :3], 25)
     np.testing.assert_allclose(made.records[number, :, 0], project(shifted, made.basis), atol=1)
@@ -283,7 +284,7 @@ def test_a_second_run_takes_all_from_the_cache(device, tmp_path, monkeypatch):
     assert told == [(done, steps) for done in range(1, steps + 1)]
     with monkeypatch.context() as patched:
         for name in ("basis_of", "neighbourhoods", "search", "_transfers"):
-            patched.setattr(candidates, name, None)
+            patched.setattr(candidate_sets, name, None)
         again = run()
     assert told == [(done, steps) for done in range(1, steps + 1)]  # progress goes through all of it as well
     for name in ("basis", "links", "records", "offsets", "variance"):
@@ -340,3 +341,17 @@ def test_a_blurred_exemplar_turns_early():
         levels = stacks_of(graph_of("a", ("a", "a", 2)), [exemplar_of(picture)]).levels
         ends[sigma] = next(levels.stacks[n][1] for n in range(len(levels.stacks)) if levels.turns(n))
     assert ends == {0.0: 6, 2.0: 5}
+
+
+def test_by_the_letter_a_loop_turns_anywhere_and_an_exemplar_agrees_with_itself(device):
+    """HRRG08 section 3.3: A(E_k) has the level itself below the finest and every edge; section 5: the identity."""
+    graph, picture = graph_of("a", ("a", "a", 1)), pictures.moss(32, 32, 1)
+    stacks = stacks_of(graph, [exemplar_of(picture)], literal=True)
+    levels, number = stacks.levels, {at: n for n, at in enumerate(stacks.levels.stacks)}
+    assert levels.admissible[number[0, 3]] == ((number[0, 3], 0), (number[0, 2], 1))
+    assert levels.admissible[number[0, 5]] == ((number[0, 4], 1),)
+    assert stacks.targets.all()
+    assert not analyse(device, stacks, 6, True, BUDGET, lambda d, t: None, None).offsets.any()
+    assert analyse(
+        device, stacks_of(graph, [exemplar_of(picture)]), 6, True, BUDGET, lambda d, t: None, None
+    ).offsets.any()

@@ -44,6 +44,10 @@ def folder(tmp_path_factory) -> Path:
 LINES = [
     # reading and writing
     "a.png -o OUT.png",
+    "a.png --attrib oiio:subimagename A a.png --attrib oiio:subimagename B --siappendall -d B.G=float -o OUT.exr",
+    "a.png --native --addc 0.3 -d half -o OUT.exr",
+    "a.png --for i 0,90 --addc 0.001 --endfor -o OUT.exr",
+    "a.png --attrib:type=timecode smpte:TimeCode 21:02:53:14 -o OUT.exr",
     "a.png -o OUT.exr",
     "a.png -o OUT.tif",
     "a.exr -o OUT.exr",
@@ -193,6 +197,58 @@ def test_the_same_sequence_gives_the_same_files(folder, tmp_path, line):
 # --- where there is nothing to compare ---
 
 
+def test_dither_has_the_seed_of_oiiotool(folder, tmp_path):
+    words = [
+        "../a.png",
+        "--mulc",
+        "0.77",
+        "--dither",
+        "-d",
+        "uint8",
+        "-o",
+        "of a name that is longer than 32 letters.png",
+    ]
+    for name in ("theirs", "ours"):
+        (tmp_path / name).mkdir()
+    save(load(folder / "a.png") / 255, tmp_path / "a.png")
+    subprocess.run([OIIOTOOL, *words], cwd=tmp_path / "theirs", check=True)
+    assert run(words, tmp_path / "ours") == 0
+    assert_same_file(tmp_path / "ours" / words[-1], tmp_path / "theirs" / words[-1])
+
+
+def test_all_images_under_one_name_leave_the_last(folder, tmp_path):
+    assert run([str(folder / "a.png"), str(folder / "b.tif"), "-o:all=1", "z.png"], tmp_path) == 0
+    np.testing.assert_array_equal(load(tmp_path / "z.png"), load(folder / "b.tif"))
+
+
+def test_ops_without_number_do_not_nest_without_end(folder, tmp_path):
+    line = f"{folder}/a.png --for i 0,400 --addc 0.001 --flip --label x x --mulc 0.999 --endfor -d float -o o.exr"
+    assert run(shlex.split(line), tmp_path) == 0
+    value = load(folder / "a.png") / np.float32(255)
+    expected = value.astype(np.float64) * 0.999**400 + 0.001 * sum(0.999**n for n in range(1, 401))
+    np.testing.assert_allclose(load(tmp_path / "o.exr"), expected, rtol=1e-3)
+
+
+def test_a_while_that_does_not_end_is_refused(tmp_path):
+    with pytest.raises(Error, match="still holds after 10 rounds: --maxloop allows more"):
+        run(shlex.split("--maxloop 10 --while 1 --set i 1 --endwhile"), tmp_path)
+    assert run(shlex.split("--set i 0 --maxloop 10 --while '{i < 10}' --set i '{i+1}' --endwhile"), tmp_path) == 0
+
+
+def test_reading_at_once_respects_the_budget(folder, tmp_path):
+    line = f"--cache 1 {folder}/a.png --resize 700x700 -o big.tif big.tif -o small.tif"
+    assert run(shlex.split(line), tmp_path) == 0
+    with pytest.raises(Error, match="now=1 needs 6 MB of memory; the budget is 1 MB"):
+        run(shlex.split("--cache 1 -i:now=1 big.tif -o small.tif"), tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["ppm", "pfm"])
+@pytest.mark.parametrize("op", ["", "--addc 0"])
+def test_portable_maps_are_the_right_way_up(folder, tmp_path, suffix, op):
+    assert run(shlex.split(f"{folder}/a.png {op} -o o.{suffix} o.{suffix} -o back.png"), tmp_path) == 0
+    np.testing.assert_array_equal(load(tmp_path / "back.png"), load(folder / "a.png"))
+
+
 def test_a_dry_run_writes_nothing(folder, tmp_path):
     assert run(["-n", str(folder / "a.png"), "--flip", "-o", "out.png"], tmp_path) == 0
     assert list(tmp_path.iterdir()) == []
@@ -240,7 +296,7 @@ def test_no_error_exit_goes_on(folder, tmp_path, caplog):
         ("a.png -o:tiel=3x3 x.png", "unknown modifier 'tiel', did you mean 'tile'?"),
         ("a.png --flipp", "unknown option '--flipp', did you mean '--flip'?"),
         ("a.png --flatten", "deep images are not supported"),
-        ("a.png -o:all=0 same.png", "has no %d"),
+        ("a.png -o:all=0 100%.png", "allowed is one %d"),
         ("a.png --addc:colour=3 1", "unknown modifier 'colour'"),
         ("a.png --addc x", "value=x"),
         ("a.png --echo '{TOP.widht}'", "widht"),

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from oiiotex.analysis.cliques import contracted, partition, score
-from tests.reference.cliques import best_partition, instance, merged_by_definition, misplaced
+from oiiotex.segmentation.clique_partition import contracted, partition
+from tests.reference.cliques import best_partition, instance, merged_by_definition, misplaced, score
 
 
 def figure_3() -> np.ndarray:

@@ -9,10 +9,10 @@ import numpy as np
 import PyOpenColorIO as ocio
 import pytest
 
-from oiiotex.color import DEFAULT_CONFIG, ColorConfig, Working, working_values
+from oiiotex.color.config import DEFAULT_CONFIG, ColorConfig
+from oiiotex.core.demand import bands
 from oiiotex.errors import ImageError
-from oiiotex.tiles import bands
-from tests.coloured import LINEAR, SRGB, image_of, lab
+from tests.coloured import LINEAR, SRGB, image_of, lab, seen
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # it misses matplotlib
@@ -132,7 +132,7 @@ def test_every_band_of_a_large_image_is_converted(config):
     pixels = row.repeat(1800, 0)  # 8.6 MB
     image = image_of(pixels, space=LINEAR)
     assert len(list(bands(image.first))) > 1
-    np.testing.assert_array_equal(working_values(image, config).values, lab(row, config).repeat(1800, 0))
+    np.testing.assert_array_equal(seen(image, config)[0], lab(row, config).repeat(1800, 0))
 
 
 def test_the_pixels_themselves_stay_as_they_are(config):
@@ -152,9 +152,9 @@ def test_lab_is_taken_of_unpremultiplied_colour(config, names):
     alpha = random.choice([0.25, 0.5, 1, 2], (9, 7)).astype(np.float32)  # powers of two: exact
     planes = {name: colours[..., i] * alpha for i, name in enumerate("RGB")} | {"A": alpha}
     pixels = np.stack([planes[name] for name in names], -1)
-    working = working_values(image_of(pixels, names, LINEAR), config)
-    np.testing.assert_array_equal(working.values, lab(colours, config))
-    assert working.opaque is None
+    values, opaque = seen(image_of(pixels, names, LINEAR), config)
+    np.testing.assert_array_equal(values, lab(colours, config))
+    assert opaque is None
 
 
 def test_gray_is_unpremultiplied_too(config):
@@ -173,22 +173,22 @@ def test_pixels_of_alpha_0_are_not_opaque_and_spoil_nothing(config):
     pixels = np.full((9, 7, 4), 0.5, np.float32)
     pixels[2, 3, 3] = pixels[8, 6, 3] = 0
     pixels[5, 5, 3] = 1e-3
-    working = working_values(image_of(pixels, "RGBA", LINEAR), config)
-    assert working.opaque.dtype == bool
-    assert np.argwhere(~working.opaque).tolist() == [[2, 3], [8, 6]]
-    assert np.isfinite(working.values).all()
-    for data in (working_values(image_of(pixels, "RGBA"), None),):
-        assert np.argwhere(~data.opaque).tolist() == [[2, 3], [8, 6]]
+    values, opaque = seen(image_of(pixels, "RGBA", LINEAR), config)
+    assert opaque.dtype == bool
+    assert np.argwhere(~opaque).tolist() == [[2, 3], [8, 6]]
+    assert np.isfinite(values).all()
+    _, opaque = seen(image_of(pixels, "RGBA"), None)
+    assert np.argwhere(~opaque).tolist() == [[2, 3], [8, 6]]
 
 
 def test_an_image_without_transparent_pixels_has_no_mask(config):
-    assert working_values(image_of(np.ones((3, 3, 4), np.float32), "RGBA", LINEAR), config).opaque is None
-    assert working_values(image_of(np.ones((3, 3, 3), np.float32), "RGB", LINEAR), config).opaque is None
+    assert seen(image_of(np.ones((3, 3, 4), np.float32), "RGBA", LINEAR), config)[1] is None
+    assert seen(image_of(np.ones((3, 3, 3), np.float32), "RGB", LINEAR), config)[1] is None
 
 
 def test_an_alpha_next_to_nothing_leaves_finite_values(config):
     pixels = np.float32([[[0.5, 0.5, 0.5, 1e-40]]])
-    assert np.isfinite(working_values(image_of(pixels, "RGBA", LINEAR), config).values).all()
+    assert np.isfinite(seen(image_of(pixels, "RGBA", LINEAR), config)[0]).all()
 
 
 # --- NaN and Inf ---
@@ -203,7 +203,7 @@ def test_nan_and_inf_are_counted_over_the_whole_image_in_the_refusal(config, as_
     image = image_of(pixels, "RGBA", LINEAR)
     assert len(list(bands(image.first))) > 1
     with pytest.raises(ImageError) as caught:
-        working_values(image, None if as_data else config)
+        seen(image, None if as_data else config)
     assert str(caught.value) == "photo.exr has 3 NaN and 2 Inf values: add --fixnan box3 after it"
 
 
@@ -216,9 +216,9 @@ def scaled(pixels: np.ndarray) -> np.ndarray:
 
 def test_data_is_put_on_the_scale_of_lab_by_its_common_range():
     pixels = np.random.default_rng(11).uniform(-3, 5, (9, 7, 3)).astype(np.float32)
-    working = working_values(image_of(pixels, ("x", "y", "z")), None)
-    np.testing.assert_allclose(working.values, scaled(pixels), atol=1e-4)
-    assert working.opaque is None
+    values, opaque = seen(image_of(pixels, ("x", "y", "z")), None)
+    np.testing.assert_allclose(values, scaled(pixels), atol=1e-4)
+    assert opaque is None
 
 
 def test_a_space_of_data_skips_lab(config):
@@ -231,23 +231,23 @@ def test_a_space_of_data_skips_lab(config):
 
 def test_data_needs_neither_tag_nor_config():
     tag_of_nowhere = image_of(np.eye(3, dtype=np.float32)[..., None].repeat(3, 2), space="no such space")
-    assert isinstance(working_values(tag_of_nowhere, None), Working)
+    assert seen(tag_of_nowhere, None)[0].shape == (3, 3, 3)
 
 
 def test_gray_data_is_three_times_the_same():
     gray = np.random.default_rng(13).random((9, 7, 1)).astype(np.float32)
-    np.testing.assert_allclose(working_values(image_of(gray, "Y"), None).values, scaled(gray).repeat(3, 2), atol=1e-4)
+    np.testing.assert_allclose(seen(image_of(gray, "Y"), None)[0], scaled(gray).repeat(3, 2), atol=1e-4)
 
 
 def test_two_channels_of_data_have_their_own_range():
     pixels = np.random.default_rng(14).uniform(5, 10, (9, 7, 2)).astype(np.float32)
-    values = working_values(image_of(pixels, "UV"), None).values
+    values = seen(image_of(pixels, "UV"), None)[0]
     np.testing.assert_allclose(values[..., :2], scaled(pixels), atol=1e-4)
     assert np.ptp(values[..., 2]) == 0  # what is not there tells nothing apart
 
 
 def test_constant_data_is_finite():
-    values = working_values(image_of(np.full((3, 3, 3), 7, np.float32)), None).values
+    values = seen(image_of(np.full((3, 3, 3), 7, np.float32)), None)[0]
     assert np.isfinite(values).all()
     assert np.ptp(values) == 0
 
@@ -256,7 +256,7 @@ def test_the_range_of_data_is_that_of_its_opaque_pixels():
     pixels = np.random.default_rng(15).uniform(0, 1, (4, 4, 4)).astype(np.float32)
     pixels[..., 3] = 1
     pixels[0, 0] = [1000, -1000, 0, 0]
-    values = working_values(image_of(pixels, ("x", "y", "z", "A")), None).values
+    values = seen(image_of(pixels, ("x", "y", "z", "A")), None)[0]
     inside = np.ones((4, 4), bool)
     inside[0, 0] = False
     np.testing.assert_allclose(values[inside], scaled(pixels[inside][:, :3]), atol=1e-4)
@@ -267,8 +267,8 @@ def test_two_or_no_channels_are_no_colour_but_may_be_data(config, names):
     image = image_of(np.ones((2, 2, len(names)), np.float32), names, LINEAR)
     count = len(names.replace("A", ""))
     with pytest.raises(ImageError) as caught:
-        working_values(image, config)
+        seen(image, config)
     assert str(caught.value) == f"photo.exr has {count} channels beside alpha: no colour; add :data=1"
-    assert working_values(image, None).values.shape == (2, 2, 3)
+    assert seen(image, None)[0].shape == (2, 2, 3)
     tagged_as_data = image_of(np.ones((2, 2, len(names)), np.float32), names, "Raw")
-    assert working_values(tagged_as_data, config).values.shape == (2, 2, 3)
+    assert seen(tagged_as_data, config)[0].shape == (2, 2, 3)

@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.color import DEFAULT_CONFIG, ColorConfig
+from oiiotex.color.config import DEFAULT_CONFIG, ColorConfig
 from oiiotex.errors import ColorError
 from tests.conftest import load, oiiotex, save
 

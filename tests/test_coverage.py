@@ -9,12 +9,13 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from oiiotex.core.op import Space
+from oiiotex.multiscale.candidate_sets import analyse
+from oiiotex.multiscale.coverage import FAR, shares, unmatched
+from oiiotex.multiscale.infinite_plane import graph_images
+from oiiotex.multiscale.stacks import load_exemplars
+from oiiotex.multiscale.targets import stacks_of
 from oiiotex.session import Session
-from oiiotex.synthesis.candidates import analyse
-from oiiotex.synthesis.coverage import FAR, shares, unmatched
-from oiiotex.synthesis.planes import graph_images
-from oiiotex.synthesis.stacks import load_exemplars
-from oiiotex.synthesis.targets import stacks_of
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_candidates import BUDGET, exemplar_of, graph_of
@@ -105,7 +106,7 @@ def test_exemplars_of_other_spaces_are_brought_to_the_roots(tmp_path):
     drawn(tmp_path, [("root", "fine", 1)])
     session = Session()
     graph, images = graph_images(tmp_path / "g.json", session)
-    (root, fine), lens = load_exemplars(images, graph, session.color, False, 64)
+    (root, fine), lens = load_exemplars(images, graph, session, Space.LAB, 64)
     np.testing.assert_allclose(fine.values[..., :3], root.values[..., :3], atol=0.2)
     np.testing.assert_allclose(fine.pixels.astype(np.float32), root.pixels.astype(np.float32), atol=2e-3)
     assert np.abs(linear - picture).max() > 0.1 and "srgb" in str(lens.space).lower()

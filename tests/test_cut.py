@@ -10,10 +10,11 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
+from oiiotex.color.lab_grid import FINE_STEPS, to_grid
+from oiiotex.core.source_map import SourceMap
+from oiiotex.graphcut import placement as gc
+from oiiotex.graphcut import seams
 from oiiotex.session import Session
-from oiiotex.synthesis import graphcut as gc
-from oiiotex.synthesis import seams
-from oiiotex.synthesis.patchmatch import unpack
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_promises import buffer, pixels
@@ -43,8 +44,8 @@ def plain_cost(lab: np.ndarray, a: tuple, b: tuple, step: tuple) -> int:
 def test_costs_are_equation_2():
     source, random = random_source(), np.random.default_rng(1)
     a, b = (np.stack([random.integers(-2, 22, 200), random.integers(-2, 26, 200)]) for _ in range(2))
-    for step in seams.STEPS:
-        b[:, :20] = a[:, :20] + step[:, None]  # the same patch
+    for step in seams.NEIGHBOURS:
+        b[:, :20] = a[:, :20] + np.array(step)[:, None]  # the same patch
         found = source.costs(a, b, step)
         expected = [plain_cost(source.lab, a[:, n], b[:, n], tuple(step)) for n in range(200)]
         np.testing.assert_array_equal(found, expected)
@@ -152,8 +153,8 @@ def test_sites_cover_everything(shape, wrap):
     assert covered.all()
 
 
-def total_cost(places: np.ndarray, lab: np.ndarray, wrap: bool = True) -> int:
-    source, at = seams.Source(gc.to_grid(lab, 11)), np.stack(unpack(places))
+def total_cost(places: SourceMap, lab: np.ndarray, wrap: bool = True) -> int:
+    source, at = seams.Source(to_grid(lab, FINE_STEPS)), np.stack(places.yx)
     if wrap:
         at = np.pad(at, ((0, 0), (0, 1), (0, 1)), mode="wrap")
     return sum(int(c.sum()) for c in seams.seam_costs(source, at, np.ones(at.shape[1:], bool)))
@@ -177,18 +178,18 @@ def test_seams_cost_less_than_straight_ones():
     cut = gc.graph_cut(lab, None, layout(), lambda *_: None)
     y, x = np.indices((70, 90))
     corners = np.random.default_rng(0).integers(0, 60, (2, 4, 5))
-    butted = (corners[0][y // 21, x // 21] + y % 21) << 16 | (corners[1][y // 21, x // 21] + x % 21)
+    butted = SourceMap.of(corners[0][y // 21, x // 21] + y % 21, corners[1][y // 21, x // 21] + x % 21)
     assert total_cost(cut, lab) < 0.5 * total_cost(butted, lab)
 
 
 def test_a_torus_has_no_border():
     """Rolled by half, what was the border is a seam like any other."""
     lab = (PHOTO * 90 - 10).astype(np.float32)
-    source = seams.Source(gc.to_grid(lab, 11))
+    source = seams.Source(to_grid(lab, FINE_STEPS))
 
     def across(tiling: bool) -> float:
         places = gc.graph_cut(lab, None, layout(wrap_x=tiling, wrap_y=tiling, seed=3), lambda *_: None)
-        pair = np.stack(unpack(places[:, [-1, 0]]))
+        pair = np.stack(places[:, [-1, 0]].yx)
         return float(seams.seam_costs(source, pair, np.ones(pair.shape[1:], bool))[0].mean())
 
     assert across(True) < 0.5 * across(False)
@@ -249,4 +250,4 @@ def test_what_is_wrong_is_said(tmp_path):
         filters.cut(buffer(PHOTO), patch=3)
     photo = tmp_path / "photo.png"
     done = oiiotex(photo, "--iscolorspace", "sRGB", f"--texcut:stmap={photo}", "-o", tmp_path / "a.exr")
-    assert done.returncode == 1 and "would overwrite the photo" in done.stderr
+    assert done.returncode == 1 and "would overwrite exemplar, an image that it reads" in done.stderr

@@ -13,13 +13,15 @@ import pytest
 from benchmarks.collages import drawn_collage
 from benchmarks.labels import score
 from oiiotex import errors, filters
-from oiiotex.analysis import subtextures, textons
-from oiiotex.analysis.labpixels import LabPixels, lab_pixels, reduction
-from oiiotex.analysis.subtextures import Settings, decomposed
+from oiiotex.color.lab import lens_of
+from oiiotex.color.lab_reduced import LabPixels, lab_pixels, reduction
+from oiiotex.core.image import from_buffer, to_buffer
 from oiiotex.filters.decompose import Decompose
-from oiiotex.images import from_buffer, to_buffer
+from oiiotex.run import run
+from oiiotex.segmentation import region_merging, subtextures, textons
+from oiiotex.segmentation.clique_partition import joined_to
+from oiiotex.segmentation.subtextures import DecompositionSettings, decomposed
 from oiiotex.session import Session
-from oiiotex.working import lens_of
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.reference import textons as reference
@@ -49,13 +51,12 @@ def test_haar_details_are_sums_and_differences_of_four_pixels():
     np.testing.assert_allclose(found[2, 3], 0)  # the corner sees itself alone
 
 
-def test_bisection_finds_separate_clusters_and_stops_at_an_error():
+def test_bisection_finds_separate_clusters():
     random = np.random.default_rng(0)
     middles = random.normal(0, 40, (8, 3))
     points = (middles[:, None] + random.normal(0, 0.3, (8, 200, 3))).reshape(-1, 3)
     found = textons.bisected(points, 8)
     assert np.abs(np.sort(found, 0) - np.sort(middles, 0)).max() < 0.2
-    assert len(textons.bisected(points, 64, error=2.0)) == 8
     assert len(textons.bisected(np.ones((50, 3)), 8)) == 1
 
 
@@ -126,10 +127,11 @@ def test_large_images_are_reduced_by_a_whole_factor():
     alpha = (random.random((21, 13, 1)) > 0.3).astype(float)
     image = from_buffer(buffer(np.concatenate([random.random((21, 13, 3)) * alpha, alpha], -1), tuple("RGBA")))
     session = Session()
-    lens = lens_of(image, session.color)
+    lens = lens_of(image, session)
     full, small = (lab_pixels(image, lens, session, f) for f in (1, 4))
     np.testing.assert_array_equal(full.seen, alpha[..., 0] > 0)
-    np.testing.assert_array_equal(small.opaque_rows(0, 21), full.seen)
+    ones = small.part("ones", image.first.spec, np.ones((*small.seen.shape, 1), bool))
+    np.testing.assert_array_equal(ones.pixels()[..., 0], full.seen)
     for j in range(6):
         for i in range(4):
             here = full.seen[4 * j : 4 * j + 4, 4 * i : 4 * i + 4]
@@ -163,10 +165,88 @@ def test_collages_of_five_textures_are_decomposed():
     found = []
     for seed in range(3):
         case = drawn_collage(seed, 320)
-        labels = to_buffer(Decompose(source=case.image).compute(Session()).first).get_pixels(oiio.UINT32)[..., 0]
+        labels = to_buffer(run(Decompose(source=case.image), Session())[0].image.first).get_pixels(oiio.UINT32)[..., 0]
         found.append(score(case.truth, labels.astype(np.int64), labels.astype(np.int64)))
     assert np.mean([s.covering for s in found]) > 0.9 and np.mean([s.rand for s in found]) > 0.95
     assert [s.count for s in found] == [5, 5, 5]
+
+
+@pytest.mark.parametrize("group", ["merging", "cliques"])
+def test_as_many_subtextures_as_are_asked_for(group):
+    case = drawn_collage(0, 256)
+    for count in (1, 2, 3) if group == "cliques" else (1, 2, 3, 5):  # joined, never cut
+        labels = run(Decompose(source=case.image, group=group, labels=count), Session())[0].image.first.pixels()
+        assert len(np.unique(labels)) == count, count
+
+
+def test_fewer_subtextures_than_are_asked_for_are_said(caplog):
+    assert ids_of(np.full((64, 64, 3), 0.5), labels=4).max() == 1
+    assert "1 subtextures, not 4" in caplog.text
+
+
+def test_textures_in_patches_narrower_than_a_disc_are_told_apart():
+    """Which discs of 48 px do not: all of them show both."""
+    side = 320
+    within = pictures.smooth_noise(side, side, 32, 3, 20) > 0.5
+    picture = np.where(within[..., None], pictures.bricks(side, side, 1), pictures.moss(side, side, 2))
+    found = {}
+    for group in ("merging", "cliques"):
+        labels = ids_of(picture, group=group)
+        found[group] = score(within + 1, labels, labels).adjusted
+    assert found["merging"] > 0.55 and found["merging"] > found["cliques"] + 0.4, found
+
+
+def test_regions_merge_by_textons_interleaving_and_size():
+    """Each of the three alone moves the odds as it should."""
+    values = np.zeros((64, 64, 3), np.float32)
+    left = np.arange(64)[None].repeat(64, 0) < 32
+
+    def evidence(share: float, regions: np.ndarray) -> float:
+        values[regions == 0] = [share, 1 - share, 0]
+        values[regions == 1] = [1 - share, share, 0]
+        return region_merging._Regions(values, regions.astype(int), 2, 4).evidence(0, 1)
+
+    apart, mixed = ~left, np.indices((64, 64)).sum(0) % 2
+    assert evidence(0.95, apart) > 0 > evidence(0.7, apart) > evidence(0.5, apart)
+    assert evidence(0.95, mixed) < evidence(0.95, apart) - 2
+    small = np.zeros((64, 64))
+    small[:6, :6] = 1
+    assert evidence(0.95, small) < evidence(0.95, apart)
+
+
+def test_merging_goes_on_from_the_likeliest_pair_and_leaves_what_is_unseen_alone():
+    values = np.zeros((48, 64, 4), np.float32)
+    regions = np.repeat(np.arange(4), 16)[None].repeat(48, 0)
+    for n, shares in enumerate(([0.9, 0.1, 0, 0], [0.88, 0.12, 0, 0], [0, 0, 0.9, 0.1], [0, 0.5, 0, 0.5])):
+        values[regions == n] = shares
+    values[:5] = 0
+    three, two = (region_merging.merged(values, regions, 4, 0.5, count) for count in (3, 2))
+    assert [len(np.unique(three[5:])), len(np.unique(two[5:]))] == [3, 2]
+    assert three[10, 5] == three[10, 20] and len(np.unique(three[10, [5, 40, 60]])) == 3
+    assert (region_merging.merged(values, regions, 4, 0.0) == 0).all()
+    assert len(np.unique(region_merging.merged(values, regions, 4, 1.0)[5:])) == 4
+
+
+def test_cliques_are_joined_by_their_mean_weight():
+    labels = np.array([0, 0, 1, 1, 2])
+    weights = np.full((5, 5), -1.0)
+    weights[2:4, 4] = weights[4, 2:4] = -0.1
+    np.testing.assert_array_equal(joined_to(weights, labels, 2), [0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(joined_to(weights, labels, 9), labels)
+
+
+def test_paper_is_czf02_by_the_letter():
+    op = Decompose(source=None, paper=True)
+    found = op._settings(512 * 512)
+    assert (found.features, found.bins, found.group, found.search) == ("haar", 8, "cliques", "meanshift")
+    assert found.scales > 1 and not found.refine and found.assign == "neighbours" and found.count is None
+    with pytest.raises(errors.ParameterError, match="scales=2: paper=1 says scales=3"):
+        Decompose(source=None, paper=True, scales=2)
+    picture, truth = quarters(64)
+    labels = ids_of(picture, paper=True, step=8, threshold=0.9)
+    by_hand = ids_of(picture, step=8, threshold=0.9, scales=3, search="meanshift", **PAPER)
+    np.testing.assert_array_equal(labels, by_hand)
+    assert score(truth + 1, labels, labels).rand > 0.75
 
 
 def test_shifted_matching_finds_borders_better():
@@ -176,7 +256,7 @@ def test_shifted_matching_finds_borders_better():
         for seed in range(3):
             case = drawn_collage(seed, 256)
             op = Decompose(source=case.image, shift=shift, radius=8, threshold=threshold, **PAPER)
-            labels = op.compute(Session()).first.pixels()[..., 0].astype(np.int64)
+            labels = run(op, Session())[0].image.first.pixels()[..., 0].astype(np.int64)
             scores.append(score(case.truth, labels, labels).adjusted)
     best = np.mean(found.pop((8, 0.95)))
     assert all(best > np.mean(scores) + 0.03 for scores in found.values())
@@ -196,7 +276,8 @@ def test_one_texture_is_one():
 def test_a_threshold_of_one_leaves_all_apart_and_of_zero_none():
     picture, _ = quarters(96)
     assert ids_of(picture, threshold=0).max() == 1
-    assert ids_of(picture, threshold=1, assign="neighbours").max() > 20
+    assert ids_of(picture, threshold=1).max() > 4 == ids_of(picture).max()
+    assert ids_of(picture, group="cliques", threshold=1, assign="neighbours").max() > 20
 
 
 def test_larger_images_are_labelled_at_their_own_size(monkeypatch):
@@ -257,8 +338,8 @@ def test_nan_is_counted_and_memory_refused(fails, photo):
 def test_settings_of_the_paper_are_another_default():
     bank, haar = (Decompose(source=None, features=f)._settings(512 * 512) for f in ("bank", "haar"))
     assert (haar.bins, haar.radius, haar.shift) == (8, 8.0, 8.0)
-    assert bank == Settings()
+    assert bank == DecompositionSettings()
     picture, _ = quarters(64)
     image, session = from_buffer(buffer(picture)), Session()
-    pixels = lab_pixels(image, lens_of(image, session.color), session)
+    pixels = lab_pixels(image, lens_of(image, session), session)
     assert decomposed(pixels, bank, session).count >= 1

@@ -10,8 +10,9 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.analysis import stationarity as st
-from oiiotex.color import ColorConfig
+from oiiotex.color.config import ColorConfig
+from oiiotex.core.window import Domain
+from oiiotex.stationarity import costs as st
 from tests import pictures
 from tests.conftest import data_folder
 from tests.reference.histograms import soft_members
@@ -72,7 +73,9 @@ def test_its_mean_is_the_cost_of_the_held_image(name, sigma):
     """Eq. 1 over all cells here, over 32 x 32 places there, which begin at the left and top border."""
     photo = oiio.ImageBuf(str(data_folder() / "photos" / name))
     photo = oiio.ImageBufAlgo.cut(photo, oiio.ROI(200, 520, 100, 400))
-    wanted = st.stationarity_cost(lab_of(photo.get_pixels(oiio.FLOAT)), sigma, False, False)
+    wanted = st.stationarity_cost(
+        lab_of(photo.get_pixels(oiio.FLOAT)), sigma, Domain(photo.spec().width, photo.spec().height)
+    )
     made = filters.stationarity(photo, sigma=sigma)
     assert cost_of(made) == pytest.approx(wanted, rel=0.04)
     assert pixels(made).mean() == pytest.approx(cost_of(made), rel=0.02)

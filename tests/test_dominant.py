@@ -12,9 +12,11 @@ import pytest
 
 from benchmarks.dominant import composite, seen_as
 from oiiotex import errors, filters
-from oiiotex.analysis import diffusion, texels
-from oiiotex.analysis.labpixels import LabPixels
-from oiiotex.filters import dominantchart
+from oiiotex.charts import dominant_chart
+from oiiotex.color.lab_reduced import LabPixels
+from oiiotex.dominant import diffusion, patch_manifold
+from oiiotex.dominant.diffusion import dominant_texture
+from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import load, oiiotex, save
@@ -54,21 +56,21 @@ def test_the_patch_is_the_period_of_a_grating(period, angle):
     y, x = np.mgrid[0:190, 0:200]
     along = x * np.cos(np.radians(angle)) + y * np.sin(np.radians(angle))
     light = 50 + 20 * (along % period < period / 2) + np.random.default_rng(0).normal(0, 2, (190, 200))
-    assert abs(texels.patch_size(light.astype(np.float32)) - period) <= 2
+    assert abs(patch_manifold.patch_size(light.astype(np.float32)) - period) <= 2
 
 
 def test_patches_of_small_and_plain_images_have_the_least_size():
-    assert texels.patch_size(np.zeros((200, 200), np.float32)) == texels.LEAST_PATCH
-    assert [texels.patch_size(np.zeros((n, 40), np.float32)) for n in (1, 2, 3, 4, 5)] == [1, 1, 3, 3, 5]
+    assert patch_manifold.patch_size(np.zeros((200, 200), np.float32)) == patch_manifold.LEAST_PATCH
+    assert [patch_manifold.patch_size(np.zeros((n, 40), np.float32)) for n in (1, 2, 3, 4, 5)] == [1, 1, 3, 3, 5]
 
 
 def test_texels_keep_the_distances_of_patches():
     lab = some_lab()
-    found = texels.texels_of(pixels_of(lab), 5, 1, Session())
+    found = patch_manifold.texels_of(pixels_of(lab), 5, 1, Session())
     vectors = reference.patches(lab, 5)
     assert found.count == len(vectors) == 13 * 10
     expected = ((vectors[:, None] - vectors) ** 2).sum(-1)
-    got = texels.squared_distances(found.values, found.values)
+    got = patch_manifold.squared_distances(found.values, found.values)
     assert np.abs(got - expected).max() < 0.02 * expected.max()  # 99.9 % of the energy
     np.testing.assert_array_equal(lab[found.rows, found.columns], lab[2:15, 2:12].reshape(-1, 3))
 
@@ -76,21 +78,21 @@ def test_texels_keep_the_distances_of_patches():
 def test_texels_are_whole_patches_of_opaque_pixels_on_a_grid():
     seen = np.ones((17, 14), bool)
     seen[4, 6] = False
-    found = texels.texels_of(pixels_of(some_lab(), seen), 3, 2, Session())
+    found = patch_manifold.texels_of(pixels_of(some_lab(), seen), 3, 2, Session())
     places = {(y, x) for y in range(1, 16, 2) for x in range(1, 13, 2) if not (abs(y - 4) <= 1 and abs(x - 6) <= 1)}
     assert set(zip(found.rows.tolist(), found.columns.tolist(), strict=True)) == places
 
 
 def test_densities_and_heat_are_eq_4_and_eq_3():
-    found = texels.texels_of(pixels_of(some_lab(1)), 3, 1, Session())
+    found = patch_manifold.texels_of(pixels_of(some_lab(1)), 3, 1, Session())
     points, size = found.values.astype(np.float64), 900.0
     kernel = reference.weights(points, size)
     chosen = np.arange(0, found.count, 3)
     np.testing.assert_allclose(
-        texels.densities(found, chosen, size, False, Session()), kernel[:, chosen].sum(1), rtol=1e-3
+        patch_manifold.densities(found, chosen, size, False, Session()), kernel[:, chosen].sum(1), rtol=1e-3
     )
-    near = texels.neighbour_weights(texels.neighbour_squares(found, Session()), size, False)
-    k = texels.neighbour_count(found.count)
+    near = patch_manifold.neighbour_weights(patch_manifold.neighbour_squares(found, Session()), size, False)
+    k = patch_manifold.neighbour_count(found.count)
     order = np.argsort(-kernel, axis=1)[:, :k]
     sparse = np.zeros_like(kernel)
     np.put_along_axis(sparse, order, np.take_along_axis(kernel, order, 1), 1)
@@ -102,8 +104,8 @@ def test_densities_and_heat_are_eq_4_and_eq_3():
 
 def test_eq_7_is_the_inverse_distance():
     squares = np.array([[4.0, 0.25]], np.float32)
-    np.testing.assert_allclose(texels.weights_of(squares, 1.0, True), [[0.5, 2.0]])
-    np.testing.assert_allclose(texels.weights_of(squares, 2.0, False), np.exp(-squares / 4))
+    np.testing.assert_allclose(patch_manifold.weights_of(squares, 1.0, True), [[0.5, 2.0]])
+    np.testing.assert_allclose(patch_manifold.weights_of(squares, 2.0, False), np.exp(-squares / 4))
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
@@ -113,8 +115,8 @@ def test_the_slope_says_the_dimension(dimension):
     flat = np.zeros((1500, 6), np.float32)
     flat[:, :dimension] = random.random((1500, dimension)) * 1000
     turned = flat @ np.linalg.qr(random.normal(0, 1, (6, 6)))[0].astype(np.float32)
-    found = texels.Texels(turned, np.arange(1500), np.arange(1500), 1, 1)
-    kernel = texels.kernel_of(found, np.arange(1500))
+    found = patch_manifold.Texels(turned, np.arange(1500), np.arange(1500), 1, 1)
+    kernel = patch_manifold.kernel_of(found, np.arange(1500))
     assert 0.75 * dimension < kernel.dimension < 1.15 * dimension
     assert kernel.size == pytest.approx(kernel.landmark_size)
     e, total = np.exp(kernel.curve[40])
@@ -123,8 +125,8 @@ def test_the_slope_says_the_dimension(dimension):
 
 
 def test_landmarks_are_n_to_the_0_7_and_follow_the_seed():
-    many = texels.Texels(np.zeros((5000, 1), np.float32), np.arange(5000), np.arange(5000), 1, 1)
-    one, again, other = (texels.landmarks(many, seed) for seed in (1, 1, 2))
+    many = patch_manifold.Texels(np.zeros((5000, 1), np.float32), np.arange(5000), np.arange(5000), 1, 1)
+    one, again, other = (patch_manifold.landmarks(many, seed) for seed in (1, 1, 2))
     assert len(one) == int(5000**0.7) == len(np.unique(one))
     np.testing.assert_array_equal(one, again)
     assert len(np.intersect1d(one, other)) < 0.3 * len(one)
@@ -145,7 +147,7 @@ def test_a_dense_small_group_is_found_small():
 def test_the_mask_is_the_centres_dilated_by_a_patch():
     types = np.full(130, diffusion.SCATTERED, np.int8)
     types[[0, 57]] = diffusion.DOMINANT
-    found = texels.texels_of(pixels_of(some_lab()), 5, 1, Session())
+    found = patch_manifold.texels_of(pixels_of(some_lab()), 5, 1, Session())
     mask = diffusion.dominant_mask(diffusion.Dominant(found, types, types, types), np.ones((17, 14), bool))
     expected = np.zeros((17, 14), bool)
     for t in (0, 57):
@@ -200,21 +202,21 @@ def test_the_chart_draws_the_curve_the_types_and_the_thresholds(tmp_path):
     _, picture, _ = composite(3)
     filters.dominant(buffer(picture, ()), step=3, chart=tmp_path / "chart.png")
     drawn = load(tmp_path / "chart.png")
-    assert drawn.shape == (dominantchart.HEIGHT, 2 * dominantchart.WIDTH, 3)
+    assert drawn.shape == (dominant_chart.HEIGHT, 2 * dominant_chart.WIDTH, 3)
     found = diffusion.dominant_texture(seen_as(picture, Session()), Session(), step=3)
-    panel = dominantchart.heat_panel(found)
+    panel = dominant_chart.heat_panel(found)
     rows, columns = panel.place(found.heat, np.log10(found.density))
     assert np.diff(columns)[np.diff(found.heat) > 0].min() >= 0 and np.diff(rows)[np.diff(found.density) > 0].max() <= 0
     kinds = np.unique(found.types)
     assert len(kinds) > 1 and diffusion.DOMINANT in kinds
     for kind in kinds:
         assert (
-            panel.pixels[rows[found.types == kind], columns[found.types == kind]] == dominantchart.COLOURS[kind]
+            panel.pixels[rows[found.types == kind], columns[found.types == kind]] == dominant_chart.COLOURS[kind]
         ).all(-1).mean() > 0.3
     warmest = columns[found.types == diffusion.DOMINANT]
     _, line = panel.place(np.array(found.rounds[-1].heat), np.array(0.0))
     assert warmest.min() >= line and (columns < line).any()
-    curve = dominantchart.curve_panel(found)
+    curve = dominant_chart.curve_panel(found)
     at = curve.place(*found.kernel.curve.T)
     assert (curve.pixels[at] < 0.8).any(-1).all()  # ink or tangent under every point
 
@@ -222,14 +224,14 @@ def test_the_chart_draws_the_curve_the_types_and_the_thresholds(tmp_path):
 def test_the_chart_of_what_has_no_curve(tmp_path):
     for picture in (np.full((20, 20, 3), 0.4), np.random.default_rng(0).random((40, 40, 3)), np.zeros((1, 1, 3))):
         filters.dominant(buffer(picture, ()), chart=tmp_path / "chart.png")
-        assert load(tmp_path / "chart.png").shape[1] == 2 * dominantchart.WIDTH
+        assert load(tmp_path / "chart.png").shape[1] == 2 * dominant_chart.WIDTH
 
 
 @pytest.mark.parametrize("modifier", ["chart", "json"])
 def test_the_photo_is_not_overwritten(tmp_path, fails, modifier):
     path = save(np.zeros((9, 9, 3)), tmp_path / "p.png")
     before = path.read_bytes()
-    assert "would overwrite the photo" in fails("p.png", f"--texdominant:{modifier}=p.png")
+    assert "would overwrite source, an image that it reads" in fails("p.png", f"--texdominant:{modifier}=p.png")
     assert path.read_bytes() == before
 
 
@@ -341,4 +343,44 @@ def test_pictures_seen_directly_are_those_of_the_filter():
     _, picture, _ = composite(0)
     pixels = seen_as(picture, Session())
     found = diffusion.dominant_texture(pixels, Session())
-    np.testing.assert_array_equal(diffusion.dominant_mask(found, pixels.seen), composite_mask(0) > 0)
+    np.testing.assert_array_equal(refined_mask(found, pixels), composite_mask(0) > 0)
+
+
+@pytest.mark.parametrize("n", DRAWN)
+def test_a_mask_follows_pixels_better_than_dilated_patches(n):
+    _, picture, truth = composite(n, 1)
+    pixels = seen_as(picture, Session())
+    found = diffusion.dominant_texture(pixels, Session())
+    masks = diffusion.dominant_mask(found, pixels.seen), refined_mask(found, pixels)
+    dilated, refined = ((mask & truth).sum() / (mask | truth).sum() for mask in masks)
+    assert refined > dilated
+
+
+def test_a_mask_is_nothing_where_nothing_is_dominant_seen_or_covered():
+    lab = some_lab(1, 40, 40)
+    seen = np.ones((40, 40), bool)
+    seen[:, :4], seen[20, 30] = False, False
+    pixels = pixels_of(lab, seen)
+    texels = patch_manifold.texels_of(pixels, 5, 1, Session())
+    zeros = np.zeros(texels.count)
+    of_all, of_none = (
+        refined_mask(diffusion.Dominant(texels, np.full(texels.count, kind, np.int8), zeros, zeros), pixels)
+        for kind in (diffusion.DOMINANT, diffusion.SMALL)
+    )
+    assert not of_none.any()
+    np.testing.assert_array_equal(of_all, diffusion.dominant_mask(_all_dominant(texels), seen))
+
+
+def _all_dominant(texels: patch_manifold.Texels) -> diffusion.Dominant:
+    zeros = np.zeros(texels.count)
+    return diffusion.Dominant(texels, zeros.astype(np.int8), zeros, zeros)
+
+
+def test_paper_is_ldr09_by_the_letter():
+    op = filters.Dominant(source=None, paper=True)
+    assert (op.rule, op.mode, op.step) == ("paper", "diffusion", 1)
+    with pytest.raises(errors.ParameterError, match="step=2: paper=1 says step=1"):
+        filters.Dominant(source=None, paper=True, step=2)
+    noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
+    assert "noise" in dominant_texture(noise, Session()).rejected
+    assert "noise" not in dominant_texture(noise, Session(), rule="paper", step=1).rejected

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from oiiotex.errors import ImageError
-from oiiotex.synthesis.exemplars import Edge, Graph, parse_graph, read_graph
+from oiiotex.multiscale.graph import Edge, Graph, parse_graph, read_graph
 from tests.conftest import data_folder
 
 
@@ -100,7 +100,7 @@ def test_yaml_says_the_same(tmp_path, yaml):
 def test_yaml_wants_a_package_that_may_not_be_there(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "yaml", None)
     (tmp_path / "g.yml").write_text("exemplars: [{id: a, file: a.png}]")
-    with pytest.raises(ImageError, match="PyYAML is not installed: pip install pyyaml, or write the graph as JSON"):
+    with pytest.raises(ImageError, match="PyYAML is not installed: pip install pyyaml, or write it as JSON"):
         read_graph(tmp_path / "g.yml")
 
 

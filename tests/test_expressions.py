@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oiiotex.cli.expressions import Expressions, Value
+from oiiotex.core.image import Image
 from oiiotex.errors import ParameterError
-from oiiotex.files import read
-from oiiotex.images import Image
+from oiiotex.io.reading import read
 
 OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 FILES = ("constant.exr", "plain.tif", "ramp.exr")  # from the bottom of the stack up

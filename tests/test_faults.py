@@ -55,7 +55,7 @@ def wait_for(what: Callable[[], object], run: subprocess.Popen, seconds: float =
 
 
 def start(folder: Path, *words: object) -> subprocess.Popen:
-    command = [*PROGRAM, *map(str, words)]
+    command = [*PROGRAM, "--noprogress", *map(str, words)]
     return subprocess.Popen(
         command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -121,6 +121,21 @@ def test_a_signal_while_the_program_is_loaded_leaves_no_traceback(tmp_path, dela
     assert os.listdir(tmp_path) == []
 
 
+def test_a_signal_where_python_drops_exceptions_ends_the_run():
+    code = """
+import signal
+from oiiotex.cli.stopping import stop_on_signals
+class Dropped:
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+stop_on_signals()
+Dropped()
+print("went on")
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ended.stdout, ended.stderr, ended.returncode) == ("", "", 143)
+
+
 def handles(pid: int, number: int) -> bool:
     status = Path(f"/proc/{pid}/status")
     if not status.exists():
@@ -179,9 +194,15 @@ def test_a_ctrl_c_which_goes_to_all_processes_is_silent_too(tmp_path):
 def test_a_killed_worker_is_an_error_and_not_an_endless_wait(tmp_path):
     words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
     run = start(tmp_path, *words)
-    wait_for(lambda: half_files(tmp_path), run)
-    pid = int(half_files(tmp_path)[0].split("-")[-2])
-    assert pid != run.pid
+    workers: list[int] = []
+
+    def a_worker_writes() -> bool:  # and not the parent, which looks at formats before the work
+        pids = {int(name.split("-")[-2]) for name in half_files(tmp_path)} - {run.pid}
+        workers.extend(pids)
+        return bool(pids)
+
+    wait_for(a_worker_writes, run)
+    pid = workers[0]
     os.kill(pid, signal.SIGKILL)
     output, errors = run.communicate(timeout=60)
     assert "has ended of itself" in line_of(subprocess.CompletedProcess([], run.returncode, output, errors))
@@ -268,7 +289,7 @@ def test_a_full_disk_does_not_end_the_frames_that_fit(tmp_path, picture):
     shutil.copy(picture, tmp_path / "f.0002.png")
     save(np.zeros((8, 8, 3)), tmp_path / "f.0003.png")
     words = f"{tmp_path}/f.#.png --quality 100 -o o.#.jpg"
-    for parallel in ("", "--parallel-frames"):
+    for parallel in ("", "--parallel-frames --threads 1"):  # one at a time: two share the room that there is
         run = f"{' '.join(PROGRAM)} {parallel} --skip-bad-frames {words}"
         done = on_small_disk(tmp_path, "72k", run, "code=$?; ls -A; exit $code")
         assert "o.0002.jpg" in line_of(done)
@@ -310,10 +331,8 @@ def test_a_frame_that_is_not_there_ends_the_run_or_is_skipped(tmp_path, skip, pa
     words = ["--skip-bad-frames"] * skip + ["--parallel-frames", "--threads", "1"] * parallel
     done = oiiotex("--frames", "1-3", *words, "f.#.png", "-o", "o.#.png", cwd=tmp_path)
     assert "f.0002.png: no such file" in line_of(done)
-    assert (tmp_path / "o.0001.png").exists()
-    assert not (tmp_path / "o.0002.png").exists()
-    if skip or not parallel:
-        assert (tmp_path / "o.0003.png").exists() == skip
+    for number, there in ((1, skip), (2, False), (3, skip)):  # a gap is seen before the first frame is worked on
+        assert (tmp_path / f"o.{number:04d}.png").exists() == there
 
 
 def test_a_file_that_vanishes_between_frames_ends_its_frame_alone(tmp_path):
@@ -370,9 +389,9 @@ def test_an_op_in_place_gives_what_it_gives_elsewhere(tmp_path, name, op):
 CHANGED = """
 import os, shutil, sys
 from oiiotex.errors import Error
-from oiiotex.files import read
-from oiiotex.tiles import PieceCache
-from oiiotex.windows import Window
+from oiiotex.io.reading import read
+from oiiotex.core.demand import PieceCache
+from oiiotex.core.window import Window
 
 part = read(sys.argv[1], PieceCache(1)).first
 part.read(Window(0, 3500, 3600, 3600))
@@ -443,13 +462,14 @@ def test_a_folder_a_device_and_a_pipe_are_not_written_over(tmp_path, picture, op
     assert sorted(os.listdir(tmp_path)) == ["a.png", "folder.tif", "pipe.tif"]
 
 
-def test_a_symbolic_link_is_replaced_as_oiiotool_replaces_it(tmp_path, picture):
+def test_what_a_symbolic_link_leads_to_is_replaced(tmp_path, picture):
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere" / "target.png").write_bytes(OLD)
     (tmp_path / "link.png").symlink_to(tmp_path / "elsewhere" / "target.png")
     assert oiiotex(picture, "-o", "link.png", cwd=tmp_path).returncode == 0
-    assert not (tmp_path / "link.png").is_symlink()
-    assert (tmp_path / "elsewhere" / "target.png").read_bytes() == OLD
+    assert (tmp_path / "link.png").is_symlink()
+    assert load(tmp_path / "elsewhere" / "target.png").shape == load(picture).shape
+    assert os.listdir(tmp_path / "elsewhere") == ["target.png"]
 
 
 def test_two_processes_that_write_the_same_output_leave_a_whole_one(tmp_path):
@@ -554,7 +574,9 @@ def peak_of(folder: Path, *words: object) -> int:
     """Megabytes that a run has held at most; of a child of a small process, whose own peak a child begins with."""
     script = "import resource as r, subprocess as s, sys; s.run(sys.argv[1:], check=True)"
     script += "; print(r.getrusage(r.RUSAGE_CHILDREN).ru_maxrss)"
-    done = subprocess.run([sys.executable, "-c", script, *PROGRAM, *words], cwd=folder, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", script, *PROGRAM, "--noprogress", *words], cwd=folder, capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr) == (0, "")
     return int(done.stdout) >> 10
 

@@ -13,12 +13,12 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import files
+from oiiotex.core.demand import PieceCache, bands
+from oiiotex.core.image import dtype_of
+from oiiotex.core.window import Window
 from oiiotex.errors import ImageError
-from oiiotex.files import read
-from oiiotex.images import dtype_of
-from oiiotex.tiles import PieceCache, bands
-from oiiotex.windows import Window
+from oiiotex.io import reading
+from oiiotex.io.reading import read
 from tests.parts import NUMPY, WINDOWS, assert_same, deep_file, noise, part_of, put, refusal, spec_of
 
 # --- any window ---
@@ -134,7 +134,7 @@ def test_what_is_no_image_is_refused_by_name(tmp_path, name):
         path.mkdir()
     else:
         path.write_text("" if name.startswith("empty") else "not an image\n" * 100)
-    says = "a folder, not an image" if name == "folder" else "not an image that can be read: "
+    says = "a folder" if name == "folder" else "not an image that can be read: "
     assert refusal(read, path).startswith(f"{path}: {says}")
 
 
@@ -182,7 +182,7 @@ def whole_by_oiio(path: Path, level: int = 0) -> np.ndarray:
 
 
 def assert_any_window(path: Path, small_pieces: pytest.MonkeyPatch) -> None:
-    small_pieces.setattr(files, "_PIECE_BYTES", 1 << 14)
+    small_pieces.setattr(reading, "_PIECE_BYTES", 1 << 14)
     part, pixels = read(path).first, whole_by_oiio(path)
     for window in any_windows(part.window):
         np.testing.assert_array_equal(part.read(window), pixels[window.inside(part.window)])
@@ -219,7 +219,7 @@ def test_any_window_of_any_tiff_is_the_whole_cropped(tmp_path, monkeypatch, code
 
 @pytest.mark.parametrize("name", ["a.tx", "a.exr"])
 def test_any_window_of_any_level_of_a_mip_mapped_file_is_that_level_cropped(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(files, "_PIECE_BYTES", 1 << 14)
+    monkeypatch.setattr(reading, "_PIECE_BYTES", 1 << 14)
     buffer = oiio.ImageBuf(str(made(tmp_path / "photo.exr", spec_of("float", 150, 190, 3))))
     assert oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, buffer, str(tmp_path / name)), oiio.geterror()
     (part,) = read(tmp_path / name).parts
@@ -233,7 +233,7 @@ def test_any_window_of_any_level_of_a_mip_mapped_file_is_that_level_cropped(tmp_
 
 @pytest.mark.parametrize("name", ["a.exr", "a.tif", "a.png", "a.jpg", "a.webp", "a.tx"])
 def test_several_threads_read_one_file_at_once(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(files, "_PIECE_BYTES", 1 << 14)
+    monkeypatch.setattr(reading, "_PIECE_BYTES", 1 << 14)
     facts = TILED | {"tile_height": 32} if name == "a.tx" else {}
     path = made(tmp_path / name, spec_of("uint8" if name != "a.exr" else "half", 300, 190, 3, **facts))
     pixels, part = whole_by_oiio(path), read(path, PieceCache(1 << 17)).first  # a cache of a few pieces
@@ -250,14 +250,14 @@ def test_several_threads_read_one_file_at_once(tmp_path, monkeypatch, name):
 def decoded(monkeypatch) -> list[Window]:
     """Which pieces have been decoded."""
     seen: list[Window] = []
-    genuine = files._Source.read
+    genuine = reading._Source.read
 
     def spy(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int]) -> np.ndarray:
         pixels = genuine(self, place, spec, where)
         seen.append(place)
         return pixels
 
-    monkeypatch.setattr(files._Source, "read", spy)
+    monkeypatch.setattr(reading._Source, "read", spy)
     return seen
 
 

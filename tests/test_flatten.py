@@ -11,7 +11,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from oiiotex import errors, filters
-from oiiotex.color import ColorConfig
+from oiiotex.color.config import ColorConfig
+from oiiotex.session import Session
 from tests import pictures
 from tests.reference import drift as reference
 from tests.test_promises import buffer, pixels
@@ -70,6 +71,16 @@ def test_a_gradient_of_light_goes_up_to_the_border():
     assert np.ptp(columns) < 2.0  # of 40 before; the noise alone has 0.8
     assert made.mean() == pytest.approx(lab[..., 0].mean(), abs=0.3)
     assert made.std() == pytest.approx(5.0, abs=0.3)
+
+
+def test_the_alpha_of_data_is_no_data():
+    """Values far from 0, so that scaling an alpha by their range would leave none at 0."""
+    given = 5 + np.random.default_rng(0).random((40, 50, 4)).astype(np.float32)
+    given[..., 3] = np.linspace(0.1, 1, 50)
+    given[10:30, 20:30] = 0
+    made = pixels(filters.flatten(buffer(given, space="", names=tuple("RGBA")), data=True))
+    np.testing.assert_array_equal(made[..., 3], given[..., 3])
+    assert not made[10:30, 20:30].any()
 
 
 def test_contrast_is_evened_out_and_bounded():
@@ -147,3 +158,71 @@ def test_how_much_drift_there_was_is_logged(caplog):
     with caplog.at_level(logging.INFO, "oiiotex"):
         filters.flatten(linear(pictures.stained(pictures.bricks(64, 64, 1))))
     assert "local means lay up to" in caplog.text
+
+
+# --- textures that tile ---
+
+
+def wrapping(height: int, width: int) -> np.ndarray:
+    """Linear RGB that goes on beyond its borders: detail and slow drift of whole turns."""
+    y, x = np.mgrid[:height, :width]
+    slow = 0.12 * np.sin(2 * np.pi * x / width + 1) + 0.1 * np.cos(2 * np.pi * y / height + 2)
+    fine = 0.05 * np.sin(2 * np.pi * (7 * x / width + 3 * y / height)) + 0.05 * np.cos(2 * np.pi * 11 * y / height)
+    return np.stack([0.3 + slow + fine, 0.3 + slow - fine, 0.25 + slow], -1).astype(np.float32)
+
+
+def steps_across(made: np.ndarray) -> list[float]:
+    """How much larger the mean jump of L across each border is than the largest between any two lines inside."""
+    light = lab_of(made)[..., 0]
+    jumps = [np.abs(light - np.roll(light, 1, axis)).mean(1 - axis) for axis in (0, 1)]
+    return [float(jump[0] / jump[1:].max()) for jump in jumps]
+
+
+@pytest.mark.parametrize("size", [(97, 131), (64, 96), (40, 300)])
+def test_what_tiles_goes_on_to_tile(size):
+    photo = wrapping(*size)
+    y, x = steps_across(pixels(filters.flatten(linear(photo), sigma=20, tile="xy")))
+    assert y <= 1.05 and x <= 1.05
+    assert max(steps_across(pixels(filters.flatten(linear(photo), sigma=20)))) > 1.5
+    made = filters.flatten(linear(photo), sigma=20, tile="x")
+    y, x = steps_across(pixels(made))
+    assert x <= 1.05 < y
+    assert made.spec().get_string_attribute("wrapmodes") == "periodic,black"
+
+
+def test_a_torus_has_no_corner():
+    """Turned by whole cells the result is the same, turned; by any number of pixels nearly so."""
+    photo = wrapping(96, 120)
+    made = pixels(filters.flatten(linear(photo), sigma=16, tile="xy"))
+    turned = pixels(filters.flatten(linear(np.roll(photo, (28, 52), (0, 1))), sigma=16, tile="xy"))
+    np.testing.assert_allclose(np.roll(turned, (-28, -52), (0, 1)), made, atol=1e-5)
+    turned = pixels(filters.flatten(linear(np.roll(photo, (7, 13), (0, 1))), sigma=16, tile="xy"))
+    np.testing.assert_allclose(np.roll(turned, (-7, -13), (0, 1)), made, atol=2e-3)
+
+
+def test_a_torus_comes_close_to_a_dense_version_up_to_the_border():
+    photo, sigma = wrapping(97, 131), 14.0
+    made = lab_of(pixels(filters.flatten(linear(photo), sigma=sigma, tile="xy")))
+    lab = lab_of(photo).astype(np.float64)
+    mean = np.stack([gaussian_filter(lab[..., c], sigma, mode="wrap") for c in range(3)], -1)
+    left = (lab - mean) ** 2
+    deviation = np.sqrt(np.stack([gaussian_filter(left[..., c], sigma, mode="wrap") for c in range(3)], -1))
+    gain = np.clip((np.sqrt(left.mean((0, 1))) + 1) / (deviation + 1), 0.5, 2)
+    dense = (lab - mean) * gain + lab.mean((0, 1))
+    assert np.sqrt(((made - dense) ** 2).mean()) < 0.3
+    assert np.abs(made - dense).max() < 1.0
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3)])
+@pytest.mark.parametrize("sigma", [None, 1, 1e6])
+def test_tiny_images_that_tile(size, sigma):
+    made = pixels(filters.flatten(linear(np.random.default_rng(0).random((*size, 3))), sigma=sigma, tile="xy"))
+    assert made.shape == (*size, 3) and np.isfinite(made).all()
+
+
+def test_bands_and_threads_do_not_show_in_what_tiles(monkeypatch):
+    photo = linear(wrapping(97, 61))
+    made = pixels(filters.flatten(photo, sigma=9, tile="xy"))
+    monkeypatch.setattr("oiiotex.scan.PIECE_PIXELS", 61 * 2)
+    again = pixels(filters.flatten(photo, sigma=9, tile="xy", session=Session(threads=1)))
+    np.testing.assert_array_equal(made, again)

@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.synthesis.exemplars import Edge, read_graph
+from oiiotex.multiscale.graph import Edge, read_graph
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
@@ -108,7 +108,7 @@ WRONG = [
     (("moss",), {"scales": 4}, "scales=4: reduced 8 times .*moss.png is 8 px wide or high; an exemplar has 16"),
     (("moss",), {"scales": 2, "scale": 3}, "scale=3: with scales allowed is one power of two >= 2"),
     (("moss",), {"loop": 5}, r"edge moss -> moss: r=5 is more than r_max = L - 3 = 3 of exemplars"),
-    (("moss",), {"json": "moss.png"}, "moss.png would overwrite a photo"),
+    (("moss",), {"json": "moss.png"}, "moss.png would overwrite photos, an image that it reads"),
     (("small",), {"graph": "none.json"}, "graph takes 0 images"),
     ((), {"graph": "none.json"}, "none.json: No such file"),
     ((), {}, r"graph takes one image or more \(photos\), not 0"),

@@ -6,10 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.device import Buffers
-from oiiotex.synthesis import histograms
+from oiiotex.core.window import Domain
+from oiiotex.opencl.buffers import Buffers
+from oiiotex.projections import histograms
+from oiiotex.stationarity.grid_statistics import CellGrid
 from tests import pictures
 from tests.reference import histograms as reference
+from tests.reference.projections import projected_by
 
 
 def lab_like(height: int, width: int, seed: int = 0) -> np.ndarray:
@@ -19,13 +22,12 @@ def lab_like(height: int, width: int, seed: int = 0) -> np.ndarray:
 
 def projected(device, image, sigma, wrap_x, wrap_y, strength=1.0):
     height, width = image.shape[:2]
-    cells = histograms.Cells.of(width, height, sigma)
+    grid = CellGrid.of(Domain(width, height, wrap_x, wrap_y), sigma)
     low, high = image.reshape(-1, 3).min(0), image.reshape(-1, 3).max(0)
-    with Buffers(device, {**cells.layout(), "image": image.nbytes}, 1 << 30, "test") as buffers:
-        device.write(buffers["image"], image)
-        projection = histograms.Projection(device, buffers, cells, sigma, low, high, wrap_x, wrap_y)
-        projection.project("image", "matched", strength)
-        return device.read(buffers["matched"], image.shape, np.int16), low, high
+    both = {"image": image.nbytes, "matched": image.nbytes}
+    with Buffers(device, {**histograms.layout(grid), **both}, 1 << 30, "test") as buffers:
+        projection = histograms.Projection(device, buffers, grid, low, high)
+        return projected_by(projection, device, buffers, image, strength), low, high
 
 
 @pytest.mark.parametrize(("height", "width"), [(61, 47), (48, 80), (23, 131)])
@@ -92,7 +94,7 @@ def test_a_global_match_takes_over_the_targets_histogram():
     target = random.gamma(2.0, 60, (90, 70, 3)).round().astype(np.int16)
     first = int(min(image.min(), target.min()))
     entries = int(max(image.max(), target.max())) - first + 1
-    counts, goal = (histograms.value_counts(i, first, entries) for i in (image, target))
+    counts, goal = (reference.value_counts(i, first, entries) for i in (image, target))
     assert counts.sum() == image.size and counts[0, 100 - first] == (image[..., 0] == 100).sum()
     table = histograms.matching_table(counts, goal, first, 1.0)
     matched = np.stack([table[c][image[..., c] - first] for c in range(3)], -1)
@@ -110,8 +112,26 @@ def test_a_table_is_applied_per_channel(any_lanes):
     image = lab_like(9, 13)
     first, entries = int(image.min()), int(image.max()) - int(image.min()) + 1
     table = np.random.default_rng(0).integers(-500, 500, (3, entries)).astype(np.int16)
-    with Buffers(any_lanes, {"image": image.nbytes}, 1 << 20, "test") as buffers:
+    with Buffers(any_lanes, {"image": image.nbytes, "matched": image.nbytes}, 1 << 20, "test") as buffers:
         any_lanes.write(buffers["image"], image)
-        histograms.apply_table(any_lanes, buffers, "image", 9 * 13, table, first)
-        found = any_lanes.read(buffers["image"], image.shape, np.int16)
+        histograms.apply_table(any_lanes, buffers, "image", "matched", (13, 9), table, first)
+        found = any_lanes.read(buffers["matched"], image.shape, np.int16)
     np.testing.assert_array_equal(found, np.stack([table[c][image[..., c] - first] for c in range(3)], -1))
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 7), (45, 300), (70, 67)])
+def test_values_are_counted_on_the_device(any_lanes, height, width):
+    """Less rows than parts, more columns than a work-group has items; with and without pixels that are held."""
+    image = lab_like(height, width)
+    first, entries = int(image.min()) - 3, int(np.ptp(image)) + 9
+    held = np.full_like(image, histograms.OUTSIDE)
+    held[np.indices((height, width)).sum(0) % 3 == 0] = 5
+    layout = {**histograms.ValueCounts.layout(), "image": image.nbytes, "held": image.nbytes}
+    with Buffers(any_lanes, layout, 1 << 24, "test") as buffers:
+        any_lanes.write(buffers["image"], image)
+        any_lanes.write(buffers["held"], held)
+        counts = histograms.ValueCounts(any_lanes, buffers, first, entries, 3)
+        free = held[..., 0] == histograms.OUTSIDE
+        for marks, counted in (({}, image), ({"free": "held"}, image[free]), ({"seen": "held"}, image[~free])):
+            found = counts.of("image", (width, height), **marks)
+            np.testing.assert_array_equal(found, reference.value_counts(counted, first, entries))

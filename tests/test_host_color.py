@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.cli.running import run
-from oiiotex.color import DEFAULT_CONFIG
+from oiiotex.color.config import DEFAULT_CONFIG
 from tests.conftest import load, save
 from tests.inputs import write_inputs
 from tests.peer import refused, same

@@ -10,7 +10,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.images import (
+from oiiotex.core.demand import bands
+from oiiotex.core.image import (
     Channels,
     Image,
     Part,
@@ -25,8 +26,7 @@ from oiiotex.images import (
     to_buffer,
     type_named,
 )
-from oiiotex.tiles import bands
-from oiiotex.windows import Window
+from oiiotex.core.window import Window
 from tests.parts import (
     NUMPY,
     WINDOWS,
@@ -310,7 +310,7 @@ def test_a_buffer_of_a_volume_is_refused():
 
 def test_a_deep_buffer_is_refused(tmp_path):
     deep_file(tmp_path / "deep.exr")
-    script = "import OpenImageIO as o; from oiiotex.images import from_buffer; from_buffer(o.ImageBuf('deep.exr'))"
+    script = "import OpenImageIO as o; from oiiotex.core.image import from_buffer; from_buffer(o.ImageBuf('deep.exr'))"
     # in a process of its own: OpenImageIO crashes when it is asked for a deep buffer's pixels
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1

@@ -11,8 +11,8 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
+from oiiotex.core.window import Window
 from oiiotex.filters.join import first_gap
-from oiiotex.windows import Window
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 

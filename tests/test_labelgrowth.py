@@ -10,8 +10,9 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
+from oiiotex.core.window import Domain
+from oiiotex.quilting import label_growth as lg
 from oiiotex.session import Session
-from oiiotex.synthesis import labelgrowth as lg
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_promises import buffer, pixels
@@ -31,7 +32,7 @@ def ids_buffer(ids: np.ndarray) -> oiio.ImageBuf:
 
 
 def grow(device, ids: np.ndarray, size=(500, 400), wrap=(False, False), seed=0, side=4, **more) -> lg.Grown:
-    return lg.grow_labels(device, ids, side, size, wrap, seed, 1 << 30, lambda *_: None, **more)
+    return lg.grow_labels(device, ids, side, Domain(*size, *wrap), seed, 1 << 30, lambda *_: None, **more)
 
 
 def test_a_cell_holds_its_most_frequent_label():

@@ -8,9 +8,11 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
+from oiiotex.core.image import from_buffer
+from oiiotex.core.label_map import LabelMap, label_maps
 from oiiotex.errors import ImageError
 from oiiotex.filters.labelview import _title
-from oiiotex.images import from_buffer
+from oiiotex.run import run
 from oiiotex.session import Session
 from tests.conftest import load, oiiotex, save
 from tests.test_labels import buffer, quarters
@@ -55,11 +57,11 @@ def test_superpixels_beside_labels_have_a_panel_and_no_place_in_the_tree(folder)
 
 def test_titles_say_what_is_shown():
     photo = from_buffer(buffer(quarters(96)[0]))
-    cells = filters.Superpixel(source=photo, count=40, keep=True).compute(Session()).parts[1]
-    assert _title(cells, NOTHING) == "superpixels: 40 superpixels at 15 px"
-    level = filters.Label(source=photo).compute(Session()).first
-    count = level.spec.get_int_attribute("oiiotex:labels")
-    assert _title(level, NOTHING).startswith(f"label.1: {count} labels at ")
+    cells = run(filters.Superpixel(source=photo, count=40, keep=True), Session())[0].image.parts[1]
+    assert _title(LabelMap(cells, 0), NOTHING) == "superpixels: 40 superpixels at 15 px"
+    level = label_maps(run(filters.Label(source=photo), Session())[0].image)[1]
+    assert level.count and level.scale
+    assert _title(level, NOTHING) == f"label.1: {level.count} labels at {level.scale:.0f} px"
 
 
 def test_ids_of_three_channels_are_a_picture():

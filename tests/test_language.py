@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shlex
+import shutil
 import subprocess
 
 import pytest
 
+from oiiotex.cli import report, shells
 from oiiotex.cli.language import LANGUAGE, REFUSED
 from oiiotex.cli.parse import Refused, parse
 from oiiotex.errors import ParameterError
@@ -110,7 +114,7 @@ def test_every_op_and_option_has_a_page():
 
 def test_versions_of_everything_are_said():
     said = oiiotex("--version").stdout
-    for what in ("oiiotex 0", "OpenImageIO 3", "OpenColorIO 2", "device: "):
+    for what in ("oiiotex 0", "OpenImageIO 3", "OpenColorIO 2", "--devices"):
         assert what in said
 
 
@@ -133,4 +137,76 @@ def test_completion_in_bash(typed, wanted):
 
 
 def test_completion_for_another_shell_is_refused():
-    assert "allowed is bash or zsh" in oiiotex("--completion", "fish").stderr
+    assert "allowed is bash, zsh or fish" in oiiotex("--completion", "tcsh").stderr
+
+
+def test_completion_in_fish_knows_every_option_and_modifier():
+    script = shells.completion("fish")
+    known = {}
+    for line in script.splitlines():
+        if line.startswith("complete -c oiiotex -") and " -d " in line:
+            words = shlex.split(line.replace("\\'", "`"))
+            known[("--" if words[3] == "-l" else "-") + words[4]] = words[-1]
+    assert set(known) == {flag for flag, *_ in shells.declarations()} and all(known.values())
+    for flag, _, _, modifiers in shells.declarations():
+        if modifiers:
+            offered = script.partition(f"case {flag}\n")[2].partition("\n")[0]
+            assert all(f'"$begun"{modifier.name}=' in offered for modifier in modifiers)
+
+
+@pytest.mark.skipif(not shutil.which("fish"), reason="no fish")
+def test_completion_in_fish():
+    for typed, wanted in (("--texsta", "--texstationarize"), ("--texstationarize:sigma=3:se", "seed=")):
+        probe = f"{shells.completion('fish')}\ncomplete -C 'oiiotex a.exr {typed}'"
+        assert wanted in subprocess.run(["fish", "-c", probe], capture_output=True, text=True).stdout
+
+
+def test_the_manual_names_every_op_and_option():
+    text = shells.manual()
+    for flag, *_ in shells.declarations():
+        assert f".B {flag}".replace("-", "\\-") in text
+    assert all(not line.startswith("'") for line in text.splitlines())
+
+
+@pytest.mark.skipif(not shutil.which("groff"), reason="no groff")
+def test_groff_takes_the_manual():
+    done = subprocess.run(["groff", "-man", "-Tutf8", "-ww"], input=shells.manual(), capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "texture filters in an oiiotool-style chain" in done.stdout
+
+
+def test_the_program_alone_says_ten_lines():
+    done = oiiotex()
+    assert done.returncode == 0 and len(done.stdout.splitlines()) == 10
+    assert "usage: " in done.stdout and "--help" in done.stdout
+
+
+def test_the_page_of_a_modifier():
+    assert report.page("stationarize:sigma").startswith("--texstationarize:sigma=\n\nscale above which")
+    assert "Allowed: a number >= 0.5" in report.page("--texstationarize:sigma")
+    assert report.page("-o:tile").startswith("-o:tile=")
+    with pytest.raises(ParameterError, match="has no modifier 'sigm', did you mean 'sigma'"):
+        report.page("stationarize:sigm")
+
+
+def test_every_modifier_has_a_page():
+    for flag, _, _, modifiers in shells.declarations():
+        for modifier in modifiers:
+            assert report.page(f"{flag}:{modifier.name}").startswith(f"{flag}:{modifier.name}=")
+
+
+def test_the_cache_folder_is_shown_and_emptied(tmp_path):
+    folder = tmp_path / "oiiotex"
+    (folder / "candidates").mkdir(parents=True)
+    (folder / "candidates" / "x.arrays").write_bytes(bytes(2_000_000))
+    (folder / "probe-1.json").write_text("{}")
+    (folder / "mine.txt").write_text("of the user")
+    (tmp_path / "kept.arrays").write_text("elsewhere")
+    (folder / "sigmas").symlink_to(tmp_path)
+    there = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    said = oiiotex("--cache-info", env=there).stdout
+    assert str(folder) in said and "2.0 MB  analysed exemplars" in said
+    assert oiiotex("--cache-clear", env=there).stdout == f"2 files, 2.0 MB removed from {folder}\n"
+    assert sorted(path.name for path in folder.iterdir()) == ["mine.txt"]
+    assert (tmp_path / "kept.arrays").exists()
+    assert "0 files" in oiiotex("--cache-clear", env=there).stdout

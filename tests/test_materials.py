@@ -40,7 +40,7 @@ def images(normal: np.ndarray = NORMAL) -> list[oiio.ImageBuf]:
 
 def made(given: list[oiio.ImageBuf] | None = None, **more: object):
     first, *others = given or images()
-    return filters.stationarize(first, maps=others, **{**QUICK, "kinds": KINDS, **more})
+    return filters.stationarize(first, maps=others, **{**QUICK, "kinds": KINDS.split(","), **more})
 
 
 def test_all_maps_come_from_the_same_places():
@@ -71,8 +71,8 @@ def test_maps_that_are_no_colours_are_never_colour_managed():
         np.testing.assert_array_equal(pixels(a), pixels(b))
     as_data = filters.stationarize(images()[0], maps=images()[1:], **QUICK)  # without kinds: data
     assert len(as_data) == 3
-    with pytest.raises(errors.ColorError, match="--iscolorspace"):
-        made(kinds="colour,colour,data")
+    with pytest.raises(errors.ColorError, match="say colorspace=NAME"):
+        made(kinds=["color", "colour", "data"])
 
 
 def test_signed_normals_are_as_good_as_encoded_ones():
@@ -119,10 +119,10 @@ def test_maps_of_different_sizes_or_windows_are_refused(change, said):
     ("given", "said"),
     [
         (
-            {"kinds": "colour,normal"},
+            {"kinds": ["colour", "normal"]},
             "kinds=colour,normal: allowed is one of .* for each of the 3 maps",
         ),
-        ({"kinds": "colour,bump,data"}, "kinds=colour,bump,data: allowed is"),
+        ({"kinds": ("colour", "bump", "data")}, "kinds=colour,bump,data: allowed is"),
         ({"match": (1, 1)}, "match=1,1: allowed is one number for each of the 3 maps"),
         ({"match": (0, 0, 0)}, "match=0,0,0: allowed is"),
         ({"n": 2}, "n=2: there are 3 maps"),
@@ -151,3 +151,9 @@ def test_n_takes_and_pushes_images_of_the_stack(tmp_path):
     assert {v.tobytes() for v in load(tmp_path / "normal_t.exr").reshape(-1, 3)} <= known
     done = oiiotex("albedo.png", "normal.exr", op, "-o", "x.exr", cwd=tmp_path)
     assert done.returncode == 1 and "takes 3 image(s), there are 2" in done.stderr
+
+
+def test_too_many_channels_are_refused_in_a_whole_sentence():
+    said = "33 channels to compare, at most 32 are allowed: match= with 0 leaves a map out$"
+    with pytest.raises(errors.ParameterError, match=said):
+        filters.stationarize(buffer(ALBEDO), maps=[buffer(ALBEDO)] * 10, **QUICK)

@@ -6,10 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oiiotex.device import Buffers
-from oiiotex.synthesis import histograms, moments
+from oiiotex.core.window import Domain
+from oiiotex.opencl.buffers import Buffers
+from oiiotex.projections import histograms, moments
+from oiiotex.stationarity.grid_statistics import CellGrid
 from tests import pictures
 from tests.reference import moments as reference
+from tests.reference.projections import projected_by
 
 
 def lab_like(height: int, width: int, seed: int = 0) -> np.ndarray:
@@ -18,14 +21,13 @@ def lab_like(height: int, width: int, seed: int = 0) -> np.ndarray:
 
 def projected(device, image, sigma, order, wrap=(True, True), strength=1.0):
     height, width, channels = image.shape
-    cells = histograms.Cells.of(width, height, sigma)
+    grid = CellGrid.of(Domain(width, height, *wrap), sigma)
     seen = image[image[..., 0] != histograms.OUTSIDE]
     low, high = seen.min(0), seen.max(0)
-    with Buffers(device, {**moments.layout(cells, channels), "image": image.nbytes}, 1 << 30, "test") as buffers:
-        device.write(buffers["image"], image)
-        made = moments.MomentProjection(device, buffers, cells, sigma, low, high, *wrap, order)
-        made.project("image", "matched", strength)
-        return device.read(buffers["matched"], image.shape, np.int16)
+    both = {"image": image.nbytes, "matched": image.nbytes}
+    with Buffers(device, {**moments.layout(grid, channels), **both}, 1 << 30, "test") as buffers:
+        made = moments.MomentProjection(device, buffers, grid, low, high, order)
+        return projected_by(made, device, buffers, image, strength)
 
 
 @pytest.mark.parametrize("order", [2, 3, 4])

@@ -7,13 +7,23 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.device import Device, choose
+from oiiotex.core.window import Window
 from oiiotex.errors import DeviceError, ParameterError
-from oiiotex.synthesis.candidates import analyse
-from oiiotex.synthesis.exemplars import Graph
-from oiiotex.synthesis.multiscale import KEPT_IN_LOOPS, Settings, Synthesizer, default_jitter, plan, schedule
-from oiiotex.synthesis.targets import stacks_of
-from oiiotex.windows import Window
+from oiiotex.multiscale.candidate_sets import analyse
+from oiiotex.multiscale.graph import Graph
+from oiiotex.multiscale.synthesizer import (
+    KEPT_IN_LOOPS,
+    LatticeSteps,
+    PlaneSettings,
+    Synthesizer,
+    default_jitter,
+    plan,
+    schedule,
+)
+from oiiotex.multiscale.targets import stacks_of
+from oiiotex.opencl.device import Device, choose
+from oiiotex.regularity.lattice import BINS, Lattice
+from oiiotex.regularity.offset_prices import InStep
 from tests import pictures
 from tests.conftest import data_folder
 from tests.reference.multiscale import Oracle
@@ -40,8 +50,20 @@ def plain(device):
     return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1), periodic=True)
 
 
+@pytest.fixture(scope="module")
+def mirrored(device):
+    return analysed(device, Graph.single("a"), pictures.pebbles(32, 32, 1))
+
+
+def steps_of(frequencies, structure):
+    """Of a lattice with these frequencies."""
+    u = np.cos(2 * np.pi * np.arange(BINS) / BINS)
+    lattice = Lattice(np.array(frequencies), 9.0, u if len(frequencies) == 1 else u[:, None] + u)
+    return LatticeSteps.of(InStep(lattice, lattice.frequencies, structure))
+
+
 def settings(**more):
-    return Settings(**{"seed": 3, "jitter": (0.0, 0.6, 0.6, 0.6, 0.3), "kept": 0.8, **more})
+    return PlaneSettings(**{"seed": 3, "jitter": (0.0, 0.6, 0.6, 0.6, 0.3), "kept": 0.8, **more})
 
 
 @pytest.mark.parametrize("lanes", [1, 16, 32])
@@ -56,6 +78,20 @@ def test_a_window_is_the_oracles(loop, lanes, place):
     np.testing.assert_array_equal(made.offset[..., :3], offset)
     assert offset.any()  # it has come to the other exemplar, and taken colours along
     assert {loop.stacks.levels.stacks[n][0] for n in np.unique(texel >> 8)} == {1}
+
+
+@pytest.mark.parametrize("lanes", [1, 16])
+@pytest.mark.parametrize(
+    "frequencies", [[[1 / 7.3, 0.02], [-0.03, 1 / 9.1]], [[0.1, 0.04]]], ids=["lattice", "stripes"]
+)
+@pytest.mark.parametrize(("structure", "around"), [(0.5, None), (0.2, (64, 96))])
+def test_a_window_in_step_is_the_oracles(mirrored, lanes, frequencies, structure, around):
+    narrow = type("Lanes", (Device,), {"lanes": lanes})(choose())
+    kept = settings(kept=1.0, steps=steps_of(frequencies, structure), around=around, around_level=5)
+    for place, level in (((-3, 2), 5), ((FAR + 5, -FAR), 5), ((FAR + 5, -FAR), 3)):
+        window = Window.sized(*place, 7, 6)
+        made = Synthesizer(narrow, mirrored, kept, BUDGET).window(level, window)
+        np.testing.assert_array_equal(made.texel, Oracle(mirrored, kept).window(level, *window)[0])
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3])
@@ -128,7 +164,8 @@ def test_without_jitter_the_root_itself_comes_out(device, plain):
 
 
 def test_jitter_by_level():
-    assert default_jitter(6) == (0.0, 0.6, 0.6, 0.6, 0.6, 0.0)
+    assert default_jitter(7) == (0.0, 1.0, 1.0, 1.0, 0.6, 0.6, 0.0)
+    assert default_jitter(4) == (0.0, 1.0, 1.0, 0.0) and not any(default_jitter(2))
     assert default_jitter(6, endless=True) == (0.0, 0.6)  # the last holds for all further ones
     assert settings().rho(9) == round(256 * 0.3)
 
@@ -168,7 +205,7 @@ def test_a_zoom_without_end_keeps_its_contrast(device, name, r):
         photo = whole[top : top + 128, left : left + 128, :3].mean(-1, keepdims=True) * np.ones(3)
     made = analysed(device, graph_of("a", ("a", "a", r)), photo)
     plain = made.stacks
-    maker = Synthesizer(device, made, Settings(seed=1, jitter=default_jitter(7, True), kept=KEPT_IN_LOOPS), BUDGET)
+    maker = Synthesizer(device, made, PlaneSettings(seed=1, jitter=default_jitter(7, True), kept=KEPT_IN_LOOPS), BUDGET)
     exemplar = 800 * (photo[..., 0] - photo[..., 0].mean())  # on the grid of the planes
     for level in (12, 20, 40):
         found = []
@@ -179,3 +216,13 @@ def test_a_zoom_without_end_keeps_its_contrast(device, name, r):
             found.append(colour.std())
             assert len(np.unique(state.texel)) > 1000  # no texel is everywhere
         assert np.mean(found) == pytest.approx(exemplar.std(), rel=0.25)
+
+
+def test_windows_may_be_asked_for_before_others_have_come(device, loop):
+    maker = Synthesizer(device, loop, settings(), BUDGET)
+    places = [Window.sized(40 * n, -7, 41 - n, 30) for n in range(4)]
+    begun = [maker.begin(7, place) for place in places]
+    for place, made in zip(places, begun, strict=True):
+        alone, found = Synthesizer(device, loop, settings(), BUDGET).window(7, place), made()
+        np.testing.assert_array_equal(found.texel, alone.texel)
+        np.testing.assert_array_equal(found.offset, alone.offset)

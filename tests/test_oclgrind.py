@@ -6,14 +6,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib import resources
 
 import pytest
 
-from oiiotex import device
+from oiiotex.opencl import device
 
 BEFORE = """
 import numpy as np
-from oiiotex.device import Device, choose
+from oiiotex.opencl.device import Device, choose
 Device.lanes = {lanes}
 opened = Device(choose("Oclgrind"))
 class Names(set):
@@ -26,20 +27,29 @@ print(*sorted(opened._events))
 """
 # what runs all kernels of some files in cl/
 USES = {
-    "patchmatch histograms": """
-from oiiotex.synthesis.guidance import Guidance, Held
-from oiiotex.synthesis.stationarize import Recipe, synthesize
+    "patchmatch histograms use_prices": """
+from oiiotex.core.source_map import SourceMap
+from oiiotex.patchmatch.constraints import Constraints, FixedPixels
+from oiiotex.patchmatch.optimization import Recipe, synthesize
 exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
 for wrap in (True, False):
     recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
-                    uniformity=0.05, contrast=0.7, flat=True)
+                    uniformity=0.05, contrast=0.7, flat=True, complete=True)
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 exemplar = (np.random.default_rng(0).random((12, 13, 5)) * 100).astype(np.float32)
-held = Held(np.indices((9, 11)).sum(0) < 6, np.zeros((9, 11), np.uint32), is_goal=True)
-synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None, guidance=Guidance(held=held))
+fixed = FixedPixels(np.indices((9, 11)).sum(0) < 6, SourceMap(np.zeros((9, 11), np.uint32)), is_goal=True)
+synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None, constraints=Constraints(fixed=fixed))
+sigmas = np.geomspace(2, 5, 99).astype(np.float32).reshape(9, 11)
+synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None, constraints=Constraints(sigmas=sigmas))
+from dataclasses import replace
+from oiiotex.regularity.lattice import Lattice
+from oiiotex.regularity.offset_prices import InStep
+lattice = Lattice(np.array([[0.2, 0.05], [-0.03, 0.3]]), 9.0, np.eye(64))
+recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))
+synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
     "moments steerable": """
-from oiiotex.synthesis.stationarize import Recipe, synthesize
+from oiiotex.patchmatch.optimization import Recipe, synthesize
 exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
 for wrap, measure in ((True, "moments"), (False, "steerable")):
     recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
@@ -47,31 +57,32 @@ for wrap, measure in ((True, "moments"), (False, "steerable")):
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
     "superpixels": """
-from oiiotex.analysis import labgrid
-from oiiotex.analysis.hierarchy import hierarchy
-from oiiotex.analysis.superpixels import superpixels
-from oiiotex.working import lens_of
+from oiiotex.color import lab_on_device as labgrid
+from oiiotex.superpixels.hierarchy import hierarchy
+from oiiotex.superpixels.superpixels import superpixels
+from oiiotex.color.lab import lens_of
 from tests.test_superpixels import image_of, session_of
 pixels = np.random.default_rng(0).random((19, 27, 4))
 pixels[3:8, 5:9, 3] = 0
 session, image = session_of(opened), image_of(pixels)
 for budget in (labgrid._HOST_BYTES, 0):
     labgrid._HOST_BYTES, labgrid.BAND_BYTES = budget, 1000
-    found = superpixels(image, lens_of(image, session.color), session, sigma=5.0, iterations=3)
+    found = superpixels(image, lens_of(image, session), session, sigma=5.0, iterations=3)
 hierarchy(found, session, np.array([5.0, 8.0, 11.0, 14.0]))
 """,
     "quilting": """
-from oiiotex.analysis import regions
-from oiiotex.synthesis import quilting
-from oiiotex.synthesis.plans import Grid, NONE, Plan
-from oiiotex.windows import Window
+from oiiotex.labels import content_table as regions
+from oiiotex.quilting import quilter as quilting
+from oiiotex.quilting.quilt_plan import Grid, Plan
+from oiiotex.core.source_map import NONE
+from oiiotex.core.window import Window
 random = np.random.default_rng(0)
 lab = random.integers(-300, 300, (19, 23, 3)).astype(np.int16)
 labels = np.where(np.indices((19, 23))[1] < 12, 1, 2).astype(np.uint8)
 for tile in (True, False):
-    grid = Grid(27, 22, 12, 4, tile, tile)
-    table = regions.content_table(*regions.window_keys(labels, 12), 12, grid.step)
-    found = quilting.Exemplar(lab, table, (quilting.folded(labels), quilting.folded(labels + 3)), labels)
+    grid = Grid(27, 22, tile, tile, patch=12, overlap=4)
+    table = regions.content_table(*regions.window_keys(labels, 12), 12)
+    found = quilting.QuiltExemplar(lab, table, (quilting.folded(labels), quilting.folded(labels + 3)), labels)
     keys = random.integers(0, len(table.keys), grid.shape).astype(np.int32)
     guide = random.integers(0, 3, (*grid.shape, quilting.GUIDE, quilting.GUIDE)).astype(np.uint16)
     rules = quilting.Rules(candidates=5, reach=1, reuse=1.0)
@@ -84,11 +95,11 @@ for tile in (True, False):
 """,
     "candidates multiscale": """
 from pathlib import Path
-from oiiotex.synthesis.candidates import Stacks, analyse
-from oiiotex.synthesis.exemplars import Edge, Graph
-from oiiotex.synthesis.multiscale import Settings, Synthesizer
-from oiiotex.synthesis.superexemplar import unrolled
-from oiiotex.windows import Window
+from oiiotex.multiscale.candidate_sets import Stacks, analyse
+from oiiotex.multiscale.graph import Edge, Graph
+from oiiotex.multiscale.synthesizer import Settings, Synthesizer
+from oiiotex.multiscale.superexemplar import unrolled
+from oiiotex.core.window import Window
 graph = Graph(("a",), (Path("a"),), 0, (Edge(0, 0, 1),), (1.0,), (None,))
 levels = unrolled(graph, 4)
 planes = np.random.default_rng(0).integers(-900, 900, (len(levels.stacks), 16, 16, 4)).astype(np.int16)
@@ -126,12 +137,12 @@ def test_oclgrind_finds_nothing(tmp_path, files, lanes):
     kernels = {
         line.split("(")[0].split()[-1]
         for name in files.split()
-        for line in (device.resources.files("oiiotex") / "cl" / f"{name}.cl").read_text().splitlines()
+        for line in (resources.files("oiiotex") / "cl" / f"{name}.cl").read_text().splitlines()
         if line.startswith("__kernel")
     }
     assert kernels - set(done.stdout.split()) <= (UNUSED if lanes > 1 else set()), "a kernel did not run"
 
 
 def test_all_kernels_are_run():
-    files = {f.name for f in (device.resources.files("oiiotex") / "cl").iterdir() if f.name.endswith(".cl")}
+    files = {f.name for f in (resources.files("oiiotex") / "cl").iterdir() if f.name.endswith(".cl")}
     assert files == {f"{name}.cl" for names in USES for name in names.split()}

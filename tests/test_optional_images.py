@@ -81,10 +81,12 @@ def test_what_is_wrong_is_said(folder, line, said):
 
 def test_python_says_what_is_wrong():
     photo = buffer(PHOTO)
-    with pytest.raises(errors.ParameterError, match="mask=nope: the image has no such part; it has part0"):
+    with pytest.raises(
+        errors.ParameterError, match="mask='nope': neither a part of the image, which has part0, nor a file"
+    ):
         filters.patchmatch(photo, mask="nope")
-    with pytest.raises(errors.ImageError, match="ndarray"):
-        filters.patchmatch(photo, mask=LEFT)
+    with pytest.raises(errors.ParameterError, match="not list"):
+        filters.patchmatch(photo, mask=LEFT.tolist())
     with pytest.raises(errors.ImageError, match="at least one part"):
         filters.patchmatch({})
 

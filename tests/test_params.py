@@ -12,25 +12,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from oiiotex.core.access import Pointwise
+from oiiotex.core.image import Image
+from oiiotex.core.op import Kind, Output, Space
+from oiiotex.core.parameters import Numbers, Parameter, Size, argument, image, nearest, param, parse_modifiers
 from oiiotex.errors import ParameterError
 from oiiotex.filters import FILTERS
-from oiiotex.images import Image
-from oiiotex.op import Op, Output, Reach, Space
-from oiiotex.params import Numbers, Parameter, Size, argument, image, nearest, param, parse_modifiers
 from tests.everything import KNOWN, Everything, is_allowed, refusal
 
 FUZZ = settings(max_examples=100, deadline=None, derandomize=True, database=None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Merge(Op):
+class Merge(Pointwise):
     """An op of the host's kind: words behind it, and as many images as there are."""
 
     prefix: ClassVar[str] = "--"
     name: ClassVar[str] = "merge"
-    reach: ClassVar[Reach] = Reach.POINT
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("out", "nothing"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("out", Kind.PIXELS, "nothing"),)
 
     sources: tuple[Image, ...] = image(help="what to merge")
     mask: Image | None = image(None, help="where")
@@ -50,7 +50,7 @@ def test_a_declaration_gives_images_and_parameters_in_their_order():
         ("source", None, True, "what to look at"),
         ("mask", None, False, "where to look"),
     ]
-    order = ["count", "strength", "sigma", "anything", "size", "flag", "stmap", "mode", "patch", "colour"]
+    order = ["count", "strength", "sigma", "anything", "size", "flag", "stmap", "mode", "patch", "colour", "words"]
     assert [p.name for p in parameters] == order
     assert not any(given.many for given in images)
 
@@ -76,6 +76,7 @@ def test_a_declaration_keeps_its_facts():
         ("mode", "xy | x | none"),
         ("patch", "0 | 1 | 5 | 7"),
         ("colour", "numbers with commas between them"),
+        ("words", "words with commas between them"),
     ],
 )
 def test_allowed_says_type_range_and_unit(name, words):
@@ -171,6 +172,8 @@ def test_a_falsy_word_is_a_choice_too():
         ("patch", "6"),
         ("patch", "05"),
         ("patch", "5.0"),
+        ("words", ""),
+        ("words", "a,,b"),
         ("colour", ""),
         ("colour", "1,"),
         ("colour", ",1"),
@@ -270,7 +273,7 @@ def test_an_op_holds_checked_values_and_its_refusals_bear_its_name():
     made = Everything(source=None, count=np.int64(3), size=[6, 7], strength=1)
     assert made.values() == {
         "count": 3, "strength": 1.0, "sigma": None, "anything": 0.0, "size": Size(6, 7), "flag": False, "stmap": False,
-        "mode": "xy", "patch": 0, "colour": None,
+        "mode": "xy", "patch": 0, "colour": None, "words": None,
     }  # fmt: skip
     assert (type(made.count), type(made.size), type(made.strength)) == (int, Size, float)
     text = refusal(lambda: Everything(source=None, count=11))
@@ -313,13 +316,12 @@ def test_a_declaration_says_where_many_images_go():
 
 
 @dataclass(frozen=True, kw_only=True)
-class Set(Op):
+class Set(Pointwise):
     """Takes as many images as n says."""
 
     name: ClassVar[str] = "set"
-    reach: ClassVar[Reach] = Reach.POINT
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("out", "as many"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("out", Kind.PIXELS, "as many"),)
 
     first: Image = image(help="the first")
     others: tuple[Image, ...] = image((), help="the others", count="n")

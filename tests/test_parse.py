@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 
 import pytest
 from hypothesis import given, settings
@@ -13,10 +15,11 @@ from hypothesis import strategies as st
 
 from oiiotex.cli.language import LANGUAGE
 from oiiotex.cli.parse import CommandLine, Language, Option, Refused, parse, split_modifiers, values_of
-from oiiotex.errors import ParameterError
+from oiiotex.core.op import Op
+from oiiotex.core.parameters import param
+from oiiotex.deferred import Shelf
+from oiiotex.errors import ParameterError, one_line
 from oiiotex.filters import FILTERS, PatchMatch, Stationarize, Warp
-from oiiotex.op import Op
-from oiiotex.params import param
 
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
 OPS = tuple(itertools.chain.from_iterable(LANGUAGE.ops.values()))
@@ -218,13 +221,18 @@ def test_two_dashes_alone_are_unknown():
     assert "unknown option '--'" in refusal(read, "--")
 
 
-def test_a_language_says_what_is_refused_and_why():
+def test_a_language_says_what_is_refused_and_why(monkeypatch):
     @dataclass(frozen=True)
     class Modifiers:
         depth: int = param(0, help="how deep", ge=0)
 
     dig = Option("--dig", ("WHERE",), "a hole", lambda *_: None, Modifiers, aliases=("-D",))
-    language = Language({}, {"Work": (dig,)}, (Refused("--fly", 2, "people cannot fly"),))
+    work = ModuleType("work")
+    work.OPTIONS = (dig,)
+    monkeypatch.setitem(sys.modules, "work", work)
+    language = Language(
+        (Shelf("Work", "work", ("--dig", "-D"), "OPTIONS"),), (Refused("--fly", 2, "people cannot fly"),)
+    )
     assert language.options == (dig,)
     assert (language.takes("--fly"), language.takes("-D:depth=3"), language.takes("--swim")) == (2, 1, 0)
     (step,) = parse(["-D:depth=3", "here"], language).steps
@@ -318,7 +326,7 @@ def test_any_word_is_split_or_refused(word):
     try:
         name, modifiers = split_modifiers(word)
     except ParameterError as error:
-        assert str(error).startswith(f"{word}: ")
+        assert str(error).startswith(one_line(f"{word}:"))
     else:
         assert word.startswith(name) or "=" in name  # a quote can only stand behind an equal sign
         assert all(modifiers)

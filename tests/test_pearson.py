@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from oiiotex.synthesis import pearson
+from oiiotex.projections import pearson_table
+from tests.reference import pearson
 
 TYPES = {
     "I": (0.6, 2.6), "I, a J": (1.5, 4.0), "I, a U": (0.4, 1.4), "II": (0.0, 2.0), "II, flat": (0.0, 1.8),
@@ -85,16 +86,23 @@ def test_at_the_bound_and_below_it_there_are_two_values(kurtosis):
     assert np.quantile(np.abs(near - found), 0.95) < 0.02
 
 
+def test_the_kept_table_is_what_scipy_says():
+    made = pearson.tabulated()
+    assert (made["quantiles"].dtype, made["shares"].dtype) == (np.float32, np.float64)
+    np.testing.assert_allclose(pearson_table.table_shares(), made["shares"], rtol=1e-14)
+    np.testing.assert_allclose(pearson_table.quantile_table(), made["quantiles"], rtol=1e-5, atol=1e-6)
+
+
 def test_the_table_is_the_distribution_and_reads_both_ways():
-    table = pearson.quantile_table()
+    table = pearson_table.quantile_table()
     assert np.isfinite(table).all() and (np.diff(table, axis=2) >= 0).all()
     random = np.random.default_rng(0)
     for _ in range(40):
         skewness = random.uniform(-2, 2)
         kurtosis = 1 + skewness**2 + random.uniform(1.0, 8.0)
-        at = [float(v) for v in pearson.table_place(np.array(skewness), np.array(kurtosis))]
+        at = [float(v) for v in pearson_table.table_place(np.array(skewness), np.array(kurtosis))]
         shares = random.uniform(0.02, 0.98, 20)
-        found = pearson.shares_below(pearson.pearson_ppf(shares, skewness, kurtosis), *at)
+        found = pearson_table.shares_below(pearson.pearson_ppf(shares, skewness, kurtosis), *at)
         assert np.abs(found - shares).max() < 0.1  # at the sharp end of a J; elsewhere below a percent
         assert np.median(np.abs(found - shares)) < 0.01
-    assert pearson.shares_below(np.array([-99.0, 0.0, 99.0]), 0.0, 16.0)[[0, 2]].tolist() == [0.0, 1.0]
+    assert pearson_table.shares_below(np.array([-99.0, 0.0, 99.0]), 0.0, 16.0)[[0, 2]].tolist() == [0.0, 1.0]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import load, oiiotex
+from tests.conftest import load, oiiotex, save
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "your_own_filter.md"
@@ -52,7 +52,9 @@ def studio(site) -> dict[str, str]:
 
 def test_the_page_shows_a_filter_of_thirty_lines():
     code = [line for line in blocks()["studio_filters.py"].splitlines() if line.strip()]
-    assert set(blocks()) == {"pyproject.toml", "studio_filters.py"}
+    assert set(blocks()) == {"pyproject.toml", "studio_filters.py", "studio_mix.py", "studio_colour.py"}
+    for name in ("studio_filters.py", "studio_mix.py", "studio_colour.py"):  # by the public door alone
+        assert set(re.findall(r"from (oiiotex[\w.]*) import", blocks()[name])) == {"oiiotex.plugin"}
     assert len(code) <= 30
 
 
@@ -64,6 +66,36 @@ def test_it_joins_the_chain(studio, photo, tmp_path):
     assert "did you mean 'steps'" in bad.stderr
 
 
+def test_a_filter_of_two_images_works_in_lab(studio, photo, tmp_path):
+    space = ("--iscolorspace", "srgb_rec709_scene")
+    dark = save(0.8 * load(photo)[:40] / 255.0, tmp_path / "dark.png")
+    words = (photo, *space, dark, *space, "--texmatchlight", "-d", "float", "-o", "lit.exr")
+    done = oiiotex(*words, cwd=tmp_path, env=studio)
+    assert (done.returncode, done.stderr) == (0, "")
+    means = []
+    for name in ("lit.exr", dark):
+        assert oiiotex(name, *space, "--texlab", "-d", "float", "-o", "lab.exr", cwd=tmp_path).returncode == 0
+        means.append(load(tmp_path / "lab.exr")[..., :3].mean((0, 1)))
+    np.testing.assert_allclose(*means, atol=0.1)
+
+
+def test_a_filter_of_two_images_mixes_pixel_by_pixel(studio, tmp_path):
+    random, space = np.random.default_rng(0), ("--iscolorspace", "srgb_rec709_scene")
+    save(random.random((40, 50, 4)) * 0.5 + 0.5, tmp_path / "a.exr", "float", x=7, y=-5)
+    save(random.random((30, 60, 3)), tmp_path / "b.exr", "float")
+    words = ("a.exr", *space, "b.exr", *space, "--texlabmix:amount=0.25", "-o", "mix.exr")
+    done = oiiotex(*words, cwd=tmp_path, env=studio)
+    assert (done.returncode, done.stderr) == (0, "")
+    a, _, mix = (load(tmp_path / f"{name}.exr") for name in ("a", "b", "mix"))
+    np.testing.assert_array_equal(mix[..., 3], a[..., 3])
+    np.testing.assert_allclose(mix[30:], a[30:], atol=1e-4)
+    labs = []
+    for name in ("a", "b", "mix"):
+        assert oiiotex(f"{name}.exr", *space, "--texlab", "-o", "lab.exr", cwd=tmp_path).returncode == 0
+        labs.append(load(tmp_path / "lab.exr")[:30, :50, :3])
+    np.testing.assert_allclose(labs[2], 0.75 * labs[0] + 0.25 * labs[1], atol=0.05)
+
+
 def test_it_joins_help_and_completion(studio):
     assert "--texposterize" in oiiotex("--help", env=studio).stdout
     assert ":steps" in oiiotex("--help", "posterize", env=studio).stdout
@@ -72,16 +104,17 @@ def test_it_joins_help_and_completion(studio):
 
 @pytest.mark.slow
 def test_it_joins_the_promise_tests(studio):
-    command = [sys.executable, "-m", "pytest", "tests/test_promises.py", "-k", "posterize", "-v"]
+    which = "posterize or labmix or matchlight"
+    command = [sys.executable, "-m", "pytest", "tests/test_promises.py", "-k", which, "-v"]
     done = subprocess.run(command, cwd=ROOT, env=studio, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-3000:]
-    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 10
+    assert int(re.search(r"(\d+) passed", done.stdout)[1]) >= 90
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (("class Posterize(Op)", "class Posterize"), "no subclass"),
+        (("class Posterize(Pointwise)", "class Posterize"), "no subclass"),
         (('"posterize"', '"warp"'), "there is a filter 'warp' already"),
         (("import numpy", "import nothing_of_that_name"), "nothing_of_that_name"),
     ],

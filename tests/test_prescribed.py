@@ -10,11 +10,16 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.analysis.quality import seam_ratio
-from oiiotex.device import Buffers
-from oiiotex.synthesis import guidance, histograms
+from oiiotex.core.window import Domain
+from oiiotex.opencl.buffers import Buffers
+from oiiotex.opencl.rows import Rows
+from oiiotex.patchmatch import constraints
+from oiiotex.projections import histograms
+from oiiotex.stationarity.grid_statistics import CellGrid
+from oiiotex.stationarity.seam_measures import seam_ratio
 from tests import pictures
 from tests.conftest import load, oiiotex, save
+from tests.reference.projections import projected_by
 from tests.test_histograms import lab_like
 from tests.test_promises import buffer, pixels
 
@@ -157,22 +162,19 @@ def test_a_map_is_blended_in_the_logarithm_from_octaves(device):
     image = lab_like(61, 47)
     low, high = image.reshape(-1, 3).min(0), image.reshape(-1, 3).max(0)
     wanted = np.geomspace(3.0, 17.0, 47)[None, :].repeat(61, 0).astype(np.float32)
-    stack = guidance.octaves(wanted)
-    assert stack[0] == pytest.approx(3) and stack[-1] == pytest.approx(17) and len(stack) == 4
-    cells = [histograms.Cells.of(47, 61, sigma) for sigma in stack]
-    layout = {name: max(c.layout()[name] for c in cells) for name in cells[0].layout()}
-    with Buffers(device, {**layout, "image": image.nbytes}, 1 << 30, "test") as buffers:
-        device.write(buffers["image"], image)
-        made_of = [
-            histograms.Projection(device, buffers, c, sigma, low, high, True, True)
-            for c, sigma in zip(cells, stack, strict=True)
-        ]
-        each = []
-        for projection in made_of:
-            projection.project("image", "matched")
-            each.append(device.read(buffers["matched"], image.shape, np.int16).astype(float))
-        guidance.VaryingProjection(device, buffers, made_of, wanted).project("image", "matched")
-        found = device.read(buffers["matched"], image.shape, np.int16)
+    octaves = constraints.octaves(wanted)
+    assert octaves[0] == pytest.approx(3) and octaves[-1] == pytest.approx(17) and len(octaves) == 4
+    grids = [CellGrid.of(Domain(47, 61, True, True), sigma) for sigma in octaves]
+    layout = {"image": image.nbytes, "matched": image.nbytes} | constraints.VaryingProjection.layout(47, 61)
+    for number, grid in enumerate(grids):  # the finest first: the others need less of what they share
+        layout = histograms.layout(grid, name=f"grid{number}") | layout
+    with Buffers(device, layout, 1 << 30, "test") as buffers:
+        stack = [histograms.Projection(device, buffers, g, low, high, f"grid{n}") for n, g in enumerate(grids)]
+        each = [projected_by(projection, device, buffers, image).astype(float) for projection in stack]
+        places = Rows(device, buffers, "place", 47, 61, False, None, 0)
+        device.write(buffers["place"], constraints.VaryingProjection.places_of(wanted, 4))
+        varying = constraints.VaryingProjection(device, buffers, stack, 47, places)
+        found = projected_by(varying, device, buffers, image)
     place = np.log(wanted / 3.0) / np.log(17 / 3.0) * 3
     lower = np.minimum(place.astype(int), 2)
     share = (place - lower)[..., None]
@@ -180,6 +182,11 @@ def test_a_map_is_blended_in_the_logarithm_from_octaves(device):
     each = np.stack(each)
     blend = (1 - share) * each[lower, y, x] + share * each[lower + 1, y, x]
     assert np.abs(found - blend).max() <= 0.51 + np.abs(each[1:] - each[:-1]).max() / 512
+    # to the bit: shares are whole 256ths, halves go up
+    shares = np.stack([np.rint(256 * np.clip(1 - np.abs(place.astype(np.float32) - k), 0, 1)) for k in range(4)])
+    total = (shares[..., None] * each).sum(0)
+    exact = np.floor(total / shares.sum(0)[..., None] + 0.5)
+    assert (found == exact).mean() > 0.999  # but for places that this test takes of a logarithm of its own
 
 
 def test_where_sigma_is_small_the_result_is_more_even():

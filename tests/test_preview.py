@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.analysis.quality import seam_ratio
+from oiiotex.charts.tile_preview import area_means, made_seamless, plane_in_perspective, repeated
 from oiiotex.session import Session
-from oiiotex.synthesis.layouts import area_means, made_seamless, plane_in_perspective, repeated
+from oiiotex.stationarity.seam_measures import seam_ratio
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_promises import buffer, pixels
@@ -60,7 +60,7 @@ def test_panels_stand_side_by_side_in_the_order_asked_for():
     tile, photo = buffer(TILE), buffer(pictures.pebbles(60, 60, 2))
     every = pixels(filters.preview(tile, exemplar=photo, height=48))
     assert every.shape == (48, 48 + 48 + 64 + 64 + 72 + 4 * 8, 3)
-    few = pixels(filters.preview(tile, panels="plane, 2x2", height=48))
+    few = pixels(filters.preview(tile, panels=["plane", "2x2"], height=48))
     np.testing.assert_array_equal(few[:, :72], every[:, -72:])
     np.testing.assert_allclose(few[:, -64:], repeated(TILE.astype(np.float32), 2, 48), atol=1e-6)
     assert pixels(filters.preview(tile, height=48)).shape[1] == 64 + 64 + 72 + 2 * 8
@@ -69,8 +69,8 @@ def test_panels_stand_side_by_side_in_the_order_asked_for():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"panels": "4x4"}, "panels=4x4: allowed is exemplar, seamless, 2x2, 3x3, plane"),
-        ({"panels": "2x2,seamless"}, "panels=2x2,seamless: seamless needs exemplar="),
+        ({"panels": ["4x4"]}, "panels=4x4: allowed is exemplar, seamless, 2x2, 3x3, plane"),
+        ({"panels": ["2x2", "seamless"]}, "panels=2x2,seamless: seamless needs exemplar="),
         ({"exemplar": TILE[..., :1]}, "exemplar has 1 channels, the tile 3"),
     ],
 )

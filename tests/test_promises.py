@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 
 import numpy as np
@@ -10,11 +11,13 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.files import read
-from oiiotex.images import from_buffer
-from oiiotex.op import Op, Reach, Space
+from oiiotex.core.access import Gather, Neighbourhood, Pointwise, ScanThenMap, Whole
+from oiiotex.core.image import Image, Part, from_buffer
+from oiiotex.core.op import Kind, Op, Space
+from oiiotex.core.window import Window
+from oiiotex.io.reading import read
+from oiiotex.run import run
 from oiiotex.session import Session
-from oiiotex.windows import Window
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
@@ -26,7 +29,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     """Cheap parameters that the op has."""
     names = {p.name for p in op.parameters()}
     found = {name: value for name, value in {**SMALL, **more}.items() if name in names}
-    found |= {"n": 3} if op.name in SHEETS else {}
+    found |= {"n": 3} if op.name == "sigmas" else {"filter": "quilt", "seeds": 2} if op.name == "variants" else {}
     return {**found, "labels": quarters()} if op.name in LABELLED else found
 
 
@@ -59,7 +62,7 @@ def scramble(height: int, width: int, like: oiio.ImageBuf) -> oiio.ImageBuf:
 
 def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
     """Images for all of an op's inputs, the photo first; a label map for what takes one."""
-    if op.name in VIEWS:
+    if is_view(op):
         spec = oiio.ImageSpec(72, 64, 1, oiio.UINT32)
         labels = oiio.ImageBuf(spec)
         labels.set_pixels(labels.roi, (np.indices((64, 72)).sum(0) // 30 + 1).astype(np.uint32)[..., None])
@@ -82,18 +85,22 @@ def of(found: list[type[Op]]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("op", found, ids=lambda op: op.name)
 
 
-# What is true of few is said here; a new filter is held to everything else.
-MEASURES = ("stationarity", "lab", "dominant")  # their results are data in floats, whatever the source was
-LABELS = ("superpixel", "label", "decompose")  # their results are ids
-VIEWS = ("labelview", "content", "graph")  # draw what they take for people, label maps here
+def image_kind(op: type[Op]) -> Kind:
+    """What the op's image is."""
+    return op.main().kind
+
+
+def is_view(op: type[Op]) -> bool:
+    """Whether it draws what it takes for people: label maps here."""
+    return image_kind(op) is Kind.PICTURE and op.space is Space.ANY
+
+
+# What is true of few and does not follow from the kinds of their outputs; a new filter is held to everything else.
 RESAMPLED = ("zoom",)  # their results are pixels of another size
-MASKS = ("dominant",)  # their results are 0 or 1
 LABELLED = ("composite", "palette", "paint")  # take a picture with its label maps
 PAINTINGS = ("paint",)  # and a painting of labels
 SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it
-OWN_KIND = (*MEASURES, *LABELS)
-SHEETS = ("sigmas",)  # draw many results for people, at their own size: tests/test_sigmas.py holds them to the rest
-PICTURES = [op for op in filters.FILTERS if op.name not in VIEWS + SHEETS]  # take pictures
+PICTURES = [op for op in filters.FILTERS if image_kind(op) is not Kind.PICTURE]  # take pictures and draw no sheets
 COLOUR = [op for op in PICTURES if op.space is Space.LAB]
 every_filter = of(PICTURES)
 colour_filters = of(COLOUR)
@@ -109,7 +116,7 @@ def test_every_filter_is_a_function_with_its_declared_parameters(op):
         set(function.__signature__.parameters)
         == {i.name for i in (*op.images(), *op.optional_images())}
         | {p.name for p in op.parameters()}
-        | {"session", "roi", "nthreads"}
+        | {"session", "roi", "nthreads", "colorspace"}
         | further
     )
     for name in (p.name for p in op.parameters()):
@@ -121,7 +128,7 @@ def test_a_seed_is_a_promise(op):
     photo = buffer(PHOTO)
     once, again = pixels(apply(op, photo, seed=3)), pixels(apply(op, photo, seed=3))
     np.testing.assert_array_equal(once, again)
-    if "seed" in settings(op, seed=3) and op.name not in LABELS:  # these start at random only where asked to
+    if "seed" in settings(op, seed=3) and image_kind(op) is not Kind.IDS:  # these start at random only where asked to
         assert (pixels(apply(op, photo, seed=4)) != once).mean() > 0.3
 
 
@@ -146,7 +153,7 @@ def test_threads_and_budget_do_not_show(op, tmp_path):
 def test_lanes_do_not_show(op, narrow_device):
     photo = buffer(PHOTO)
     narrow = Session()
-    narrow.__dict__["device"] = narrow_device  # what the cached property would hold
+    narrow.resources.device = narrow_device
     np.testing.assert_array_equal(pixels(apply(op, photo)), pixels(apply(op, photo, narrow)))
 
 
@@ -172,7 +179,7 @@ def test_any_window_is_the_whole_cropped(op, tile, tmp_path):
         given = settings(op)
         if op.name in LABELLED:
             given["labels"] = from_buffer(given["labels"])
-        part = op(**images, **given).compute(Session(threads=threads)).first
+        part = run(op(**images, **given), Session(threads=threads))[0].image.first
         if whole is None:
             whole = part.read(part.window)
         np.testing.assert_array_equal(part.read(part.window), whole)
@@ -198,7 +205,7 @@ def test_every_pixel_is_a_copy_of_a_source_pixel_with_all_channels(op):
     assert np.abs(pixels(made)[..., :3].astype(float)).max() > 5  # HDR stays HDR
 
 
-@of([op for op in COLOUR if not op.copies and op.name not in OWN_KIND + RESAMPLED])
+@of([op for op in COLOUR if not op.copies and not image_kind(op).is_data and op.name not in RESAMPLED])
 def test_what_changes_colour_leaves_the_rest_alone(op):
     random = np.random.default_rng(0)
     many = np.concatenate(
@@ -221,7 +228,7 @@ def test_pixels_of_alpha_0_are_never_a_source(op):
     assert (pixels(apply(op, photo))[..., 3] == 1).all()
 
 
-@of([op for op in COLOUR if op.name in LABELS])
+@of([op for op in COLOUR if image_kind(op) is Kind.IDS])
 def test_pixels_of_alpha_0_have_no_label(op):
     alpha = np.ones((64, 72, 1))
     alpha[20:30, 30:50] = 0
@@ -247,7 +254,7 @@ def test_colour_is_taken_unpremultiplied(op):
     """A photo at half alpha looks as it does at full: the same pixels are chosen, the same colours made."""
     full = np.concatenate([PHOTO, np.ones((64, 72, 1))], -1)
     a, b = (pixels(apply(op, buffer(full * share, names=("R", "G", "B", "A")))) for share in (1.0, 0.5))
-    if op.name in OWN_KIND:  # Lab is not premultiplied
+    if image_kind(op).is_data:  # Lab is not premultiplied
         np.testing.assert_array_equal(a[..., :3], b[..., :3])
     else:
         np.testing.assert_array_equal(a * np.float32(0.5), b)
@@ -255,7 +262,7 @@ def test_colour_is_taken_unpremultiplied(op):
 
 @colour_filters
 def test_colour_is_never_guessed(op):
-    with pytest.raises(errors.ColorError, match="--iscolorspace"):
+    with pytest.raises(errors.ColorError, match="say colorspace=NAME"):
         apply(op, buffer(PHOTO, space=""))
     with pytest.raises(errors.ColorError, match="nonsense"):
         apply(op, buffer(PHOTO, space="nonsense"))
@@ -270,7 +277,7 @@ def test_data_is_refused_by_what_makes_no_sense_of_it(op):
 @of([op for op in COLOUR if "data" in {p.name for p in op.parameters()}])
 def test_data_skips_colour(op):
     made = apply(op, buffer(PHOTO * 2 - 1, space=""), data=True)
-    assert made.spec().nchannels == (1 if op.name in OWN_KIND else 3)
+    assert made.spec().nchannels == (1 if image_kind(op).is_data else 3)
     tagged = apply(op, buffer(PHOTO * 2 - 1, space="data"))
     np.testing.assert_array_equal(pixels(made), pixels(tagged))
 
@@ -288,12 +295,14 @@ def test_gray_alpha_and_all_pixel_types_work(op, channels, kind):
     }
     names = {1: ("Y",), 2: ("Y", "A"), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}
     made = apply(op, buffer(picture[channels], kind, names=names[channels]))
-    if op.name in OWN_KIND:
-        assert made.spec().format == (oiio.UINT32 if op.name in LABELS else oiio.FLOAT)
+    if image_kind(op).is_data:
+        assert made.spec().format == (oiio.UINT32 if image_kind(op) is Kind.IDS else oiio.FLOAT)
     else:
         assert (made.spec().nchannels, made.spec().format) == (channels, kind)
     channels = made.spec().nchannels
-    assert len(np.unique(pixels(made).reshape(-1, channels), axis=0)) > (1 if op.name in LABELS + MASKS else 4)
+    assert len(np.unique(pixels(made).reshape(-1, channels), axis=0)) > (
+        1 if image_kind(op) in (Kind.IDS, Kind.MASK) else 4
+    )
 
 
 @every_filter
@@ -317,7 +326,7 @@ def test_metadata_goes_through_and_stale_hashes_do_not(op):
     made = apply(op, photo)
     assert made.spec().get_string_attribute("studio:shot") == "ab_010"
     assert made.spec().get_string_attribute("oiio:SHA-1") == ""
-    tag = "data" if op.name in OWN_KIND else "srgb_rec709_scene"
+    tag = "data" if image_kind(op).is_data else "srgb_rec709_scene"
     assert made.spec().get_string_attribute("oiio:ColorSpace") == tag
 
 
@@ -342,6 +351,42 @@ def test_unknown_modifiers_are_refused_with_the_nearest_name(op, fails, photo):
         getattr(filters, op.name)(*operands(op, buffer(PHOTO)), sgima=3)
 
 
+def watched(photo: np.ndarray, asked: list[Window], space: str = "srgb_rec709_scene") -> Image:
+    """The photo, of which every window that is read joins the list."""
+    part = from_buffer(buffer(photo, space=space)).first
+
+    def fetch(window: Window) -> np.ndarray:
+        asked.append(window)
+        return part.read(window)
+
+    return Image((dataclasses.replace(part, fetch=fetch),))
+
+
+def made_of(op: type[Op], photo: Image) -> Part:
+    """The op's image, of the photo and what else it takes."""
+    others = map(from_buffer, operands(op, buffer(PHOTO))[1:])
+    images = dict(zip((i.name for i in op.images()), (photo, *others), strict=True))
+    images = {i.name: (images[i.name],) if i.many else images[i.name] for i in op.images()}
+    return run(op(**settings(op), **images), Session(threads=2))[0].image.first
+
+
+@of([op for op in filters.FILTERS if issubclass(op, Pointwise | Neighbourhood | ScanThenMap) and not is_view(op)])
+def test_a_filter_reads_what_its_access_kind_says(op, monkeypatch):
+    """Nothing before a window is asked for, unless it scans: then bands of full rows; and then that window alone."""
+    asked: list[Window] = []
+    for band in ("oiiotex.core.demand.BAND_BYTES", "oiiotex.scan.BAND_BYTES"):
+        monkeypatch.setattr(band, 8 * 72 * 3 * 4)  # eight rows
+    part = made_of(op, watched(PHOTO, asked))
+    if issubclass(op, ScanThenMap):
+        assert all((w.left, w.right) == (0, 72) and w.height <= 8 for w in asked)
+    else:
+        assert asked == []
+    asked.clear()
+    window = Window(20, 17, 50, 40)
+    part.read(window)
+    assert all(w & window == w for w in asked) or issubclass(op, Neighbourhood)  # tests/test_access.py knows its halo
+
+
 @of([op for op in COLOUR if op.name in ("flatten", "stationarity")])
 def test_what_streams_needs_memory_for_its_statistics_alone(op):
     """Coarse ones fit any budget; fine ones are refused with a figure."""
@@ -350,25 +395,25 @@ def test_what_streams_needs_memory_for_its_statistics_alone(op):
         apply(op, buffer(PHOTO), Session(budget=1 << 19), sigma=1)
 
 
-@of([op for op in COLOUR if op.reach is Reach.GLOBAL and "size" in {p.name for p in op.parameters()}])
+@of([op for op in COLOUR if issubclass(op, Whole) and "size" in {p.name for p in op.parameters()}])
 def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
     line = fails(photo, f"{op.flag()}:size=3000x2000", "--cache", "64")
     assert "3000x2000" in line and "the budget is 64 MB" in line and " needs " in line
 
 
-@of([op for op in COLOUR if op.reach is Reach.CAUSAL and op.name != "composite"])  # which holds the map that it grows
+@of([op for op in COLOUR if issubclass(op, Gather) and op.name != "composite"])  # which holds the map that it grows
 def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
     """Nothing is held for the pixels; a plan that does not fit is refused with a figure."""
     images = dict(zip((i.name for i in op.images()), map(from_buffer, operands(op, buffer(PHOTO))), strict=True))
     images |= {"labels": from_buffer(quarters())} if op.name in LABELLED else {}
     small = settings(op, size=(24576, 60), candidates=4) | images
-    part = op(**small).compute(Session(budget=12 << 20)).first
+    part = run(op(**small), Session(budget=12 << 20))[0].image.first
     assert part.read(Window(24000, 0, 24576, 32)).shape == (32, 576, 3)  # its floats alone would be 17 MB
     with pytest.raises(errors.ImageError, match=r"65536x40000 .* needs \d+ MB of memory; the budget is 12 MB"):
-        op(**{**small, "size": (65536, 40000)}).compute(Session(budget=12 << 20))
+        run(op(**{**small, "size": (65536, 40000)}), Session(budget=12 << 20))
 
 
-@of([op for op in COLOUR if op.reach is not Reach.POINT])
+@of([op for op in COLOUR if not issubclass(op, Pointwise)])
 def test_progress_is_reported_and_can_stop_a_run(op):
     seen: list[tuple[int, int]] = []
     apply(op, buffer(PHOTO), Session(progress=lambda done, total: seen.append((done, total))))
@@ -379,9 +424,13 @@ def test_progress_is_reported_and_can_stop_a_run(op):
 
 @of(list(filters.FILTERS))
 def test_what_is_no_image_is_refused(op):
-    for wrong in (None, np.zeros((64, 64, 3)), "photo.png", oiio.ImageBuf()):
+    for wrong in (np.zeros((0, 64, 3)), np.zeros(64), np.zeros((64, 64, 3), complex), "no.png", {}, oiio.ImageBuf()):
         with pytest.raises(errors.ImageError):
             getattr(filters, op.name)(*[wrong] * len(op.images()))
+    for wrong in (None, 3, [[0.5]], b"photo.png", {"a": "photo.png"}):
+        with pytest.raises(TypeError) as caught:
+            getattr(filters, op.name)(*[wrong] * len(op.images()))
+        assert isinstance(caught.value, errors.Error)
 
 
 @of(list(filters.FILTERS))

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from oiiotex.analysis import regions
 from oiiotex.errors import ImageError
+from oiiotex.labels import content_table
 
 
 def blobs(height: int, width: int, labels: int, seed: int = 0) -> np.ndarray:
@@ -22,32 +24,31 @@ def blobs(height: int, width: int, labels: int, seed: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize(("labels", "side"), [(3, 8), (40, 13), (300, 16)])
 def test_keys_are_the_two_most_frequent_labels_of_every_window(labels, side, monkeypatch):
-    monkeypatch.setattr(regions, "_TILE", 24)  # several pieces, uneven at the ends
+    monkeypatch.setattr(content_table, "_TILE", 24)  # several pieces, uneven at the ends
     ids = blobs(70, 61, labels)
     allowed = np.random.default_rng(1).random(ids.shape) > 0.0005
-    first, second = regions.window_keys(ids, side, allowed)
+    first, second = content_table.window_keys(ids, side, allowed)
     assert first.shape == (70 - side + 1, 61 - side + 1)
     for y, x in np.ndindex(first.shape):
         window = ids[y : y + side, x : x + side]
         if (window == 0).any() or not allowed[y : y + side, x : x + side].all():
             assert (first[y, x], second[y, x]) == (0, 0)
         else:
-            assert (first[y, x], second[y, x]) == regions.key_of(regions.histogram(ids, y, x, side))
+            assert (first[y, x], second[y, x]) == content_table.key_of(content_table.histogram(ids, y, x, side))
     assert (first == 0).any() and (first > 0).any()
 
 
 def test_ties_go_to_the_lower_id_and_one_label_alone_is_both():
-    assert regions.key_of({5: 4, 2: 4, 9: 4}) == (2, 5)
-    assert regions.key_of({7: 3}) == (7, 7)
-    assert regions.key_of({}) == (0, 0)
+    assert content_table.key_of({5: 4, 2: 4, 9: 4}) == (2, 5)
+    assert content_table.key_of({7: 3}) == (7, 7)
+    assert content_table.key_of({}) == (0, 0)
     halves = np.repeat([[3, 3, 1, 1]], 4, 0)
-    assert [int(k[0, 0]) for k in regions.window_keys(halves, 4)] == [1, 3]
+    assert [int(k[0, 0]) for k in content_table.window_keys(halves, 4)] == [1, 3]
 
 
-@pytest.mark.parametrize("block", [5, 16])
-def test_the_table_holds_every_window_once_under_its_key(block):
-    first, second = regions.window_keys(blobs(60, 70, 6, 3), 9)
-    table = regions.content_table(first, second, 9, block)
+def test_the_table_holds_every_window_once_under_its_key():
+    first, second = content_table.window_keys(blobs(60, 70, 6, 3), 9)
+    table = content_table.content_table(first, second, 9)
     seen = 0
     for n, key in enumerate(table.keys.tolist()):
         at = table.offsets[table.starts[n] : table.starts[n + 1]]
@@ -55,20 +56,14 @@ def test_the_table_holds_every_window_once_under_its_key(block):
         assert (first[y, x] == key[0]).all() and (second[y, x] == key[1]).all()
         assert (table.key_map[y, x] == n).all() and table.find(key) == n == table.nearest(key)
         seen += len(np.unique(at))
-        for r in range(table.ranges[n], table.ranges[n + 1]):
-            part = table.offsets[table.range_starts[r] : table.range_starts[r + 1]]
-            place = (part >> 16) // block * -(-first.shape[1] // block) + (part & 0xFFFF) // block
-            assert len(part) and (place == table.range_blocks[r]).all()
-        assert (np.diff(table.range_blocks[table.ranges[n] : table.ranges[n + 1]]) > 0).all()
     assert seen == np.count_nonzero(first) == len(table.offsets)
-    assert table.range_starts[-1] == seen and table.ranges[-1] == len(table.range_blocks)
-    assert ((table.key_map == regions.NO_KEY) == (first == 0)).all()
+    assert ((table.key_map == content_table.NO_KEY) == (first == 0)).all()
 
 
 def test_a_key_that_no_window_has_gives_the_nearest():
     first = np.array([[1, 1, 2, 3, 4]])
     second = np.array([[2, 2, 1, 3, 3]])
-    table = regions.content_table(first, second, 8, 4)
+    table = content_table.content_table(first, second, 8)
     keys = table.keys.tolist()
     assert table.find((9, 9)) is None
     for wanted, found in {(1, 1): [1, 2], (1, 3): [1, 2], (2, 9): [2, 1], (3, 1): [3, 3], (9, 3): [3, 3]}.items():
@@ -78,18 +73,30 @@ def test_a_key_that_no_window_has_gives_the_nearest():
 
 def test_no_window_with_a_label_is_an_error():
     with pytest.raises(ImageError, match="no 8x8 patch"):
-        regions.content_table(*regions.window_keys(np.zeros((20, 20), int), 8), 8, 6)
+        content_table.content_table(*content_table.window_keys(np.zeros((20, 20), int), 8), 8)
 
 
 @pytest.mark.parametrize(("rho", "side"), [(0.1, 16), (23, 32), (22, 16), (60, 64), (91, 128), (90, 64), (5000, 256)])
 def test_the_side_of_a_patch_is_the_nearest_power_of_two(rho, side):
-    assert regions.patch_side(rho) == side
+    assert content_table.patch_side(rho) == side
 
 
 def test_the_largest_window_is_found():
     allowed = np.zeros((40, 50), bool)
-    assert regions.largest_window(allowed) == 0
+    assert content_table.largest_window(allowed) == 0
     allowed[3:20, 30:44] = True
-    assert regions.largest_window(allowed) == 14
-    assert np.count_nonzero(regions.whole_windows(allowed, 14)) == 4
-    assert regions.regions(regions.whole_windows(allowed, 14), 30) == 1
+    assert content_table.largest_window(allowed) == 14
+    assert np.count_nonzero(content_table.whole_windows(allowed, 14)) == 4
+    assert content_table.regions(content_table.whole_windows(allowed, 14), 30) == 1
+
+
+def test_a_table_holds_what_is_asked_for_it():
+    """At its height, of a map of many small pieces: nearly every window has another key."""
+    labels = np.random.default_rng(0).integers(1, 60, (40, 40)).repeat(12, 0).repeat(12, 1).astype(np.uint32)
+    tracemalloc.start()
+    try:
+        content_table.content_table(*content_table.window_keys(labels, 16), 16)
+        held = tracemalloc.get_traced_memory()[1] / labels.size
+    finally:
+        tracemalloc.stop()
+    assert 0.6 * content_table.TABLE_BYTES < held <= content_table.TABLE_BYTES, f"{held:.1f} bytes a pixel"

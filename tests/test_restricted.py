@@ -10,10 +10,21 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.device import Buffers
-from oiiotex.synthesis import stationarize as st
-from oiiotex.synthesis.guidance import coarse_image, coarse_mask
-from oiiotex.synthesis.patchmatch import Matcher, allowed_patches, random_field
+from oiiotex.opencl.buffers import Buffers
+from oiiotex.patchmatch import optimization as st
+from oiiotex.patchmatch.constraints import (
+    ENOUGH,
+    Constraints,
+    FixedPixels,
+    coarse_image,
+    coarse_mask,
+    ease_from,
+    first_level,
+)
+from oiiotex.patchmatch.field import allowed_patches, random_field
+from oiiotex.patchmatch.matcher import Matcher
+from oiiotex.patchmatch.memory import plan_memory
+from oiiotex.projections.histograms import OUTSIDE, matching_table
 from tests import pictures
 from tests.test_promises import buffer, pixels
 
@@ -34,15 +45,13 @@ def stripes(width: int, pitch: int = 40) -> np.ndarray:
 def test_a_thin_mask_starts_where_it_has_whole_patches():
     scales = st.level_scales(160, 160)
     geometries = [st.geometry_at(recipe(), PHOTO.shape, scale) for scale in scales]
-    starts = [
-        st.first_level(mask, geometries, "x") for mask in (None, stripes(40), stripes(15), stripes(10), stripes(7))
-    ]
+    starts = [first_level(mask, geometries, "x") for mask in (None, stripes(40), stripes(15), stripes(10), stripes(7))]
     assert starts[:2] == [0, 0] and starts == sorted(starts) and starts[-1] == len(scales) - 1
     for mask, start in zip((stripes(15), stripes(10)), starts[2:4], strict=True):
         assert start > 0
         sizes = [(g.exemplar_width, g.exemplar_height) for g in geometries]
         found = [allowed_patches(coarse_mask(mask, *s), g).mean() for s, g in zip(sizes, geometries, strict=True)]
-        assert all(share < st.ENOUGH * found[-1] for share in found[:start]) and found[start] >= st.ENOUGH * found[-1]
+        assert all(share < ENOUGH * found[-1] for share in found[:start]) and found[start] >= ENOUGH * found[-1]
 
 
 @pytest.mark.parametrize("op", ["stationarize", "patchmatch"])
@@ -70,7 +79,8 @@ def test_pixels_outside_are_in_no_histogram(device):
     given = recipe(width=64, height=64, sigma=8.0, patch=5)
     geometry = st.geometry_at(given, exemplar.shape, 1.0)
     patches = allowed_patches(mask, geometry)
-    with Buffers(device, st._layout(given, [geometry], [1.0]), 1 << 30, "test") as buffers:
+    layout = plan_memory(device, exemplar.shape, given, [geometry], [1.0], Constraints(), 1 << 30).layout
+    with Buffers(device, layout, 1 << 30, "test") as buffers:
         field = random_field(geometry, patches, 0)
         matcher = Matcher(device, buffers, geometry, exemplar, patches, field, 0.0, 0, usable=mask)
         level = st._Level(device, buffers, matcher, exemplar, mask, given, 1.0)
@@ -80,6 +90,33 @@ def test_pixels_outside_are_in_no_histogram(device):
     # nothing of the gray between them: the two levels stay apart in the goal, at about equal shares
     assert goal[:, (values > 180) & (values < 320)].sum() < 0.02 * goal.sum()
     assert abs(goal[:, values >= 320].sum() / goal.sum() - 0.5) < 0.05
+
+
+def test_a_histogram_matched_beside_pixels_that_stay_is_not_shifted(device):
+    """What goes part of the way is rounded to the nearest step, not down: by half a step in every iteration."""
+    exemplar = (PHOTO * 400).astype(np.int16)
+    given = recipe(width=80, height=64, sigma=None, patch=5)
+    geometry = st.geometry_at(given, exemplar.shape, 1.0)
+    patches = allowed_patches(None, geometry)
+    stays = np.indices((64, 80))[1] < 4
+    fixed = FixedPixels(stays, np.zeros((64, 80), np.uint32))
+    constraints, image = Constraints(fixed=fixed), np.where(stays[..., None], exemplar[:64, :80], OUTSIDE)
+    layout = plan_memory(device, exemplar.shape, given, [geometry], [1.0], constraints, 1 << 30).layout
+    with Buffers(device, layout, 1 << 30, "test") as buffers:
+        matcher = Matcher(device, buffers, geometry, exemplar, patches, random_field(geometry, patches, 0), 0.0, 0)
+        level = st._Level(device, buffers, matcher, exemplar, None, given, 1.0, constraints, image)
+        low, high = level._low, level._high
+        before = np.random.default_rng(0).integers(low, (low + 2 * high) // 3, (64, 80, 3)).astype(np.int16)
+        device.write(buffers["image"], before)
+        level._match_histogram(level._count_free(0, 64), 1.0)
+        after = device.read(buffers["image"], before.shape, np.int16)
+        counts = np.stack([np.bincount(c - level._first, minlength=level._entries) for c in before[~stays].T])
+    table = matching_table(counts, level._goal, level._first, 1.0)
+    change = table[np.arange(3), before.astype(int) - level._first] - before.astype(float)
+    exact = before + change * ease_from(~stays, st.EASE * 5)[..., None] / 255
+    assert np.abs(change).mean() > 10
+    assert np.abs(after - exact).max() <= 0.51
+    assert abs((after - exact).mean()) < 0.02
 
 
 def test_colours_outside_do_not_show():

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex.keeping import Keeper
+from oiiotex.core.window import Window
+from oiiotex.io.checkpoint import Checkpoint
 from oiiotex.session import Session
-from oiiotex.windows import Window
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
@@ -82,33 +82,33 @@ def test_pieces_are_made_once_and_go_when_the_file_is_whole(tmp_path):
         return np.full((6, 8, 2), value, np.int16)
 
     path = tmp_path / "out.exr"
-    first = Keeper(path)
+    first = Checkpoint(path)
     np.testing.assert_array_equal(first.piece(KEY, PLACE, make), make())
-    np.testing.assert_array_equal(Keeper(path).piece(KEY, PLACE, lambda: 1 / 0), make())  # of a run before
-    assert Keeper(path).piece("cd" * 32, PLACE, lambda: make(9))[0, 0, 0] == 9  # determined by something else
-    assert Keeper(path).piece(KEY, PLACE.shifted(1, 0), lambda: make(8))[0, 0, 0] == 8
+    np.testing.assert_array_equal(Checkpoint(path).piece(KEY, PLACE, lambda: 1 / 0), make())  # of a run before
+    assert Checkpoint(path).piece("cd" * 32, PLACE, lambda: make(9))[0, 0, 0] == 9  # determined by something else
+    assert Checkpoint(path).piece(KEY, PLACE.shifted(1, 0), lambda: make(8))[0, 0, 0] == 8
     (path.parent / "out.exr.parts" / "mine.txt").write_text("the user's own")
     half = f".{KEY[:32]}.{PLACE}.oiiotex-host-99999999-0.piece"
     (path.parent / "out.exr.parts" / half).write_bytes(b"what a kill has left")
-    Keeper(path).discard()  # a run that knows of none
+    Checkpoint(path).discard()  # a run that knows of none
     assert len(pieces(tmp_path / "out.exr.parts")) == 3
     first.discard()
     assert [f.name for f in (tmp_path / "out.exr.parts").iterdir()] == ["mine.txt"]
 
 
 def test_a_spoiled_piece_is_made_again(tmp_path):
-    Keeper(tmp_path / "a.exr").piece(KEY, PLACE, lambda: np.arange(9))
+    Checkpoint(tmp_path / "a.exr").piece(KEY, PLACE, lambda: np.arange(9))
     (piece,) = pieces(tmp_path / "a.exr.parts")
     whole = piece.read_bytes()
     for spoiled in (b"", whole[:-3], whole[:20] + b"x" + whole[21:]):
         piece.write_bytes(spoiled)
-        np.testing.assert_array_equal(Keeper(tmp_path / "a.exr").piece(KEY, PLACE, lambda: np.arange(9)), range(9))
+        np.testing.assert_array_equal(Checkpoint(tmp_path / "a.exr").piece(KEY, PLACE, lambda: np.arange(9)), range(9))
         assert piece.read_bytes() == whole
 
 
 def test_what_cannot_be_kept_is_said_once_and_does_not_stop_the_run(tmp_path, caplog):
     (tmp_path / "a.exr.parts").write_text("a file of that name")
-    keeper = Keeper(tmp_path / "a.exr")
+    keeper = Checkpoint(tmp_path / "a.exr")
     for n in range(3):
         assert keeper.piece(KEY, PLACE.shifted(n, 0), lambda: np.ones(2)).sum() == 2
     keeper.discard()
@@ -118,7 +118,7 @@ def test_what_cannot_be_kept_is_said_once_and_does_not_stop_the_run(tmp_path, ca
 
 def test_a_failed_run_leaves_its_pieces_in_silence(tmp_path, caplog):
     session = Session()
-    with pytest.raises(ZeroDivisionError), session.keeping(tmp_path / "a.exr"):
-        session.keeper.piece(KEY, PLACE, lambda: np.ones(2))
+    with pytest.raises(ZeroDivisionError), session.checkpoints(tmp_path / "a.exr"):
+        session.resources.keeper.piece(KEY, PLACE, lambda: np.ones(2))
         raise ZeroDivisionError
-    assert session.keeper is None and len(pieces(tmp_path / "a.exr.parts")) == 1 and not caplog.records
+    assert session.resources.keeper is None and len(pieces(tmp_path / "a.exr.parts")) == 1 and not caplog.records

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from oiiotex.analysis.runs import OUTSIDE, Pieces, pieces_of, without_small
+from oiiotex.superpixels.run_length import OUTSIDE, Pieces, pieces_of, without_small
 
 
 def pieces(labels: np.ndarray, *cuts: int) -> Pieces:

@@ -12,12 +12,12 @@ import pytest
 from scipy.stats import wasserstein_distance
 
 from oiiotex import errors, filters
+from oiiotex.core.image import from_buffer
 from oiiotex.filters.stationarize import Stationarize
-from oiiotex.images import from_buffer
+from oiiotex.io.atomic import _host
+from oiiotex.patchmatch import sigma_scale
+from oiiotex.patchmatch.sigma_scale import SigmaTiles, distance, perceived_scale, variation
 from oiiotex.session import Session
-from oiiotex.synthesis import perception
-from oiiotex.synthesis.perception import Palette, distance, perceived_scale, variation
-from oiiotex.temporary import _host
 from tests import pictures
 from tests.test_deviation import lab_of
 from tests.test_promises import buffer, pixels
@@ -28,17 +28,17 @@ def quick(monkeypatch, tmp_path):
     """A cache of the test's own, and scales that take no time."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     for name, value in (("SIDE", 48), ("SEEDS", 1), ("ROUNDS", 1), ("_ITERATIONS", 2)):
-        monkeypatch.setattr(perception, name, value)
+        monkeypatch.setattr(sigma_scale, name, value)
 
 
 def photo() -> oiio.ImageBuf:
     return buffer(pictures.stained(pictures.pebbles(64, 80, 1)))
 
 
-def palette(device, image: oiio.ImageBuf) -> Palette:
+def palette(device, image: oiio.ImageBuf) -> SigmaTiles:
     lab = lab_of(pixels(image))
     recipe = Stationarize(exemplar=from_buffer(image)).recipe(80, 64)
-    return Palette(device, lab, None, recipe, 1 << 30, "nothing")
+    return SigmaTiles(device, lab, None, recipe, 1 << 30, "nothing")
 
 
 def test_the_distance_is_the_earth_movers():
@@ -55,8 +55,8 @@ def test_a_scale_is_inverted_so_that_steps_are_even(device, monkeypatch):
         seen = 50 + 40 * np.tanh(3 * np.log(sigma / 6))  # all of the change happens about 6 px
         return np.full((4, 4, 3), seen, np.float32)
 
-    monkeypatch.setattr(Palette, "tile", tile)
-    monkeypatch.setattr(perception, "ROUNDS", 3)
+    monkeypatch.setattr(SigmaTiles, "tile", tile)
+    monkeypatch.setattr(sigma_scale, "ROUNDS", 3)
     scale = made.scale(9, lambda done, total: None)
     assert variation(scale.first_steps) > 1
     assert variation(scale.steps) < 0.2
@@ -84,7 +84,7 @@ def test_a_scale_is_kept_by_what_it_follows_from(device, tmp_path, monkeypatch):
         raise AssertionError("made again")
 
     with monkeypatch.context() as patched:
-        patched.setattr(Palette, "tile", never)
+        patched.setattr(SigmaTiles, "tile", never)
         again = perceived_scale(palette(device, photo()), 4, never, folder)
         for name in vars(first):
             np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
@@ -140,7 +140,7 @@ def test_the_sheet_and_its_table(tmp_path):
 def test_what_goes_wrong_says_what_is_allowed(fails, photo):
     line = fails(photo, "--texstationarize:amount=nan")
     assert "amount=nan" in line and ">= 0 and <= 1" in line
-    assert "would overwrite the photo" in fails(photo, f"--texsigmas:json={photo}")
+    assert "would overwrite exemplar, an image that it reads" in fails(photo, f"--texsigmas:json={photo}")
     image = buffer(pictures.bricks(40, 40, 1))
     for value in (-0.1, 1.01):
         with pytest.raises(errors.ParameterError, match=rf"amount={value}: .*>= 0 and <= 1"):
@@ -172,6 +172,6 @@ def test_neither_threads_nor_lanes_show_in_a_sheet(narrow_device, tmp_path, monk
     for n, session in enumerate((Session(threads=1), Session())):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / f"empty{n}"))
         if n:
-            session.__dict__["device"] = narrow_device
+            session.resources.device = narrow_device
         np.testing.assert_array_equal(pixels(filters.sigmas(photo(), n=3, session=session)), whole)
     assert (pixels(filters.sigmas(photo(), n=3, seed=4)) != whole).any()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The measures of analysis/stationarity.py against their definitions."""
+"""The measures of stationarity/costs.py against their definitions."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import itertools
 import numpy as np
 import pytest
 
-from oiiotex.analysis import stationarity as st
-from oiiotex.analysis.quality import seam_ratio
+from oiiotex.core.source_map import SourceMap
+from oiiotex.core.window import Domain
+from oiiotex.stationarity import costs as st
+from oiiotex.stationarity.seam_measures import seam_ratio
 from tests import pictures
 from tests.reference.histograms import gaussian_rows, soft_members
 
@@ -37,7 +39,8 @@ def brute_force_cost(lab: np.ndarray, sigma: float, wrap: bool, sites: int) -> f
 def test_stationarity_cost_is_the_mean_over_all_pairs(monkeypatch, wrap):
     monkeypatch.setattr(st, "SITES", 5)
     lab = lab_like(40, 55)
-    assert st.stationarity_cost(lab, 4.0, wrap, wrap) == pytest.approx(brute_force_cost(lab, 4.0, wrap, 5), rel=1e-4)
+    cost = st.stationarity_cost(lab, 4.0, Domain(55, 40, wrap, wrap))
+    assert cost == pytest.approx(brute_force_cost(lab, 4.0, wrap, 5), rel=1e-4)
 
 
 def test_a_constant_image_costs_nothing_and_drift_costs_more():
@@ -56,13 +59,13 @@ def test_texture_cost_is_eq_5_for_the_given_matches():
         for c in range(14):
             here = lab[np.ix_(np.arange(r, r + 5) % 12, np.arange(c, c + 5) % 14)]
             total += ((here - exemplar[y[r, c] : y[r, c] + 5, x[r, c] : x[r, c] + 5]) ** 2).sum() / 25
-    assert st.texture_cost(lab, exemplar, y, x, 5) == pytest.approx(total / (12 * 14))
+    assert st.texture_cost(lab, exemplar, SourceMap.of(y, x), 5) == pytest.approx(total / (12 * 14))
 
 
 def test_a_copy_of_the_exemplar_has_no_texture_cost():
     exemplar = lab_like(30, 30)
     y, x = np.mgrid[0:20, 0:20]
-    assert st.texture_cost(exemplar, exemplar, y, x, 11) == 0.0
+    assert st.texture_cost(exemplar, exemplar, SourceMap.of(y, x), 11) == 0.0
 
 
 def test_the_seam_ratio_sees_the_wrap_alone():

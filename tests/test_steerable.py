@@ -8,12 +8,15 @@ import math
 import numpy as np
 import pytest
 
-from oiiotex.analysis import steerable
-from oiiotex.device import Buffers
-from oiiotex.synthesis import histograms
-from oiiotex.synthesis import steerable as projection
+from oiiotex.core.window import Domain
+from oiiotex.opencl.buffers import Buffers
+from oiiotex.projections import histograms
+from oiiotex.projections import steerable as projection
+from oiiotex.stationarity import steerable
+from oiiotex.stationarity.grid_statistics import CellGrid
 from tests import pictures
 from tests.reference import histograms as reference
+from tests.reference.projections import projected_by
 
 SCALE = projection._SCALE
 
@@ -41,13 +44,13 @@ def dense(plane: np.ndarray, modes: tuple[str, str]) -> np.ndarray:
 def test_responses_are_derivatives_along_four_directions(wrap):
     plane = np.random.default_rng(0).random((23, 31)) * 100
     modes = tuple("wrap" if w else "reflect" for w in (wrap[1], wrap[0]))
-    np.testing.assert_allclose(steerable.responses(plane, *wrap), dense(plane, modes), rtol=1e-3, atol=2e-3)
+    np.testing.assert_allclose(steerable.responses(plane, wrap), dense(plane, modes), rtol=1e-3, atol=2e-3)
 
 
 def test_the_filters_see_all_directions_alike_and_neither_light_nor_a_ramp():
     point = np.zeros((64, 64))
     point[0, 0] = 1
-    energy = (np.abs(np.fft.fft2(steerable.responses(point, True, True))) ** 2).sum(0)
+    energy = (np.abs(np.fft.fft2(steerable.responses(point, (True, True)))) ** 2).sum(0)
     assert energy.max() == pytest.approx(1, abs=1e-3)
     assert energy[16, 0] == pytest.approx(energy[0, 16], rel=1e-9)
     assert energy[0, 12] == pytest.approx(0.5 * (energy[8, 9] + energy[9, 8]), rel=0.02)  # 12 is the root of 145
@@ -59,7 +62,7 @@ def test_they_see_what_simoncellis_pyramid_sees():
     pyrtools = pytest.importorskip("pyrtools")
     plane = 100 * pictures.stained(pictures.pebbles(128, 128, 3))[..., 0]
     pyramid = pyrtools.pyramids.SteerablePyramidFreq(plane, height=1, order=3)
-    found = steerable.responses(plane, True, True)
+    found = steerable.responses(plane, (True, True))
     theirs = np.array([pyramid.pyr_coeffs[0, o].ravel() for o in range(4)])
     both = np.corrcoef(theirs, found.reshape(4, -1))
     assert np.diag(both[:4, 4:]).min() > 0.9  # the same four directions, in the same order
@@ -76,15 +79,15 @@ def lab_like(height: int, width: int, seed: int = 0) -> np.ndarray:
 
 def projected(device, image, sigma, wrap=(True, True), strength=1.0):
     height, width, channels = image.shape
-    cells = histograms.Cells.of(width, height, sigma)
+    grid = CellGrid.of(Domain(width, height, *wrap), sigma)
     seen = image[image[..., 0] != histograms.OUTSIDE]
     low, high = seen.min(0), seen.max(0)
-    with Buffers(device, {**projection.layout(cells, channels), "image": image.nbytes}, 1 << 30, "test") as buffers:
-        device.write(buffers["image"], image)
-        made = projection.SteerableProjection(device, buffers, cells, sigma, low, high, *wrap)
-        made.project("image", "matched", strength)
+    both = {"image": image.nbytes, "matched": image.nbytes}
+    with Buffers(device, {**projection.layout(grid, channels, height), **both}, 1 << 30, "test") as buffers:
+        made = projection.SteerableProjection(device, buffers, grid, low, high)
+        matched = projected_by(made, device, buffers, image, strength)
         bands = [device.read(buffers[name], image.shape, np.int16) for name in projection._BEFORE]
-        return device.read(buffers["matched"], image.shape, np.int16), np.array(bands)
+        return matched, np.array(bands)
 
 
 def responses_of(bands: np.ndarray) -> np.ndarray:
@@ -96,17 +99,17 @@ def responses_of(bands: np.ndarray) -> np.ndarray:
 def test_bands_are_the_responses(any_lanes, size, wrap):
     image = lab_like(*size)
     _, bands = projected(any_lanes, image, 8.0, wrap)
-    wanted = np.stack([steerable.responses(image[..., c], *wrap) for c in range(3)], -1)
+    wanted = np.stack([steerable.responses(image[..., c], wrap) for c in range(3)], -1)
     np.testing.assert_allclose(responses_of(bands), wanted, atol=0.03)  # the roots are rounded
 
 
 def oracle(image: np.ndarray, sigma: float, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Section 4.3 densely: responses and the rest matched at every pixel, and put together again."""
-    bands = np.stack([steerable.responses(image[..., c], True, True) for c in range(3)], -1)  # (4, h, w, 3)
+    bands = np.stack([steerable.responses(image[..., c], (True, True)) for c in range(3)], -1)  # (4, h, w, 3)
     largest = np.full(3, SCALE * math.sqrt(projection._LARGEST))
 
     def back(changes: np.ndarray) -> np.ndarray:
-        spread = [steerable.responses(changes[o, ..., c], True, True)[o] for c in range(3) for o in range(4)]
+        spread = [steerable.responses(changes[o, ..., c], (True, True))[o] for c in range(3) for o in range(4)]
         return -np.array(spread).reshape(3, 4, *image.shape[:2]).sum(1).transpose(1, 2, 0)
 
     def matched(plane: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ files do, lie off the origin, and are larger than the pieces in which ops keep r
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,14 +15,16 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex import host, tiles
+from oiiotex import host
+from oiiotex.core import demand
+from oiiotex.core.access import Neighbourhood, Pointwise
+from oiiotex.core.image import Image, Part, Pixels, dtype_of, in_memory
+from oiiotex.core.op import Op
+from oiiotex.core.window import Window
 from oiiotex.errors import Error
 from oiiotex.host import kinds
-from oiiotex.host.kinds import HostOp
-from oiiotex.images import Image, Part, dtype_of, in_memory
-from oiiotex.op import Op
+from oiiotex.host.kinds import HostOp, Respec
 from oiiotex.session import Session
-from oiiotex.windows import Window
 
 from .sources import spec_of
 
@@ -253,7 +256,7 @@ def windows_of(whole: Window) -> Iterator[list[Window]]:
 @pytest.fixture
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ops keep few rows at a time, and slanted reads are done in small squares."""
-    monkeypatch.setattr(tiles, "BAND_BYTES", 8 << 10)
+    monkeypatch.setattr(demand, "BAND_BYTES", 8 << 10)
     monkeypatch.setattr(kinds, "_CELL", 16)
 
 
@@ -296,7 +299,7 @@ def test_pieces_do_not_show(op: type[HostOp], number: int, where: str, monkeypat
     arguments = SAMPLES[op.name][number]
     at_once = computed(op, arguments, DATA[where], "float", Session())
     pixels = np.array(at_once.read(at_once.window))
-    monkeypatch.setattr(tiles, "BAND_BYTES", 4 << 10)
+    monkeypatch.setattr(demand, "BAND_BYTES", 4 << 10)
     monkeypatch.setattr(kinds, "_CELL", 8)
     small = computed(op, arguments, DATA[where], "float", Session(budget=60 << 10 if kinds_of(op) else 1 << 30))
     for window in small.window.cells(small.window.width, 5):
@@ -306,6 +309,36 @@ def test_pieces_do_not_show(op: type[HostOp], number: int, where: str, monkeypat
 def kinds_of(op: type[HostOp]) -> bool:
     """Whether it settles its sources."""
     return op.name in ("rotate90", "rotate270", "transpose")
+
+
+@pytest.mark.parametrize(("op", "number"), CASES)
+def test_an_op_reads_what_its_access_kind_says(op: type[HostOp], number: int, monkeypatch: pytest.MonkeyPatch):
+    """Nothing before a window is asked for; then that window, or what is around it as far as the halo says."""
+    if not SAMPLES.get(op.name) or not issubclass(op, Pointwise | Neighbourhood):
+        pytest.skip("may look anywhere, or has no sample")
+    monkeypatch.setattr(kinds, "cached", lambda part, cache: part)
+    asked: list[Window] = []
+
+    def watched(given: Image) -> Image:
+        part = given.first
+
+        def fetch(window: Window) -> Pixels:
+            asked.append(window)
+            return part.fetch(window)
+
+        return Image((dataclasses.replace(part, fetch=fetch),), given.source)
+
+    images = images_for(op, DATA["inset"], "float")
+    kernel = images.pop("kernel", None)  # is held
+    images = {name: tuple(map(watched, v)) if isinstance(v, tuple) else watched(v) for name, v in images.items()}
+    use = op(**images, **({} if kernel is None else {"kernel": kernel}), **SAMPLES[op.name][number])
+    part = use.compute(Session()).first
+    assert asked == []
+    source = window = Window.sized(15, 18, 4, 3)  # in the middle: no edge repeats
+    if isinstance(use, Respec):  # which may call the same places otherwise
+        window = source.shifted(*np.subtract(part.window, images["source"].first.window)[:2].tolist())
+    part.read(window)
+    assert asked and all(w & source.grown(*use.halo()) == w for w in asked)
 
 
 def test_what_cannot_be_is_refused():

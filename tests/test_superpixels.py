@@ -8,17 +8,16 @@ import OpenImageIO as oiio
 import pytest
 from scipy import ndimage
 
-from oiiotex.analysis import labgrid
-from oiiotex.analysis.labgrid import LabGrid
-from oiiotex.analysis.slic import SeedGrid, Slic, candidates, centres_of
-from oiiotex.analysis.superpixels import Superpixels, superpixels
-from oiiotex.color import BrokenValues
-from oiiotex.device import Device
-from oiiotex.errors import ImageError
-from oiiotex.images import Image, from_pixels
+from oiiotex.color import lab_on_device
+from oiiotex.color.lab import lens_of
+from oiiotex.color.lab_on_device import LabGrid
+from oiiotex.core.image import Image, from_pixels
+from oiiotex.core.window import Window
+from oiiotex.errors import BrokenValues, ImageError
+from oiiotex.opencl.device import Device
 from oiiotex.session import Session
-from oiiotex.windows import Window
-from oiiotex.working import lens_of
+from oiiotex.superpixels.slic import SeedGrid, Slic, candidates, centres_of
+from oiiotex.superpixels.superpixels import Superpixels, superpixels
 from tests import pictures
 from tests.reference import superpixels as reference
 
@@ -37,21 +36,21 @@ def image_of(pixels: np.ndarray, x: int = 0, y: int = 0) -> Image:
 
 def session_of(device: Device, **settings: object) -> Session:
     session = Session(**settings)
-    session.__dict__["device"] = device  # what the cached property would hold
+    session.resources.device = device
     return session
 
 
 def found(device: Device, pixels: np.ndarray, x: int = 0, y: int = 0, **settings: object) -> Superpixels:
     session = session_of(device)
     image = image_of(pixels, x, y)
-    return superpixels(image, lens_of(image, session.color), session, **settings)
+    return superpixels(image, lens_of(image, session), session, **settings)
 
 
 def grid_values(device: Device, pixels: np.ndarray) -> np.ndarray:
     """The pixels as kernels see them, by another way."""
     session = session_of(device)
     image = image_of(pixels)
-    values, opaque = lens_of(image, session.color).values(image.first.pixels())
+    values, opaque = lens_of(image, session).values(image.first.pixels())
     steps = np.rint(np.clip(values[..., :3], [-16, -150, -150], [284, 150, 150]) * np.float32(8)).astype(np.int16)
     seen = np.ones(steps.shape[:2], bool) if opaque is None else opaque
     return np.concatenate([steps * seen[..., None], seen[..., None]], -1).astype(np.int16)
@@ -76,7 +75,7 @@ def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactn
     centres[..., 3] = columns + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
     centres[..., 4] = rows[:, None] + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
     table = candidates(grid, centres, np.arange(grid.count))
-    with LabGrid(image, lens_of(image, session.color), session) as held, Slic(held, grid, session) as slic:
+    with LabGrid(image, lens_of(image, session), session) as held, Slic(held, grid, session) as slic:
         slots = np.concatenate([s for _, s in slic.slots(table)])
         sums = slic._sums(table, np.ones(grid.count, bool))
     np.testing.assert_array_equal(slots, reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift))
@@ -107,7 +106,7 @@ def test_iterations_are_those_of_plain_numpy(any_lanes):
     image, session = image_of(PHOTO), session_of(any_lanes)
     lab = grid_values(any_lanes, PHOTO)
     grid = SeedGrid.of(117, 83, 9.0, 20.0)
-    with LabGrid(image, lens_of(image, session.color), session) as held, Slic(held, grid, session) as slic:
+    with LabGrid(image, lens_of(image, session), session) as held, Slic(held, grid, session) as slic:
         last = slic.iterate(12)
     y, x = np.mgrid[0:83, 0:117]
     columns = (np.ones_like(x), *np.moveaxis(lab[..., :3], 2, 0), x, y)
@@ -181,10 +180,10 @@ def test_any_window_of_the_labels_is_the_whole_cropped(device):
 def test_bands_do_not_show(device, monkeypatch, rows):
     settings = {"sigma": 8.0, "runs": 2}
     whole = found(device, PHOTO, **settings)
-    monkeypatch.setattr(labgrid, "_HOST_BYTES", 0)
-    monkeypatch.setattr(labgrid, "BAND_BYTES", rows * 117 * labgrid.PIXEL_BYTES // 2)
+    monkeypatch.setattr(lab_on_device, "_HOST_BYTES", 0)
+    monkeypatch.setattr(lab_on_device, "BAND_BYTES", rows * 117 * lab_on_device.PIXEL_BYTES // 2)
     session, image = session_of(device), image_of(PHOTO)
-    lens = lens_of(image, session.color)
+    lens = lens_of(image, session)
     with LabGrid(image, lens, session) as lab:
         assert (lab.resident, lab.band_rows) == (False, rows)
     same(superpixels(image, lens, session, **settings), whole)
@@ -257,7 +256,7 @@ def test_a_picture_of_nothing_has_no_superpixels(device):
 def test_noise_that_does_not_fit_is_refused_with_a_figure(device):
     session, image = session_of(device, budget=4 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
     with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB of memory; the budget is 4 MB"):
-        superpixels(image, lens_of(image, session.color), session)
+        superpixels(image, lens_of(image, session), session)
 
 
 @pytest.mark.parametrize(("value", "counts"), [(np.nan, [2, 0]), (np.inf, [0, 2])])

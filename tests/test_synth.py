@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import OpenImageIO as oiio
@@ -205,7 +207,7 @@ def test_the_budget_bounds_a_texture_of_any_size(folder):
     roi = oiio.ROI(1 << 20, (1 << 20) + 30, 1 << 19, (1 << 19) + 20, 0, 1, 0, 3)
     made = filters.synth(photo, size=(1 << 25, 1 << 25), roi=roi, session=Session(budget=256 << 20))
     assert (made.spec().width, made.spec().height) == (30, 20)
-    with pytest.raises(errors.DeviceError, match=r"needs \d+ MB, the budget is 1 MB"):
+    with pytest.raises(errors.ImageError, match=r"needs \d+ MB of memory; the budget is 1 MB"):
         filters.synth(photo, size=(64, 64), session=Session(budget=1 << 20))
 
 
@@ -219,8 +221,8 @@ WRONG = [
     (("--texsynth:graph=loop.json:window=4x4+9999999999999999999999+1",), "places up to 2^60"),
     (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "window=9x9+15+0 is not inside size=20x20"),
     (("--texsynth:graph=loop.json:level=61",), "level=61: allowed is a whole number >= 0 and <= 60"),
-    (("--texsynth:graph=loop.json:stmap=loop.json",), "would overwrite"),
-    (("photo.png", "--texsynth:stmap=photo.png"), "would overwrite"),
+    (("--texsynth:graph=loop.json:stmap=loop.json",), "loop.json would overwrite graph, a file that it reads"),
+    (("photo.png", "--texsynth:stmap=photo.png"), "photo.png would overwrite exemplar, an image that it reads"),
     (("photo.png", "--texsynth:size=100x64:toroidal=1"), "size=100x64: on level 6 allowed are multiples of 64 px"),
     (("photo.png", "--texsynth:toroidal=1"), "toroidal=1: say size, after which the texture repeats"),
     (("photo.png", "--texsynth:size=70x50:tiles=4/3"), "tiles=4/3: allowed is I/N, I from 1 to N, N at most 50 rows"),
@@ -258,5 +260,23 @@ def test_memory_does_not_grow_with_the_image(folder):
     def megabytes(size):
         return peak_of(folder, "--cache", "256", "photo.png", f"--texsynth:size={size}", *words)
 
-    some = megabytes("8192x1024")  # enough to fill what is kept
+    some = megabytes("8192x2048")  # enough to fill what is kept: 4 bytes a pixel
     assert megabytes("8192x3072") < some + 32 < 500
+
+
+@pytest.mark.parametrize("op", ["--texsynth:size=96x64", "--texquilt:size=96x64:patch=16"])
+def test_nothing_slow_is_imported(folder, op):
+    """scipy takes longer to import than its part of the work would; so does numpy.ma, which np.unique brings."""
+    words = ["-q", "--autocc", "photo.png", op, "-o", "out.png"]
+    code = f"import sys; from oiiotex.cli.running import run; run({words!r}); print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert not {"scipy", "numpy.ma", "pandas", "networkx"} & set(done.stdout.split())
+
+
+def test_paper_is_hrrg08_by_the_letter(folder):
+    photo = oiio.ImageBuf(str(folder / "photo.png"))
+    six = filters.synth(photo, size=(40, 30), seed=2, paper=True).get_pixels(oiio.FLOAT)
+    assert not np.array_equal(six, filters.synth(photo, size=(40, 30), seed=2).get_pixels(oiio.FLOAT))
+    with pytest.raises(errors.ParameterError, match="dims=12: paper=True says dims=6"):
+        filters.synth(photo, dims=12, paper=True)

@@ -14,20 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from oiiotex.core.demand import PieceCache, assembled, bands, cached, on_a_torus, rows_for, stream
+from oiiotex.core.image import Part
+from oiiotex.core.window import Window
 from oiiotex.errors import ImageError
-from oiiotex.images import Part
-from oiiotex.tiles import (
-    WRAPS,
-    PieceCache,
-    assembled,
-    bands,
-    remembered,
-    rows_for,
-    stream,
-    with_halo,
-)
-from oiiotex.windows import Window
-from tests.parts import NUMPY, coordinates, counted, part_of, refusal, small, spec_of
+from tests.parts import NUMPY, coordinates, counted, part_of, refusal, spec_of
 
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
 MEGABYTE = np.zeros(1 << 20, np.uint8)
@@ -58,37 +49,30 @@ def test_rows_are_counted_in_multiples():
     assert [rows_for(part, 80_000, multiple) for multiple in (1, 3, 4, 16)] == [10, 9, 8, 16]
 
 
-# --- halo ---
-
-MODES = {"black": "constant", "clamp": "edge", "periodic": "wrap", "mirror": "symmetric"}
+# --- beyond the border ---
 
 
 @FUZZ
-@given(data=st.data(), wrap=st.sampled_from(WRAPS), width=st.integers(1, 7), height=st.integers(1, 7))
-def test_a_halo_is_what_numpy_pads(data, wrap, width, height):
+@given(data=st.data(), width=st.integers(1, 7), height=st.integers(1, 7))
+def test_a_torus_is_what_numpy_pads(data, width, height):
     x, y = data.draw(st.tuples(st.integers(-9, 9), st.integers(-9, 9)))
     part = part_of("a", "half", height, width, 2, x=x, y=y)
     halo = 20  # some times the image
-    padded = np.pad(part.pixels(), ((halo, halo), (halo, halo), (0, 0)), MODES[wrap])
+    padded = np.pad(part.pixels(), ((halo, halo), (halo, halo), (0, 0)), "wrap")
     around = part.window.grown(halo)
     window = window_in(data, around)  # also one that lies apart from the image
     asked: list[Window] = []
-    pixels = with_halo(counted(part, asked), window, wrap)
+    pixels = on_a_torus(counted(part, asked), window)
     assert pixels.dtype == np.float16
     np.testing.assert_array_equal(pixels, padded[window.inside(around)])
     assert all(w & part.window == w and not w.empty for w in asked)
 
 
-def test_a_window_without_a_halo_is_read_at_once():
+def test_a_window_inside_is_read_at_once():
     asked: list[Window] = []
     part = counted(part_of("a", "half", 9, 7, 3), asked)
-    with_halo(part, Window(1, 2, 5, 6), "mirror")
+    on_a_torus(part, Window(1, 2, 5, 6))
     assert asked == [Window(1, 2, 5, 6)]
-
-
-def test_an_unknown_wrap_mode_is_refused_with_those_there_are():
-    text = refusal(with_halo, small().first, Window(0, 0, 3, 3), "torus")
-    assert text == "no wrap mode 'torus'; there is black, clamp, periodic, mirror"
 
 
 # --- pieces that are kept ---
@@ -240,7 +224,7 @@ def test_a_window_is_assembled_of_whole_cells(data, cell):
 def test_a_remembered_part_computes_each_row_once_where_bands_overlap(halo):
     asked: list[Window] = []
     part = coordinates(5000, 1000, -5, 3)  # 40 MB
-    near = remembered(counted(part, asked), PieceCache(16 << 20))
+    near = cached(counted(part, asked), PieceCache(16 << 20))
     for band in bands(part, 4 << 20):
         window = band.grown(0, halo) & part.window
         np.testing.assert_array_equal(near.read(window)[:, ::97], part.read(window)[:, ::97])
@@ -251,13 +235,13 @@ def test_a_remembered_part_computes_each_row_once_where_bands_overlap(halo):
 
 def test_what_costs_little_is_not_remembered():
     part = part_of("a", "half", 9, 7, 3)
-    assert remembered(part, PieceCache(1 << 20)) is part
+    assert cached(part, PieceCache(1 << 20)) is part
 
 
 def test_two_parts_share_a_cache_and_are_not_mixed_up():
     cache = PieceCache(1 << 20)
     ones, twos = (
-        remembered(Part("a", spec_of("float", 4, 4, 1), lambda w, n=n: np.full((w.height, w.width, 1), n)), cache)
+        cached(Part("a", spec_of("float", 4, 4, 1), lambda w, n=n: np.full((w.height, w.width, 1), n)), cache)
         for n in (1, 2)
     )
     window = Window(0, 0, 4, 4)
@@ -328,11 +312,11 @@ STREAM_A_LARGE_ONE = """
 import resource
 import numpy as np
 import OpenImageIO as oiio
-from oiiotex.images import Image, Part, type_named
-from oiiotex.tiles import remembered, PieceCache
-from oiiotex.windows import Window
-from oiiotex.formats import Format
-from oiiotex.writing import write
+from oiiotex.core.image import Image, Part, type_named
+from oiiotex.core.demand import cached, PieceCache
+from oiiotex.core.window import Window
+from oiiotex.io.formats import Format
+from oiiotex.io.writing import write
 
 def fetch(window):
     y, x = np.ogrid[window.top : window.bottom, window.left : window.right]

@@ -6,8 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from docs.wang_plane import random_plane
 from oiiotex import errors, filters
-from oiiotex.synthesis.wang import Edges, edges_of, random_plane, runs_for
+from oiiotex.patchmatch.wang_tiles import Edges, edges_of, runs_for
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_promises import buffer, pixels
@@ -31,17 +32,23 @@ def test_sixteen_tiles_have_all_edges_and_eight_two_for_each_corner():
 
 @pytest.mark.parametrize("count", [2, 9])
 def test_tiles_meet_as_the_inside_meets_itself(count):
-    tiles = filters.stationarize(buffer(PHOTO), variants=count, **SMALL)
-    lab = [pixels(tile)[..., 1] for tile in tiles]
-    edges = edges_of(count)
-    assert [t.spec().get_string_attribute("oiiotex:edges") for t in tiles] == [str(e) for e in edges]
-    assert len({t.tobytes() for t in lab}) == count  # and differ
-    inside = [max(np.abs(np.diff(t, axis=axis)).mean(1 - axis).max() for t in lab) for axis in (0, 1)]
-    for a, b in ((a, b) for a in range(count) for b in range(count)):
-        if edges[a].east == edges[b].west:
-            assert np.abs(lab[a][:, -1] - lab[b][:, 0]).mean() <= inside[1]
-        if edges[a].south == edges[b].north:
-            assert np.abs(lab[a][-1] - lab[b][0]).mean() <= inside[0]
+    """The worst line across an edge is no worse than the worst inside, on average: of one seed either may be."""
+    edges, worst = edges_of(count), []
+    for seed in range(3):
+        tiles = filters.stationarize(buffer(PHOTO), variants=count, **{**SMALL, "seed": seed})
+        light = [pixels(tile)[..., 1] for tile in tiles]
+        assert [t.spec().get_string_attribute("oiiotex:edges") for t in tiles] == [str(e) for e in edges]
+        assert len({t.tobytes() for t in light}) == count  # and differ
+        for axis, near, far in ((0, "south", "north"), (1, "east", "west")):
+            inside = max(np.abs(np.diff(t, axis=axis)).mean(1 - axis).max() for t in light)
+            meeting = [
+                np.abs(a.take(-1, axis) - b.take(0, axis)).mean()
+                for a, one in zip(light, edges, strict=True)
+                for b, other in zip(light, edges, strict=True)
+                if getattr(one, near) == getattr(other, far)
+            ]
+            worst.append(max(meeting) / inside)
+    assert np.mean(worst) <= 1, worst
 
 
 def test_all_pairs_across_an_edge_are_the_same_pixels():
@@ -57,13 +64,16 @@ def test_all_pairs_across_an_edge_are_the_same_pixels():
 
 
 def test_seams_of_a_plane_are_no_worse_than_its_inside():
-    tiles = [pixels(t)[..., 1] for t in filters.stationarize(buffer(PHOTO), variants=8, **SMALL)]
-    plane = random_plane(edges_of(8), 6, 7, seed=3)
-    picture = np.block([[tiles[n] for n in row] for row in plane])
-    for axis, side in ((1, 56), (0, 64)):
-        jumps = np.abs(np.diff(picture, axis=axis)).mean(1 - axis)
-        at_seams = jumps[side - 1 :: side].mean()
-        assert at_seams <= np.quantile(jumps, 0.95)
+    """Of one seed any share of the lines inside may be quieter, on average half of them: a seam that shows has all."""
+    quieter = []
+    for seed in (1, 2, 3):
+        tiles = [pixels(t)[..., 1] for t in filters.stationarize(buffer(PHOTO), variants=8, **SMALL | {"seed": seed})]
+        plane = random_plane(edges_of(8), 6, 7, seed=3)
+        picture = np.block([[tiles[n] for n in row] for row in plane])
+        for axis, side in ((1, 56), (0, 64)):
+            jumps = np.abs(np.diff(picture, axis=axis)).mean(1 - axis)
+            quieter.append((jumps < jumps[side - 1 :: side].mean()).mean())
+    assert np.mean(quieter) <= 0.8
     assert len(np.unique(plane)) > 5
     np.testing.assert_array_equal(plane, random_plane(edges_of(8), 6, 7, seed=3))
 
@@ -71,7 +81,7 @@ def test_seams_of_a_plane_are_no_worse_than_its_inside():
 def test_variants_of_a_material_come_tile_by_tile(tmp_path):
     save(PHOTO, tmp_path / "a.png")
     save(PHOTO[..., :1], tmp_path / "b.png")
-    op = "--texstationarize:n=2:match=1,0:variants=2:size=40x40:iterations=2:patch=7"
+    op = "--texstationarize:n=2:match=1,0:variants=2:size=40x40:iterations=10:patch=7"
     done = oiiotex("a.png", "b.png", op, "-o:all=0", "t%d.tif", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     shapes = [load(tmp_path / f"t{n}.tif").shape for n in range(4)]

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oiiotex.core.image import Image, Part, type_named
+from oiiotex.core.window import Window
 from oiiotex.errors import ImageError
-from oiiotex.files import read
-from oiiotex.images import Image, Part, type_named
-from oiiotex.windows import Window
-from oiiotex.writing import write
+from oiiotex.io.reading import read
+from oiiotex.io.writing import write
 from tests.parts import assert_same, counted, part_of, refusal, small, spec_of
 
 WIDE = 900_000  # pixels in a row that makes a band of few rows; libpng takes no more than a million
@@ -244,8 +244,8 @@ def test_what_cannot_be_swept_stops_no_one(tmp_path, dead_pid):
 KILLED = """
 import os, signal
 import numpy as np, OpenImageIO as oiio
-from oiiotex.images import Image, Part
-from oiiotex.writing import write
+from oiiotex.core.image import Image, Part
+from oiiotex.io.writing import write
 
 def fetch(window):
     if window.top > 0:
@@ -273,8 +273,8 @@ FULL = """
 import resource, sys
 import numpy as np, OpenImageIO as oiio
 from oiiotex.errors import ImageError
-from oiiotex.images import Image, Part
-from oiiotex.writing import write
+from oiiotex.core.image import Image, Part
+from oiiotex.io.writing import write
 
 def fetch(window):
     return np.random.default_rng(window.top).integers(0, 255, (window.height, window.width, 3), np.uint8)

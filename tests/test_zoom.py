@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.synthesis.zooming import filtered, taps, views
+from oiiotex.multiscale.zoom import filtered, taps, views
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 
@@ -145,7 +145,7 @@ WRONG = [
     ({"frame": -20, "speed": 0.5}, r"frame -20 would be at -4.5 octaves"),
     ({"at": (1.0,)}, "at=1: allowed are two numbers, X,Y"),
     ({"at": (5000, 5000), "level": 60}, r"at=5000,5000: at 60 octaves it is more than 2\^60 px away"),
-    ({"size": (0, 4)}, "size=.* allowed is WIDTHxHEIGHT >= 1"),
+    ({"size": (0, 4)}, "size=.* allowed is .width, height. >= 1"),
     ({"speed": 9.0}, "speed=9.0: allowed is a number >= -8 and <= 8"),
 ]
 

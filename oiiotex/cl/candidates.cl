@@ -1,5 +1,5 @@
 // Candidate sets of stack texels: HRRG08 eq. 2, searched as PatchMatch does (BSFG09): good matches of neighbours are
-// carried over, and places around the best one are tried at random. Belongs to synthesis/candidates.py.
+// carried over, and places around the best one are tried at random. Belongs to multiscale/candidate_sets.py.
 //
 // On a CPU an item does RUN texels of a row: all of them say what they try, which is fetched, before they look at it.
 #include "hash.h"
@@ -9,13 +9,13 @@
 // transparent pixels, and outside the disc around `excluded` (by its texel; ~0: none) of squared radius `disc`.
 typedef struct { uint texel, cost; } found;
 
-inline int around(int d, int side) {
+static inline int around(int d, int side) {
   int half_way = 1 << (side - 1);
   d &= (1 << side) - 1;
   return d > half_way ? (1 << side) - d : d;
 }
 
-inline int near_excluded(uint texel, uint excluded, int disc, int side) {
+static inline int near_excluded(uint texel, uint excluded, int disc, int side) {
   if (excluded == ~0u || TEXEL_LEVEL(texel, side) != TEXEL_LEVEL(excluded, side)) return 0;
   int dx = around(TEXEL_X(texel, side) - TEXEL_X(excluded, side), side);
   int dy = around(TEXEL_Y(texel, side) - TEXEL_Y(excluded, side), side);
@@ -23,7 +23,7 @@ inline int near_excluded(uint texel, uint excluded, int disc, int side) {
 }
 
 // Each of RUN texels takes what it tries where that is better; `own` are their neighbourhoods, `excluded` theirs.
-inline void try_all(found *best, const uint *tried, const __global short *own, const __global short *projections,
+static inline void try_all(found *best, const uint *tried, const __global short *own, const __global short *projections,
                     const __global uchar *usable, const __global uint *excluded, int disc, int side) {
   for (int m = 0; m < RUN; m++) PREFETCH(projections + DIMS * (size_t)tried[m]);
   for (int m = 0; m < RUN; m++) {
@@ -37,7 +37,7 @@ inline void try_all(found *best, const uint *tried, const __global short *own, c
 }
 
 // A random texel of a random admissible level.
-inline uint anywhere(uint *bits, const __global int *admissible, int count, int side) {
+static inline uint anywhere(uint *bits, const __global int *admissible, int count, int side) {
   int into = admissible[2 * hash_below(*bits, count)];
   *bits = hash_pcg(*bits);
   return texel_at(into, (int)(*bits >> 16), (int)*bits, side);

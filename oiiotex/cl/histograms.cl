@@ -5,68 +5,114 @@
 // (departure: cells instead of blocks). A histogram is BINS floats; the grid holds [channel][cell y][cell x][bin].
 // Every cell is summed by one work-item in one fixed order, so the bits do not depend on the device.
 #pragma OPENCL FP_CONTRACT OFF
-#include "cells.h"
+#include "grid.h"
 
 #if LANES > 1
 #define BIN_LANES 16
 typedef float bin_lane __attribute__((ext_vector_type(16), aligned(4)));
 #else
-#define BIN_LANES 1
-typedef float bin_lane;
+#define BIN_LANES 4   // 16 bytes: what a GPU loads at once
+typedef float4 bin_lane;
+
+// The first whole number that is not below.
+static inline int first_from(float v) { int i = floor_int(v); return (float)i < v ? i + 1 : i; }
 #endif
 
 // A value's place among the bins: soft membership (a triangular Parzen window) of bins `bin` and `bin + 1`.
-inline float place_in_bins(short value, float low, float per_bin) {
+static inline float place_in_bins(short value, float low, float per_bin) {
   float t = ((float)value - low) * per_bin;
   return t < 0.0f ? 0.0f : t > (float)(BINS - 1) ? (float)(BINS - 1) : t;
 }
 
-// Each pixel is shared bilinearly among the four cells around it. Seen from a cell: it gathers every pixel less
-// than one cell away, weighted by a tent.
+// Adds rows `begin` to `end` of the image (counted on beyond its border) to the histograms of `count` rows of cells from
+// `top` on, which are held from row `at` on. Rows come in order, so it does not show in the sums how many come at once.
+#if LANES > 1
+// One item sums a cell, its channels in turn: they share the weights, and their sums wait for each other's less.
 __kernel void histograms_gather(const __global short *restrict image, __global float *restrict grid,
-                                __constant float *low, __constant float *per_bin,
-                                int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
-  int cx = get_global_id(0), cy = get_global_id(1), c = get_global_id(2);
-  if (cx >= cells_x || cy >= cells_y || c >= CHANNELS) return;
-  float pitch_x = (float)width / (float)cells_x, pitch_y = (float)height / (float)cells_y;
-  __global float *histogram = grid + ((c * cells_y + cy) * cells_x + cx) * BINS;
-  for (int b = 0; b < BINS; b++) histogram[b] = 1e-6f * pitch_x * pitch_y;   // keeps the cumulative strictly rising
-  float centre_x = ((float)cx + 0.5f) * pitch_x - 0.5f, centre_y = ((float)cy + 0.5f) * pitch_y - 0.5f;
-  for (int y = floor_int(centre_y - pitch_y) + 1; (float)y < centre_y + pitch_y; y++) {
-    if (!wrap_y && (y < 0 || y >= height)) continue;
-    float away_y = (float)y < centre_y ? centre_y - (float)y : (float)y - centre_y;
-    const __global short *row = image + CHANNELS * width * (y < 0 ? y + height : y >= height ? y - height : y) + c;
-    for (int x = floor_int(centre_x - pitch_x) + 1; (float)x < centre_x + pitch_x; x++) {
-      if (!wrap_x && (x < 0 || x >= width)) continue;
-      float away_x = (float)x < centre_x ? centre_x - (float)x : (float)x - centre_x;
-      short value = row[CHANNELS * (x < 0 ? x + width : x >= width ? x - width : x)];
-      if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
-      float weight = (1.0f - away_y / pitch_y) * (1.0f - away_x / pitch_x);
-      float t = place_in_bins(value, low[c], per_bin[c]);
-      int b = (int)t < BINS - 2 ? (int)t : BINS - 2;
-      float upper = (t - (float)b) * weight;
-      histogram[b] += weight - upper;
-      histogram[b + 1] += upper;
+                                __constant float *low, __constant float *per_bin, int begin, int end,
+                                int top, int count, int at, HELD_ARGS, GRID_ARGS) {
+  int cx = get_global_id(0), row_of_cells = get_global_id(1), cy = top + row_of_cells;
+  if (cx >= cells_x || row_of_cells >= count) return;
+  tent across = tent_of(cx, width, cells_x), down = tent_of(cy, height, cells_y);
+  __global float *histograms = grid + CELL(0, at + row_of_cells, cx) * BINS;
+  size_t plane = (size_t)cells_x * held_cells * BINS;   // from a channel's histogram to the next one's
+  for (int y = down.first < begin ? begin : down.first; y < end && tent_covers(down, y); y++) {
+    if (!THERE(y, height, wrap_y)) continue;
+    float above = tent_at(down, y);
+    const __global short *row = image + CHANNELS * AT(HELD(y), 0, width);
+    for (int x = across.first; tent_covers(across, x); x++) {
+      if (!THERE(x, width, wrap_x)) continue;
+      float weight = above * tent_at(across, x);
+      const __global short *values = row + CHANNELS * WRAPPED(x, width);
+      for (int c = 0; c < CHANNELS; c++) {
+        if (values[c] == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
+        float t = place_in_bins(values[c], low[c], per_bin[c]);
+        int b = (int)t < BINS - 2 ? (int)t : BINS - 2;
+        float upper = (t - (float)b) * weight;
+        histograms[c * plane + b] += weight - upper;
+        histograms[c * plane + b + 1] += upper;
+      }
     }
   }
 }
+#else
+// A work-group of BINS items sums a cell, each item its own bin: pixels are looked up and put among the bins together,
+// as many at a time, and every item adds those of its bin in the same order as above.
+__kernel void histograms_gather(const __global short *restrict image, __global float *restrict grid,
+                                __constant float *low, __constant float *per_bin, int begin, int end,
+                                int top, int count, int at, HELD_ARGS, GRID_ARGS) {
+  int own = get_local_id(0), cx = get_global_id(0) / BINS, row_of_cells = get_global_id(1), c = get_global_id(2);
+  tent across = tent_of(cx, width, cells_x), down = tent_of(top + row_of_cells, height, cells_y);
+  int columns = first_from(across.centre + across.pitch) - across.first;
+  int last = first_from(down.centre + down.pitch), from = down.first < begin ? begin : down.first;
+  int pixels = ((last < end ? last : end) - from) * columns;
+  __global float *histogram = grid + CELL(c, at + row_of_cells, cx) * BINS;
+  __local int bin[BINS];
+  __local float at_bin[BINS], above_bin[BINS];
+  float sum = histogram[own];
+  for (int done = 0; done < pixels; done += BINS) {
+    int i = done + own, y = from + i / columns, x = across.first + i % columns;
+    bin[own] = -2;   // no pixel
+    if (i < pixels && THERE(y, height, wrap_y) && THERE(x, width, wrap_x)) {
+      short value = image[CHANNELS * AT(HELD(y), WRAPPED(x, width), width) + c];
+      if (value != SHRT_MIN) {
+        float weight = tent_at(down, y) * tent_at(across, x);
+        float t = place_in_bins(value, low[c], per_bin[c]);
+        int b = (int)t < BINS - 2 ? (int)t : BINS - 2;
+        bin[own] = b;
+        above_bin[own] = (t - (float)b) * weight;
+        at_bin[own] = weight - above_bin[own];
+      }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int k = 0; k < BINS; k++) {
+      if (bin[k] == own) sum += at_bin[k];
+      if (bin[k] + 1 == own) sum += above_bin[k];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+  }
+  histogram[own] = sum;
+}
+#endif
 
 // One axis of the Gaussian w_d of MJH17 eq. 3 over the cells, BIN_LANES bins of a cell at a time. `stride` is the
-// step along the axis and `n` its length, `across` and `across_stride` the same for the other axis, all in cells.
+// step along the axis and `n` its length, `across` and `across_stride` the same for the other axis, `plane` the step from
+// a channel to the next, all in cells. Along the axis it is made from `from` to `to`.
 __kernel void histograms_blur(const __global float *restrict grid, __global float *restrict blurred,
-                              __constant float *weights, int radius, int n, int stride, int across, int across_stride, int wrap) {
-  int part = get_global_id(0) * BIN_LANES, i = get_global_id(1), jc = get_global_id(2);
-  if (part >= BINS || i >= n || jc >= CHANNELS * across) return;
+                              __constant float *weights, int radius, int n, int stride, int across, int across_stride,
+                              int plane, int from, int to, int wrap) {
+  int part = get_global_id(0) * BIN_LANES, i = from + get_global_id(1), jc = get_global_id(2);
+  if (part >= BINS || i >= to || jc >= CHANNELS * across) return;
   int c = jc / across, j = jc - c * across;
-  int line = (c * n * across + j * across_stride) * BINS + part;
+  long line = ((long)c * plane + (long)j * across_stride) * BINS + part, step = (long)stride * BINS;
   bin_lane sum = 0.0f;
   for (int k = -radius; k <= radius; k++) {
     int at = i + k;
     while (wrap && at < 0) at += n;
     while (wrap && at >= n) at -= n;
-    if (at >= 0 && at < n) sum += weights[k + radius] * *(const __global bin_lane *)(grid + line + at * stride * BINS);
+    if (at >= 0 && at < n) sum += weights[k + radius] * *(const __global bin_lane *)(grid + line + at * step);
   }
-  *(__global bin_lane *)(blurred + line + i * stride * BINS) = sum;
+  *(__global bin_lane *)(blurred + line + i * step) = sum;
 }
 
 // Sums of a row of cells, bin by bin: the rows are added on the host to the global histogram.
@@ -74,15 +120,15 @@ __kernel void histograms_row_sums(const __global float *restrict grid, __global 
   int part = get_global_id(0) * BIN_LANES, row = get_global_id(1);
   if (part >= BINS || row >= rows) return;
   bin_lane sum = 0.0f;
-  for (int x = 0; x < cells_x; x++) sum += *(const __global bin_lane *)(grid + (row * cells_x + x) * BINS + part);
-  *(__global bin_lane *)(sums + row * BINS + part) = sum;
+  for (int x = 0; x < cells_x; x++) sum += *(const __global bin_lane *)(grid + AT(row, x, cells_x) * BINS + part);
+  *(__global bin_lane *)(sums + AT(row, part, BINS)) = sum;
 }
 
 // Histogram -> its cumulative, normalised: value b is the share below the lower border of bin b.
-__kernel void histograms_cumulate(__global float *restrict grid, int cells) {
-  int i = get_global_id(0);
-  if (i >= cells) return;
-  __global float *h = grid + i * BINS;
+__kernel void histograms_cumulate(__global float *restrict grid, int cells_x, int rows) {
+  int cx = get_global_id(0), row = get_global_id(1);
+  if (cx >= cells_x || row >= rows) return;
+  __global float *h = grid + AT(row, cx, cells_x) * BINS;
   float total = 0.0f;
   for (int b = 0; b < BINS; b++) total += h[b];
   float scale = 1.0f / total, below = 0.0f;
@@ -93,49 +139,120 @@ __kernel void histograms_cumulate(__global float *restrict grid, int cells) {
   }
 }
 
-// The cumulative of one cell at place t; linear inside the bin [b - 1/2, b + 1/2).
-inline float share_below(const __global float *cumulative, int b, float inside) {
-  float upper = b + 1 < BINS ? cumulative[b + 1] : 1.0f;
-  return cumulative[b] + (upper - cumulative[b]) * inside;
-}
-
 // c' = G^-1(F(c)), MJH17 section 4.3 (printed there as 'G(F(c))^-1'): F is interpolated between the four cells
-// around the pixel, `inverse` holds G^-1 as INVERSE + 1 values for shares 0 .. 1, already on the image's grid.
-// The pixel goes `strength` times the way from c to c'.
+// around the pixel and linear inside the bin [b - 1/2, b + 1/2); `inverse` holds G^-1 as INVERSE + 1 values for shares
+// 0 .. 1, already on the image's grid. The pixel goes `strength` times the way from c to c'. Made are `count` rows from
+// `top` on (counted on beyond the border); `matched` holds the rows that `image` holds.
 __kernel void histograms_match(const __global short *restrict image, const __global float *restrict cumulative,
                                const __global float *restrict inverse, __global short *restrict matched,
-                               __constant float *low, __constant float *per_bin, float strength,
-                               int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
-  int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
-  if (x >= width || y >= height || c >= CHANNELS) return;
-  float gx = ((float)x + 0.5f) * ((float)cells_x / (float)width) - 0.5f;
-  float gy = ((float)y + 0.5f) * ((float)cells_y / (float)height) - 0.5f;
-  int x0 = floor_int(gx), y0 = floor_int(gy);
-  float right = gx - (float)x0, lower = gy - (float)y0;
-  short old = image[CHANNELS * (y * width + x) + c];
-  float t = place_in_bins(old, low[c], per_bin[c]);
-  int b = (int)(t + 0.5f);
-  float inside = t + 0.5f - (float)b;
-  float share = 0.0f, weights = 0.0f;
-  for (int k = 0; k < 4; k++) {
-    int cx = cell_at(x0 + (k & 1), cells_x, wrap_x), cy = cell_at(y0 + (k >> 1), cells_y, wrap_y);
-    if (cx < 0 || cy < 0) continue;
-    float w = ((k & 1) ? right : 1.0f - right) * ((k >> 1) ? lower : 1.0f - lower);
-    share += w * share_below(cumulative + ((c * cells_y + cy) * cells_x + cx) * BINS, b, inside);
-    weights += w;
+                               __constant float *low, __constant float *per_bin, float strength, int top, int count,
+                               HELD_ARGS, GRID_ARGS) {
+  int x = get_global_id(0), y = top + get_global_id(1);
+  if (x >= width || y >= top + count) return;
+  size_t cell[4];
+  float weight[4], weights = cells_around(x, WRAPPED(y, height), GRID, first_cells, cell, weight);
+  size_t at = CHANNELS * AT(HELD(y), x, width), plane = (size_t)cells_x * held_cells;
+  for (int c = 0; c < CHANNELS; c++) {
+    short old = image[at + c];
+    float t = place_in_bins(old, low[c], per_bin[c]);
+    int b = (int)(t + 0.5f);
+    float inside = t + 0.5f - (float)b, share = 0.0f;
+    for (int k = 0; k < 4; k++) {
+      const __global float *below = cumulative + (c * plane + cell[k]) * BINS + b;
+      float upper = b + 1 < BINS ? below[1] : 1.0f;
+      share += weight[k] * (below[0] + (upper - below[0]) * inside);
+    }
+    share = share / weights * (float)INVERSE;
+    int i = (int)share < INVERSE - 1 ? (int)share : INVERSE - 1;
+    const __global float *table = inverse + c * (INVERSE + 1), *g = table + i;
+    float value = (float)old + strength * (g[0] + (g[1] - g[0]) * (share - (float)i) - (float)old);
+    float least = table[0], most = table[INVERSE];
+    value = value < least ? least : value > most ? most : value;
+    matched[at + c] = (short)floor_int(value + 0.5f);
   }
-  share = share / weights * (float)INVERSE;
-  int i = (int)share < INVERSE - 1 ? (int)share : INVERSE - 1;
-  const __global float *g = inverse + c * (INVERSE + 1) + i;
-  float value = (float)old + strength * (g[0] + (g[1] - g[0]) * (share - (float)i) - (float)old);
-  float least = inverse[c * (INVERSE + 1)], most = inverse[c * (INVERSE + 1) + INVERSE];
-  value = value < least ? least : value > most ? most : value;
-  matched[CHANNELS * (y * width + x) + c] = (short)floor_int(value + 0.5f);
 }
 
-// Point function of a value: global histogram matching is one table per channel on the integer grid.
-__kernel void histograms_table(__global short *restrict image, const __global short *restrict table, int first, int entries, int pixels) {
-  int p = get_global_id(0);
-  if (p >= pixels) return;
-  for (int c = 0; c < CHANNELS; c++) image[CHANNELS * p + c] = table[c * entries + image[CHANNELS * p + c] - first];
+// --- global matching: a value's histogram is exact on the integer grid ---
+
+// How often each value occurs in `height` rows from row `at` on, in parts: [part][channel][value - first]. A work-group counts one part of the rows, for
+// one channel, into counts of its own, so no two groups write the same place. `marks` rules pixels out: with COUNT_FREE
+// those where it holds something, with COUNT_SEEN those where it is SHRT_MIN (histograms.OUTSIDE).
+#if LANES == 1
+#define COUNTERS 256          // items of a work-group that count together; histograms.ValueCounts
+#define MOST_VALUES 4096      // of patchmatch.to_grid's
+#define COUNT(i) atomic_inc(own + (i))
+#else
+#define COUNTERS 1            // a CPU's thread needs no atomics, and its counts are in its cache
+#define COUNT(i) own[i]++
+#endif
+#define COUNT_FREE 1
+#define COUNT_SEEN 2
+__kernel void histograms_values(const __global short *restrict image, const __global short *restrict marks,
+                                __global int *restrict counts, int first, int entries, int width, int height, int at, int which) {
+  int item = get_local_id(0), part = get_group_id(0), parts = get_num_groups(0), c = get_global_id(1);
+  __global int *sums = counts + ((size_t)part * CHANNELS + c) * entries;
+#if LANES == 1
+  __local int own[MOST_VALUES];
+#else
+  __global int *own = sums;
+#endif
+  for (int i = item; i < entries; i += COUNTERS) own[i] = 0;
+#if LANES == 1
+  barrier(CLK_LOCAL_MEM_FENCE);
+#endif
+  for (int y = part; y < height; y += parts) {
+    size_t begin = CHANNELS * AT(at + y, 0, width);
+    const __global short *row = image + begin + c, *marked = marks + begin;
+    for (int x = item; x < width; x += COUNTERS)
+      if (!which || (marked[CHANNELS * x] == SHRT_MIN) == (which == COUNT_FREE)) COUNT(row[CHANNELS * x] - first);
+  }
+#if LANES == 1
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (int i = item; i < entries; i += COUNTERS) sums[i] = own[i];
+#endif
+}
+
+// The parts' sum, in the place of the first.
+__kernel void histograms_values_sum(__global int *restrict counts, int entries, int parts) {
+  int i = get_global_id(0), n = CHANNELS * entries;
+  if (i >= n) return;
+  int sum = counts[i];
+  for (int part = 1; part < parts; part++) sum += counts[(size_t)part * n + i];
+  counts[i] = sum;
+}
+
+// Point function of a value: one table per channel.
+__kernel void histograms_table(const __global short *restrict image, const __global short *restrict table,
+                               __global short *restrict matched, int first, int entries, int width, int height) {
+  int x = get_global_id(0), y = get_global_id(1);
+  if (x >= width || y >= height) return;
+  size_t at = CHANNELS * AT(y, x, width);
+  for (int c = 0; c < CHANNELS; c++) matched[at + c] = table[c * entries + image[at + c] - first];
+}
+
+// --- a sigma for each pixel ---
+
+// What projection `k` of those at `count` sigmas weighs at a place among them: a tent, in whole numbers.
+static inline int share_of(float place, int k) {
+  float away = place - (float)k, share = 1.0f - (away < 0.0f ? -away : away);
+  return (int)rint(256.0f * (share < 0.0f ? 0.0f : share));
+}
+
+// Adds projection `k` to `total`; behind the last one `matched` is what all were blended to (halves go up). Of `place` and
+// `matched` rows from `place_at` and `at` on.
+__kernel void histograms_blend(__global short *restrict matched, const __global float *restrict place,
+                               __global int *restrict total, int k, int count, int at, int place_at, int width, int height) {
+  int x = get_global_id(0), y = get_global_id(1);
+  if (x >= width || y >= height) return;
+  float own = place[AT(place_at + y, x, width)];
+  int share = share_of(own, k), weight = 0;
+  for (int j = 0; j < count; j++) weight += share_of(own, j);
+  for (int c = 0; c < CHANNELS; c++) {
+    size_t i = CHANNELS * AT(at + y, x, width) + c, t = CHANNELS * AT(y, x, width) + c;
+    int sum = (k == 0 ? 0 : total[t]) + share * matched[i];
+    total[t] = sum;
+    if (k < count - 1) continue;
+    int doubled = 2 * sum + weight;
+    matched[i] = (short)((doubled - (doubled < 0 ? 2 * weight - 1 : 0)) / (2 * weight));
+  }
 }

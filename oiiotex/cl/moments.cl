@@ -3,44 +3,48 @@
 // The cells are those of histograms.cl. Every cell is summed by one work-item in one fixed order, about a whole number
 // near its mean, so that no digits are lost; what lies between cells and scores is done on the host, in doubles.
 #pragma OPENCL FP_CONTRACT OFF
-#include "cells.h"
+#include "grid.h"
 
-// Shared bilinearly among the cells, as in histograms_gather: [channel][cell y][cell x][weight, about, four sums].
-__kernel void moments_gather(const __global short *restrict image, __global float *restrict sums,
-                             int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
+// Shared bilinearly among the cells, as in histograms_gather, rows `begin` to `end` added to what is there:
+// [channel][cell y][cell x][weight, about, four sums]. First the weight and sums of values are summed, two `powers` about
+// 0, then after moments_about all five.
+__kernel void moments_gather(const __global short *restrict image, __global float *restrict sums, int powers,
+                             int begin, int end, HELD_ARGS, GRID_ARGS) {
   int cx = get_global_id(0), cy = get_global_id(1), c = get_global_id(2);
   if (cx >= cells_x || cy >= cells_y || c >= CHANNELS) return;
-  float pitch_x = (float)width / (float)cells_x, pitch_y = (float)height / (float)cells_y;
-  float centre_x = ((float)cx + 0.5f) * pitch_x - 0.5f, centre_y = ((float)cy + 0.5f) * pitch_y - 0.5f;
-  float about = 0.0f, sum[5];
-  for (int pass = 0; pass < 2; pass++) {
-    for (int k = 0; k < 5; k++) sum[k] = 0.0f;
-    for (int y = floor_int(centre_y - pitch_y) + 1; (float)y < centre_y + pitch_y; y++) {
-      if (!wrap_y && (y < 0 || y >= height)) continue;
-      float away_y = (float)y < centre_y ? centre_y - (float)y : (float)y - centre_y;
-      const __global short *row = image + CHANNELS * width * (y < 0 ? y + height : y >= height ? y - height : y) + c;
-      for (int x = floor_int(centre_x - pitch_x) + 1; (float)x < centre_x + pitch_x; x++) {
-        if (!wrap_x && (x < 0 || x >= width)) continue;
-        float away_x = (float)x < centre_x ? centre_x - (float)x : (float)x - centre_x;
-        short value = row[CHANNELS * (x < 0 ? x + width : x >= width ? x - width : x)];
-        if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
-        float term = (1.0f - away_y / pitch_y) * (1.0f - away_x / pitch_x), off = (float)value - about;
-        for (int k = 0; k < (pass ? 5 : 2); k++) {
-          sum[k] += term;
-          term *= off;
-        }
+  tent across = tent_of(cx, width, cells_x), down = tent_of(cy, height, cells_y);
+  __global float *out = sums + 6 * CELL(c, cy, cx);
+  float about = out[1], sum[5] = {out[0], out[2], out[3], out[4], out[5]};
+  for (int y = down.first < begin ? begin : down.first; y < end && tent_covers(down, y); y++) {
+    if (!THERE(y, height, wrap_y)) continue;
+    float above = tent_at(down, y);
+    const __global short *row = image + CHANNELS * AT(HELD(y), 0, width) + c;
+    for (int x = across.first; tent_covers(across, x); x++) {
+      if (!THERE(x, width, wrap_x)) continue;
+      short value = row[CHANNELS * WRAPPED(x, width)];
+      if (value == SHRT_MIN) continue;   // histograms.OUTSIDE: no pixel of the image
+      float term = above * tent_at(across, x), off = (float)value - about;
+      for (int k = 0; k < powers; k++) {
+        sum[k] += term;
+        term *= off;
       }
     }
-    if (!pass && sum[0] > 0.0f) about = (float)floor_int(sum[1] / sum[0] + 0.5f);
   }
-  __global float *out = sums + 6 * ((c * cells_y + cy) * cells_x + cx);
   out[0] = sum[0];
-  out[1] = about;
   for (int k = 1; k < 5; k++) out[1 + k] = sum[k];
 }
 
-// The share that lies below a place, in deviations from the mean, of a Pearson distribution: pearson.shares_below.
-inline float share_below(const __global float *quantiles, const __global float *shares, float u, float skewness, float kurtosis) {
+// What powers are taken about, a whole number near the mean; and all sums are empty again.
+__kernel void moments_about(__global float *restrict sums, int cells_x, int rows) {
+  int cx = get_global_id(0), row = get_global_id(1);
+  if (cx >= cells_x || row >= rows) return;
+  __global float *out = sums + 6 * AT(row, cx, cells_x);
+  out[1] = out[0] > 0.0f ? (float)floor_int(out[2] / out[0] + 0.5f) : 0.0f;
+  out[0] = out[2] = out[3] = out[4] = out[5] = 0.0f;
+}
+
+// The share that lies below a place, in deviations from the mean, of a Pearson distribution: pearson_table.shares_below.
+static inline float share_below(const __global float *quantiles, const __global float *shares, float u, float skewness, float kurtosis) {
   float s = skewness < 0.0f ? -skewness : skewness, at = skewness < 0.0f ? -u : u;
   int i = (int)s < SKEWNESSES - 2 ? (int)s : SKEWNESSES - 2, j = (int)kurtosis < KURTOSES - 2 ? (int)kurtosis : KURTOSES - 2;
   float a = s - (float)i, b = kurtosis - (float)j;
@@ -67,23 +71,16 @@ __kernel void moments_match(const __global short *restrict image, const __global
                             const __global float *restrict quantiles, const __global float *restrict shares,
                             const __global float *restrict inverse, __constant float *overall,
                             __global short *restrict matched, __constant float *low, __constant float *high,
-                            __constant float *bin, float strength, int normal,
-                            int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y) {
-  int x = get_global_id(0), y = get_global_id(1), c = get_global_id(2);
-  if (x >= width || y >= height || c >= CHANNELS) return;
-  float gx = ((float)x + 0.5f) * ((float)cells_x / (float)width) - 0.5f;
-  float gy = ((float)y + 0.5f) * ((float)cells_y / (float)height) - 0.5f;
-  int x0 = floor_int(gx), y0 = floor_int(gy);
-  float right = gx - (float)x0, lower = gy - (float)y0;
-  float of[4] = {0.0f, 0.0f, 0.0f, 0.0f}, weights = 0.0f;
-  for (int k = 0; k < 4; k++) {
-    int cx = cell_at(x0 + (k & 1), cells_x, wrap_x), cy = cell_at(y0 + (k >> 1), cells_y, wrap_y);
-    if (cx < 0 || cy < 0) continue;
-    float w = ((k & 1) ? right : 1.0f - right) * ((k >> 1) ? lower : 1.0f - lower);
-    for (int m = 0; m < 4; m++) of[m] += w * around[4 * ((c * cells_y + cy) * cells_x + cx) + m];
-    weights += w;
-  }
-  float old = (float)image[CHANNELS * (y * width + x) + c];
+                            __constant float *bin, float strength, int normal, int top, int count,
+                            HELD_ARGS, GRID_ARGS) {
+  int x = get_global_id(0), y = top + get_global_id(1), c = get_global_id(2);
+  if (x >= width || y >= top + count || c >= CHANNELS) return;
+  size_t cell[4];
+  float weight[4], weights = cells_around(x, WRAPPED(y, height), GRID, first_cells, cell, weight), of[4] = {0.0f, 0.0f, 0.0f, 0.0f};
+  for (int k = 0; k < 4; k++)
+    for (int m = 0; m < 4; m++) of[m] += weight[k] * around[4 * (CELL(c, 0, 0) + cell[k]) + m];
+  size_t row = CHANNELS * AT(HELD(y), 0, width) + c;
+  float old = (float)image[row + CHANNELS * x];
   float mean = of[0] / weights, deviation = of[1] / weights, value;
   if (normal) {
     value = overall[2 * c] + overall[2 * c + 1] * ((old - mean) / deviation);
@@ -99,5 +96,5 @@ __kernel void moments_match(const __global short *restrict image, const __global
   }
   value = old + strength * (value - old);
   value = value < low[c] ? low[c] : value > high[c] ? high[c] : value;
-  matched[CHANNELS * (y * width + x) + c] = (short)floor_int(value + 0.5f);
+  matched[row + CHANNELS * x] = (short)floor_int(value + 0.5f);
 }

@@ -1,8 +1,10 @@
 // Multiscale synthesis, HRRG08 section 4 and 5: pixels are texels of stack levels (projected.h says how they are
 // named) with an accumulated transfer function R, an offset in steps of the colour grid. Belongs to
-// synthesis/multiscale.py, which says which pixels of a window each pass may look at.
+// multiscale/synthesizer.py, which says which pixels of a window each pass may look at.
 #include "hash.h"
 #include "projected.h"
+#include "offsets.h"
+#include "lattice.h"
 
 #define BITS 12           // of the fraction of the basis
 #define SIDE_TAPS 5       // of a neighbourhood
@@ -10,33 +12,52 @@
 #define RECORD (2 * DIMS) // of a texel: its two candidates' neighbourhoods, a cache line
 #define MOST_OFFSET 8191  // steps; sums of products stay within 31 bits
 
-inline short4 offset_sum(int4 r) {
+static inline short4 offset_sum(int4 r) {
   r = r > MOST_OFFSET ? (int4)(MOST_OFFSET) : r;
   r = r < -MOST_OFFSET ? (int4)(-MOST_OFFSET) : r;
   return convert_short4(r);
 }
 
 // 24 bits of the absolute place, level and seed. Places are 64 bit, and wrap where the plane is a torus.
-inline uint place_hash(long x, long y, uint level, uint seed) {
+static inline uint place_hash(long x, long y, uint level, uint seed) {
   uint bits = hash_pcg((uint)(x >> 32) + hash_pcg(level + hash_pcg(seed)));
   return hash_pcg((uint)x + hash_pcg((uint)y + hash_pcg((uint)(y >> 32) + bits)));
+}
+
+// The texel that is moved to where pixel (px, py) is in step with the exemplar's lattice: by steps[0] to steps[3] for a
+// whole cycle of both phases, and by one of its vectors, which follow, where it would leave the exemplar.
+static inline uint in_step(uint texel, int px, int py, __constant uint *phases, __constant int *steps, int side) {
+  int x = TEXEL_X(texel, side), y = TEXEL_Y(texel, side), outside = ~((1 << side) - 1);
+  int2 off = phases_of_offset(phases, px, py, x, y);
+  x -= (int)(((long)off.x * steps[0] + (long)off.y * steps[2] + (1l << 39)) >> 40);
+  y -= (int)(((long)off.x * steps[1] + (long)off.y * steps[3] + (1l << 39)) >> 40);
+  int from_x = x, from_y = y;
+  for (int n = 1; n < 9 && ((x | y) & outside); n++) {
+    int u = n % 3 - (n % 3 > 1 ? 3 : 0), v = n / 3 - (n / 3 > 1 ? 3 : 0);   // 0, 1, -1
+    x = from_x + ((u * steps[4] + v * steps[6] + 128) >> 8);
+    y = from_y + ((u * steps[5] + v * steps[7] + 128) >> 8);
+  }
+  return (x | y) & outside ? texel_at(TEXEL_LEVEL(texel, side), from_y, from_x, side)
+                           : texel_at(TEXEL_LEVEL(texel, side), y, x, side);
 }
 
 // Upsampling (section 4.2), jitter (section 4.3) and inheritance of R (section 5): every pixel of a level from its
 // parent. (left, top) is where the window begins on the plane, (from_x, from_y) the place of the parent of its
 // first pixel in the parents' window. rho is in 1/256. Departures: h_k is the child's spacing; past the end of a
-// stack the texel is repeated; R is kept at keep/256 of what is inherited.
+// stack the texel is repeated; R is kept at keep/256 of what is inherited; with `regular` texels are in step with the
+// exemplar's lattice.
 __kernel void multiscale_upsample(const __global uint *restrict parent, const __global short4 *restrict parent_r,
                                   __global uint *restrict texel, __global short4 *restrict r,
                                   __global short4 *restrict colour, const __global short4 *restrict stack,
                                   const __global int *restrict finer, const __global int *restrict spacing, int side,
                                   int parent_width, int from_x, int from_y, int width, int height, long left, long top,
-                                  long around_x, long around_y, uint level, uint seed, int rho, int keep) {
+                                  long around_x, long around_y, uint level, uint seed, int rho, int keep,
+                                  int regular, __constant uint *phases, __constant int *steps) {
   int i = get_global_id(0), j = get_global_id(1);
   if (i >= width || j >= height) return;
   int odd_x = (int)((left + i) & 1), odd_y = (int)((top + j) & 1);
   int px = from_x + ((i + (int)(left & 1)) >> 1), py = from_y + ((j + (int)(top & 1)) >> 1);
-  int p = py * parent_width + px, q = j * width + i;
+  size_t p = AT(py, px, parent_width), q = AT(j, i, width);
   uint old = parent[p];
   int before = TEXEL_LEVEL(old, side), now = finer[before], h = spacing[now];
   int y = TEXEL_Y(old, side), x = TEXEL_X(old, side);
@@ -44,17 +65,18 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
     x += (h * (2 * odd_x - 1)) >> 1;   // rounded down, as in section 4.2
     y += (h * (2 * odd_y - 1)) >> 1;
   }
+  long at_x = left + i, at_y = top + j;
+  if (around_x > 0) at_x = ((at_x % around_x) + around_x) % around_x;
+  if (around_y > 0) at_y = ((at_y % around_y) + around_y) % around_y;
   if (rho > 0) {
-    long at_x = left + i, at_y = top + j;
-    if (around_x > 0) at_x = ((at_x % around_x) + around_x) % around_x;
-    if (around_y > 0) at_y = ((at_y % around_y) + around_y) % around_y;
     uint bits = place_hash(at_x, at_y, level, seed);
     // J = floor(h H rho + 1/2), H in [-1, 1) from 16 bits
     x += (int)(((long)h * rho * ((int)(bits >> 16) - 32768) + (1 << 22)) >> 23);
     y += (int)(((long)h * rho * ((int)(bits & 0xFFFFu) - 32768) + (1 << 22)) >> 23);
   }
   uint made = texel_at(now, y, x, side);
-  int nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * parent_width;   // the four nearest parents
+  if (regular) made = in_step(made, (int)at_x, (int)at_y, phases, steps, side);
+  long nx = 2 * odd_x - 1, ny = (2 * odd_y - 1) * (long)parent_width;   // the four nearest parents
   int4 inherited = 9 * convert_int4(parent_r[p]) + 3 * convert_int4(parent_r[p + nx]) +
                    3 * convert_int4(parent_r[p + ny]) + convert_int4(parent_r[p + nx + ny]);
   short4 own = offset_sum((inherited * keep + 2048) >> 12);
@@ -67,10 +89,10 @@ __kernel void multiscale_upsample(const __global uint *restrict parent, const __
 
 #if LANES > 1
 typedef struct { lane_i8 low, high; } sums;
-inline void clear(sums *s) { s->low = s->high = (lane_i8)(0); }
+static inline void clear(sums *s) { s->low = s->high = (lane_i8)(0); }
 // Products of a pair of 16-bit numbers with eight pairs of the basis, those of a pair added. By name where there is such
 // an instruction: with one pair in all lanes compilers do not see it in the shape below.
-inline lane_i8 pair_products(int pair, const __global short *basis) {
+static inline lane_i8 pair_products(int pair, const __global short *basis) {
   lane_s16 v = __builtin_astype((lane_i8)(pair), lane_s16), b = *(const __global lane_s16 *)basis;
 #ifdef __AVX2__
   return __builtin_ia32_pmaddwd256(v, b);
@@ -80,16 +102,16 @@ inline lane_i8 pair_products(int pair, const __global short *basis) {
   return even + odd;
 #endif
 }
-inline void add_pair(sums *s, int pair, const __global short *basis) {
+static inline void add_pair(sums *s, int pair, const __global short *basis) {
   s->low += pair_products(pair, basis);
   s->high += pair_products(pair, basis + DIMS);
 }
-inline lane_i8 scaled8(lane_i8 v) {
+static inline lane_i8 scaled8(lane_i8 v) {
   v = (v + (1 << (BITS - 1))) >> BITS;
   v = v > MOST_PROJECTED ? (lane_i8)(MOST_PROJECTED) : v;
   return v < -MOST_PROJECTED ? (lane_i8)(-MOST_PROJECTED) : v;
 }
-inline void scale(const sums *s, projected *found) {
+static inline void scale(const sums *s, projected *found) {
   lane_s16 v;
   v.lo = __builtin_convertvector(scaled8(s->low), __typeof__(v.lo));
   v.hi = __builtin_convertvector(scaled8(s->high), __typeof__(v.hi));
@@ -97,17 +119,18 @@ inline void scale(const sums *s, projected *found) {
 }
 #else
 typedef struct { int at[DIMS]; } sums;
-inline void clear(sums *s) {   // by pointer: Oclgrind cannot run what inlining returned structures leaves behind
+static inline void clear(sums *s) {   // by pointer: Oclgrind cannot run what inlining returned structures leaves behind
   for (int d = 0; d < DIMS; d++) s->at[d] = 0;
 }
-inline void add_pair(sums *s, int pair, const __global short *basis) {
+static inline void add_pair(sums *s, int pair, const __global short *basis) {
   int a = (short)(pair & 0xFFFF), b = pair >> 16;
   for (int d = 0; d < DIMS; d++) s->at[d] += a * basis[2 * d] + b * basis[2 * d + 1];
 }
-inline void scale(const sums *s, projected *found) {
+static inline void scale(const sums *s, projected *found) {
+  short *to = (short *)found;
   for (int d = 0; d < DIMS; d++) {
     int v = (s->at[d] + (1 << (BITS - 1))) >> BITS;
-    found->at[d] = (short)(v > MOST_PROJECTED ? MOST_PROJECTED : v < -MOST_PROJECTED ? -MOST_PROJECTED : v);
+    to[d] = (short)(v > MOST_PROJECTED ? MOST_PROJECTED : v < -MOST_PROJECTED ? -MOST_PROJECTED : v);
   }
 }
 #endif
@@ -115,12 +138,12 @@ inline void scale(const sums *s, projected *found) {
 // The neighbourhood of pixel p less its own R, projected (section 6): R_p^-1 (R_(p+d) (*S[p + d])) of eq. 5. R_p stands
 // for the whole neighbourhood, so that the candidates' transformed neighbourhoods are looked up as they are. A pixel is
 // two pairs, (L, a) and (b, 0); `basis` holds rows for the pairs of each tap, and of their sums, by which R_p counts.
-inline void project_around(projected *found, const __global int *colour, int p, int width, short4 own,
+static inline void project_around(projected *found, const __global int *colour, size_t p, int width, short4 own,
                            const __global short *basis) {
   sums total;
   clear(&total);
   for (int dy = -SIDE_TAPS / 2; dy <= SIDE_TAPS / 2; dy++) {
-    const __global int *pairs = colour + 2 * (p + dy * width - SIDE_TAPS / 2);
+    const __global int *pairs = colour + 2 * ((long)p + dy * (long)width - SIDE_TAPS / 2);
     #pragma unroll
     for (int n = 0; n < 2 * SIDE_TAPS; n++, basis += 2 * DIMS) add_pair(&total, pairs[n], basis);
   }
@@ -131,18 +154,18 @@ inline void project_around(projected *found, const __global int *colour, int p, 
 }
 
 // The texels whose candidates pixel p may take: what its 3 x 3 neighbours expect in its place, its own first.
-inline void expected(uint *found, const __global uint *texel, int p, int width, const __global int *spacing, int side) {
+static inline void expected(uint *found, const __global uint *texel, size_t p, int width, const __global int *spacing, int side) {
   #pragma unroll
   for (int n = 0; n < NEAR; n++) {
     int turn = n + 4 < NEAR ? n + 4 : n - 5, dy = turn / 3 - 1, dx = turn % 3 - 1;
-    uint other = texel[p + dy * width + dx];
+    uint other = texel[(long)p + dy * (long)width + dx];
     int level = TEXEL_LEVEL(other, side), h = spacing[level];
     found[n] = texel_at(level, TEXEL_Y(other, side) - dy * h, TEXEL_X(other, side) - dx * h, side);
   }
 }
 
 // The best candidate (eq. 3), 2 texel + its number; candidate 1 of any texel before candidate 2, the first of equals.
-inline uint best_candidate(const uint *texels, projected wanted, const __global short *records, int penalty) {
+static inline uint best_candidate(const uint *texels, projected wanted, const __global short *records, int penalty) {
   uint best = ~0u, second = ~0u, best_at = 0, second_at = 0;
   #pragma unroll
   for (int n = 0; n < NEAR; n++) {
@@ -169,7 +192,8 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
                                  int width, int first_x, int first_y, int count_x, int count_y, int penalty) {
   int i = RUN * get_global_id(0), j = get_global_id(1);
   if (i >= count_x || j >= count_y) return;
-  int first = (first_y + 2 * j) * width + first_x + 2 * i, count = count_x - i < RUN ? count_x - i : RUN;
+  size_t first = AT(first_y + 2 * j, first_x + 2 * i, width);
+  int count = count_x - i < RUN ? count_x - i : RUN;
   uint near[NEAR * RUN], chosen[RUN];
   for (int m = 0; m < count; m++) {
     expected(near + NEAR * m, texel, first + 2 * m, width, spacing, side);
@@ -181,7 +205,7 @@ __kernel void multiscale_correct(__global uint *restrict texel, __global short4 
     chosen[m] = best_candidate(near + NEAR * m, wanted, records, penalty);
   }
   for (int m = 0; m < count; m++) {
-    int p = first + 2 * m;
+    size_t p = first + 2 * m;
     texel[p] = links[chosen[m]];
     r[p] = offset_sum(convert_int4(r[p]) + convert_int4(offsets[chosen[m]]));   // composed with the candidate's r
   }
@@ -193,6 +217,6 @@ __kernel void multiscale_colour(const __global uint *restrict texel, const __glo
                                 int width, int first_x, int first_y, int count_x, int count_y) {
   int i = get_global_id(0), j = get_global_id(1);
   if (i >= count_x || j >= count_y) return;
-  int p = (first_y + 2 * j) * width + first_x + 2 * i;
+  size_t p = AT(first_y + 2 * j, first_x + 2 * i, width);
   colour[p] = stack[texel[p]] + r[p];
 }

@@ -14,24 +14,19 @@
 
 #if LANES > 1
 typedef lane_s16 projected;
-inline projected projected_at(const __global short *from) { return *(const __global lane_s16 *)from; }
-inline uint projected_distance(projected a, const __global short *b) {
+static inline projected projected_at(const __global short *from) { return *(const __global lane_s16 *)from; }
+static inline uint projected_distance(projected a, const __global short *b) {
   return (uint)total8(squares16(a - *(const __global lane_s16 *)b));
 }
 #else
-typedef struct { short at[DIMS]; } projected;
-inline projected projected_at(const __global short *from) {
-  projected found;
-  for (int d = 0; d < DIMS; d++) found.at[d] = from[d];
-  return found;
-}
-inline uint projected_distance(projected a, const __global short *b) {
-  int sum = 0;
-  for (int d = 0; d < DIMS; d++) {
-    int away = a.at[d] - b[d];
-    sum += away * away;
-  }
-  return (uint)sum;
+typedef short16 projected;   // whose 32 bytes are two loads: they lie at multiples of that
+static inline projected projected_at(const __global short *from) { return *(const __global short16 *)from; }
+static inline uint projected_distance(projected a, const __global short *b) {
+  int16 d = convert_int16(a) - convert_int16(projected_at(b));
+  d *= d;
+  int8 s8 = d.lo + d.hi;
+  int4 s4 = s8.lo + s8.hi;
+  return (uint)(s4.x + s4.y + s4.z + s4.w);
 }
 #endif
 
@@ -39,7 +34,7 @@ inline uint projected_distance(projected a, const __global short *b) {
 #define TEXEL_X(texel, side) ((int)((texel) & ((1u << (side)) - 1u)))
 #define TEXEL_Y(texel, side) ((int)(((texel) >> (side)) & ((1u << (side)) - 1u)))
 #define TEXEL_LEVEL(texel, side) ((int)((texel) >> (2 * (side))))
-inline uint texel_at(int level, int y, int x, int side) {   // coordinates wrap: exemplars are periodic
+static inline uint texel_at(int level, int y, int x, int side) {   // coordinates wrap: exemplars are periodic
   uint inside = (1u << side) - 1u;
   return ((uint)level << (2 * side)) | (((uint)y & inside) << side) | ((uint)x & inside);
 }

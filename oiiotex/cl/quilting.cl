@@ -8,27 +8,29 @@
 //
 // Images are rows of interleaved 16-bit (L, a, b) on an integer grid. All costs are integers.
 #include "lanes.h"
+#include "team.h"
 #include "hash.h"
+#include "offsets.h"
+#include "lattice.h"
 
 #define NONE 0xffffffffu
 #define NO_COST LONG_MAX
-#define FULL_TRIES 4    // fresh draws for a candidate whose region is used up
+#define DRAWS 4         // of a candidate, of which one that costs least to show is taken
+#define OVER 16         // of a use too much, squared in a price; quilting/quilter.py
+#define MOST_OVER 1023  // uses are counted as far as this
 #define COARSE 4        // the first look at all candidates takes images reduced by this
 #define SHORTLIST 8     // candidates that are looked at in full
 #define BINS 256        // labels of finer levels are counted modulo this
+#define LEVELS 3        // whose labels are counted, at most
 #define LABEL_STEP 4    // every 4th pixel's labels are held, in both directions
 #define GUIDE 4         // samples of the guide along a side
 
-inline uint corner(int y, int x) { return (uint)y << 16 | (uint)x; }
-inline int corner_y(uint c) { return (int)(c >> 16); }
-inline int corner_x(uint c) { return (int)(c & 0xffffu); }
-
-// What does not change during a run; see synthesis/quilting.py, _FACTS.
+// What does not change during a run; see quilting/quilter.py, _FACTS.
 typedef struct {
   int patch, overlap, width, height, columns, rows, wrap_x, wrap_y;
-  int e_width, e_columns, e_rows, block, blocks_across, candidates, levels, stride, flush;
+  int e_width, e_columns, e_rows, square, squares, before, squares_across, candidates, levels, stride, flush;
   uint seed;
-  int guided;
+  int guided, lattice, steps[4];
 } facts;
 
 typedef struct {
@@ -38,19 +40,19 @@ typedef struct {
   __global const uchar *vertical, *horizontal;
 } plan;
 
-inline int left_of(__constant facts *f, int j) { return j > 0 ? j - 1 : f->wrap_x ? f->columns - 1 : -1; }
-inline int right_of(__constant facts *f, int j) { return j + 1 < f->columns ? j + 1 : f->wrap_x ? 0 : -1; }
-inline int above(__constant facts *f, int i) { return i > 0 ? i - 1 : f->wrap_y ? f->rows - 1 : -1; }
-inline int below(__constant facts *f, int i) { return i + 1 < f->rows ? i + 1 : f->wrap_y ? 0 : -1; }
+static inline int left_of(__constant facts *f, int j) { return j > 0 ? j - 1 : f->wrap_x ? f->columns - 1 : -1; }
+static inline int right_of(__constant facts *f, int j) { return j + 1 < f->columns ? j + 1 : f->wrap_x ? 0 : -1; }
+static inline int above(__constant facts *f, int i) { return i > 0 ? i - 1 : f->wrap_y ? f->rows - 1 : -1; }
+static inline int below(__constant facts *f, int i) { return i + 1 < f->rows ? i + 1 : f->wrap_y ? 0 : -1; }
 
 // How far column b lies to the right of its left neighbour a; rows likewise.
-inline int step_x(const plan *p, int a, int b) { return p->xs[b] - p->xs[a] + (b <= a ? p->f->width : 0); }
-inline int step_y(const plan *p, int a, int b) { return p->ys[b] - p->ys[a] + (b <= a ? p->f->height : 0); }
+static inline int step_x(const plan *p, int a, int b) { return p->xs[b] - p->xs[a] + (b <= a ? p->f->width : 0); }
+static inline int step_y(const plan *p, int a, int b) { return p->ys[b] - p->ys[a] + (b <= a ? p->f->height : 0); }
 
-inline uint placed(const plan *p, int i, int j) { return i < 0 || j < 0 ? NONE : p->offset[i * p->f->columns + j]; }
+static inline uint placed(const plan *p, int i, int j) { return i < 0 || j < 0 ? NONE : p->offset[AT(i, j, p->f->columns)]; }
 
 // The source of a pixel among the cells of row i alone: (lx, ly) counts from cell (i, j), and may lie in the next ones.
-inline uint row_source(const plan *p, int i, int j, int lx, int ly) {
+static inline uint row_source(const plan *p, int i, int j, int lx, int ly) {
   for (;;) {
     int next = right_of(p->f, j);
     if (next < 0 || placed(p, i, next) == NONE) break;
@@ -59,7 +61,7 @@ inline uint row_source(const plan *p, int i, int j, int lx, int ly) {
     lx -= step;
     j = next;
   }
-  if (lx < p->f->overlap && lx < p->vertical[(i * p->f->columns + j) * p->f->patch + ly]) {
+  if (lx < p->f->overlap && lx < p->vertical[AT(AT(i, j, p->f->columns), ly, p->f->patch)]) {
     int left = left_of(p->f, j);
     return placed(p, i, left) + corner(ly, lx + step_x(p, left, j));
   }
@@ -67,11 +69,12 @@ inline uint row_source(const plan *p, int i, int j, int lx, int ly) {
 }
 
 // The source of pixel (lx, ly) of cell (i, j) if the cell itself were not there; only asked for in its overlaps.
-inline uint old_source(const plan *p, int i, int j, int lx, int ly) {
+static inline uint old_source(const plan *p, int i, int j, int lx, int ly) {
   int left = left_of(p->f, j);
   if (lx < p->f->overlap && placed(p, i, left) != NONE) {
-    int x = lx + step_x(p, left, j), cell = i * p->f->columns + left;
-    if (ly >= p->horizontal[cell * p->f->patch + x]) return p->offset[cell] + corner(ly, x);
+    int x = lx + step_x(p, left, j);
+    size_t cell = AT(i, left, p->f->columns);
+    if (ly >= p->horizontal[AT(cell, x, p->f->patch)]) return p->offset[cell] + corner(ly, x);
   }
   int up = above(p->f, i);
   return row_source(p, up, j, lx, ly + step_y(p, up, i));
@@ -79,7 +82,7 @@ inline uint old_source(const plan *p, int i, int j, int lx, int ly) {
 
 // --- the plan as pixels ---
 
-// column[x], row[y]: the last cell that begins at or before the pixel. Gives y * e_width + x of the source.
+// column[x], row[y]: the last cell that begins at or before the pixel. Gives the source.
 __kernel void quilting_render(__constant facts *f, __global const int *xs, __global const int *ys,
                               __global const uint *offset, __global const uchar *vertical,
                               __global const uchar *horizontal, __global const int *column, __global const int *row,
@@ -88,15 +91,12 @@ __kernel void quilting_render(__constant facts *f, __global const int *xs, __glo
   if (x >= width || y >= height) return;
   plan p = {f, xs, ys, offset, vertical, horizontal};
   int j = column[x], i = row[y];
-  int lx = left + x - xs[j], ly = top + y - ys[i], cell = i * f->columns + j;
+  int lx = left + x - xs[j], ly = top + y - ys[i];
+  size_t cell = AT(i, j, f->columns);
   ly -= ly >= f->patch ? f->height : 0;   // where the torus closes, the first row begins above the last rows' end
-  uint at;
-  if ((lx >= f->overlap || lx >= vertical[cell * f->patch + ly]) &&
-      (ly >= f->overlap || ly >= horizontal[cell * f->patch + lx]))
-    at = offset[cell] + corner(ly, lx);
-  else
-    at = old_source(&p, i, j, lx, ly);
-  source[y * width + x] = (uint)(corner_y(at) * f->e_width + corner_x(at));
+  bool own = (lx >= f->overlap || lx >= vertical[AT(cell, ly, f->patch)]) &&
+             (ly >= f->overlap || ly >= horizontal[AT(cell, lx, f->patch)]);
+  source[AT(y, x, width)] = own ? offset[cell] + corner(ly, lx) : old_source(&p, i, j, lx, ly);
 }
 
 // --- what lies around a cell ---
@@ -107,17 +107,17 @@ __kernel void quilting_render(__constant facts *f, __global const int *xs, __glo
 #define TOP 2
 #define RIGHT 4
 #define BOTTOM 8
-inline int sides_of(const plan *p, int i, int j) {
+static inline int sides_of(const plan *p, int i, int j) {
   return (placed(p, i, left_of(p->f, j)) != NONE ? LEFT : 0) | (placed(p, above(p->f, i), j) != NONE ? TOP : 0) |
          (placed(p, i, right_of(p->f, j)) != NONE ? RIGHT : 0) | (placed(p, below(p->f, i), j) != NONE ? BOTTOM : 0);
 }
 
 // Where the right and lower overlaps begin inside the patch.
-inline int right_at(const plan *p, int j) { return step_x(p, j, right_of(p->f, j)); }
-inline int bottom_at(const plan *p, int i) { return step_y(p, i, below(p->f, i)); }
+static inline int right_at(const plan *p, int j) { return step_x(p, j, right_of(p->f, j)); }
+static inline int bottom_at(const plan *p, int i) { return step_y(p, i, below(p->f, i)); }
 
 // The source of what lies under pixel (lx, ly) of cell (i, j), NONE outside the overlaps.
-inline uint around(const plan *p, int sides, int i, int j, int lx, int ly) {
+static inline uint around(const plan *p, int sides, int i, int j, int lx, int ly) {
   int overlap = p->f->overlap;
   if (((sides & LEFT) && lx < overlap) || ((sides & TOP) && ly < overlap)) return old_source(p, i, j, lx, ly);
   if (sides & RIGHT) {
@@ -136,16 +136,16 @@ __kernel void quilting_target(__constant facts *f, __global const int *xs, __glo
                               __global const uint *offset, __global const uchar *vertical,
                               __global const uchar *horizontal, __global const uint *order, int first,
                               __global const short *restrict exemplar, __global short *restrict target, int cells) {
-  int ly = get_global_id(0), n = get_global_id(1);
+  int ly = TEAM_NUMBER, n = get_global_id(1);
   if (ly >= f->patch || n >= cells) return;
   plan p = {f, xs, ys, offset, vertical, horizontal};
   uint cell = order[first + n];
   int i = cell / f->columns, j = cell % f->columns, sides = sides_of(&p, i, j);
-  __global short *to = target + 3 * (n * f->patch + ly) * f->patch;
-  for (int lx = 0; lx < f->patch; lx++, to += 3) {
+  for (int lx = TEAM_RANK; lx < f->patch; lx += TEAM) {
+    __global short *to = target + 3 * AT(AT(n, ly, f->patch), lx, f->patch);
     uint at = around(&p, sides, i, j, lx, ly);
     if (at == NONE) continue;
-    const __global short *from = exemplar + 3 * (corner_y(at) * f->e_width + corner_x(at));
+    const __global short *from = exemplar + 3 * AT(corner_y(at), corner_x(at), f->e_width);
     for (int c = 0; c < 3; c++) to[c] = from[c];
   }
 }
@@ -153,11 +153,11 @@ __kernel void quilting_target(__constant facts *f, __global const int *xs, __glo
 // The overlaps reduced by COARSE; halves go up, as in quilting.py, reduced.
 __kernel void quilting_reduce(__constant facts *f, __global const short *restrict target,
                               __global short *restrict coarse, int cells) {
-  int v = get_global_id(0), n = get_global_id(1), side = f->patch / COARSE;
+  int v = TEAM_NUMBER, n = get_global_id(1), side = f->patch / COARSE;
   if (v >= side || n >= cells) return;
-  const __global short *from = target + 3 * (n * f->patch + COARSE * v) * f->patch;
-  __global short *to = coarse + 3 * (n * side + v) * side;
-  for (int u = 0; u < side; u++)
+  const __global short *from = target + 3 * AT(AT(n, COARSE * v, f->patch), 0, f->patch);
+  __global short *to = coarse + 3 * AT(AT(n, v, side), 0, side);
+  for (int u = TEAM_RANK; u < side; u += TEAM)
     for (int c = 0; c < 3; c++) {
       int sum = 0;
       for (int y = 0; y < COARSE; y++)
@@ -167,33 +167,50 @@ __kernel void quilting_reduce(__constant facts *f, __global const short *restric
 }
 
 // Where an exemplar pixel's labels are held.
-inline int label_at(__constant facts *f, int y, int x) {
-  return y / LABEL_STEP * ((f->e_width + LABEL_STEP - 1) / LABEL_STEP) + x / LABEL_STEP;
+static inline size_t label_at(__constant facts *f, int y, int x) {
+  return AT(y / LABEL_STEP, x / LABEL_STEP, (f->e_width + LABEL_STEP - 1) / LABEL_STEP);
 }
+
+// Labels by bins: a CPU's item counts in memory of its own, a team in what it shares.
+#if LANES > 1
+#define BINS_OF(name) short name[LEVELS * BINS]
+typedef short *counts;
+static inline void one_more(counts bins, int bin) { bins[bin]++; }
+static inline int one_less(counts bins, int bin) { return bins[bin]--; }
+#else
+#define BINS_OF(name) __local int name[LEVELS * BINS]
+typedef volatile __local int *counts;
+static inline void one_more(counts bins, int bin) { atomic_inc(bins + bin); }
+static inline int one_less(counts bins, int bin) { return atomic_dec(bins + bin); }
+#endif
 
 // Histograms of the finer levels' labels over the overlaps (LSA16 eq. 9), from samples `stride` px apart.
 __kernel void quilting_histogram(__constant facts *f, __global const int *xs, __global const int *ys,
                                  __global const uint *offset, __global const uchar *vertical,
                                  __global const uchar *horizontal, __global const uint *order, int first,
                                  __global const uchar *restrict finer, __global short *restrict histogram, int cells) {
-  int level = get_global_id(0), n = get_global_id(1);
+  int level = TEAM_NUMBER, n = get_global_id(1);
+  BINS_OF(bins);
   if (level >= f->levels || n >= cells) return;
   plan p = {f, xs, ys, offset, vertical, horizontal};
   uint cell = order[first + n];
-  int i = cell / f->columns, j = cell % f->columns, sides = sides_of(&p, i, j);
-  __global short *bins = histogram + (n * f->levels + level) * BINS;
-  for (int b = 0; b < BINS; b++) bins[b] = 0;
-  for (int ly = f->stride / 2; ly < f->patch; ly += f->stride)
-    for (int lx = f->stride / 2; lx < f->patch; lx += f->stride) {
+  int i = cell / f->columns, j = cell % f->columns, sides = sides_of(&p, i, j), begin = f->stride / 2;
+  for (int b = TEAM_RANK; b < BINS; b += TEAM) bins[b] = 0;
+  TEAM_SYNC(CLK_LOCAL_MEM_FENCE);
+  for (int ly = begin; ly < f->patch; ly += f->stride)
+    for (int lx = begin + TEAM_RANK * f->stride; lx < f->patch; lx += TEAM * f->stride) {
       uint at = around(&p, sides, i, j, lx, ly);
-      if (at != NONE) bins[finer[label_at(f, corner_y(at), corner_x(at)) * f->levels + level]]++;
+      if (at != NONE) one_more(bins, finer[label_at(f, corner_y(at), corner_x(at)) * f->levels + level]);
     }
+  TEAM_SYNC(CLK_LOCAL_MEM_FENCE);
+  __global short *out = histogram + AT(n, level, f->levels) * BINS;
+  for (int b = TEAM_RANK; b < BINS; b += TEAM) out[b] = (short)bins[b];
 }
 
 // --- how well a candidate fits ---
 
-// Sum of squared differences over a rectangle; after `flush` rows what has been added still fits 32 bits.
-inline long strip_distance(const __global short *t, const __global short *e, int t_row, int e_row, int n, int rows,
+// Sum of squared differences over a rectangle, an item's share of it; after `flush` rows it still fits 32 bits.
+static inline long strip_distance(const __global short *t, const __global short *e, int t_row, int e_row, int n, int rows,
                            int flush) {
   long total = 0;
   for (int begin = 0; begin < rows; begin += flush) {
@@ -206,7 +223,7 @@ inline long strip_distance(const __global short *t, const __global short *e, int
 #endif
 #endif
     for (int r = begin; r < end; r++, t += t_row, e += e_row) {
-      int k = 0;
+      int k = TEAM_RANK;
 #if LANES > 16
       for (; k + 32 <= n; k += 32)
         s32 += squares32(*(const __global lane_s32 *)(t + k) - *(const __global lane_s32 *)(e + k));
@@ -217,7 +234,7 @@ inline long strip_distance(const __global short *t, const __global short *e, int
       for (; k + 8 <= n; k += 8)
         s8 += squares8(*(const __global lane_s8 *)(t + k) - *(const __global lane_s8 *)(e + k));
 #endif
-      for (; k < n; k++) {
+      for (; k < n; k += TEAM) {
         int d = t[k] - e[k];
         s1 += d * d;
       }
@@ -235,7 +252,7 @@ inline long strip_distance(const __global short *t, const __global short *e, int
 
 // Sum of squared differences over the overlaps; the lower one has `rows` rows from `bottom` on, the right one `columns`
 // columns from `right` on.
-inline long overlap_distance(int sides, const __global short *t, const __global short *e, int patch, int overlap,
+static inline long overlap_distance(int sides, const __global short *t, const __global short *e, int patch, int overlap,
                              int e_width, int bottom, int rows, int right, int columns, int flush) {
   int t_row = 3 * patch, e_row = 3 * e_width, from = sides & TOP ? overlap : 0, left = sides & LEFT ? overlap : 0;
   long sum = 0;
@@ -256,7 +273,7 @@ inline long overlap_distance(int sides, const __global short *t, const __global 
   return sum;
 }
 
-// All that is needed to say what a candidate costs in a cell.
+// All that is needed to say what a candidate costs in a cell. Costs are an item's share of them.
 typedef struct {
   const plan *p;
   const __global short *target, *exemplar, *coarse_target, *coarse;
@@ -264,52 +281,86 @@ typedef struct {
   const __global short *histogram;
   const __global ushort *guide, *labels;
   int sides, i, j;
-  long finer_unit, guide_unit;
+  const __global int *shown, *shares;
+  int progress;
+  __constant uint *phases;
+  const __global int *losses;
+  long finer_unit, guide_unit, use_unit, step_unit;
 } place;
+
+// The first of the squares that a patch shows.
+static inline size_t first_square(__constant facts *f, uint at) {
+  int to = f->before + f->square / 2;
+  return AT((corner_y(at) + to) / f->square, (corner_x(at) + to) / f->square, f->squares_across);
+}
+
+// What it costs to show once more what a patch shows, an item's share: of each square the square of what it was shown
+// too often for what is laid (quilting/repetition.py).
+static inline long use_share(__constant facts *f, const __global int *shown, const __global int *shares, int progress,
+                             uint at, int rank, int team) {
+  size_t first = first_square(f, at);
+  long sum = 0;
+  for (int y = 0; y < f->squares; y++)
+    for (int x = rank; x < f->squares; x += team) {
+      size_t square = first + AT(y, x, f->squares_across);
+      long due = (long)shares[square] * progress >> 16;
+      long over = (256l * shown[square] - (due > 256 ? due : 256)) / (256 / OVER);
+      over = over < 0 ? 0 : over > MOST_OVER ? MOST_OVER : over;
+      sum += over * over;
+    }
+  return sum;
+}
+
+// What speaks against a candidate that lies on the exemplar's lattice otherwise than the cell.
+static inline long step_cost(const place *at, uint candidate) {
+  const plan *p = at->p;
+  if (!p->f->lattice) return 0;
+  return at->step_unit * price_of_offset(at->phases, at->losses, p->xs[at->j], p->ys[at->i], corner_x(candidate),
+                                         corner_y(candidate));
+}
 
 // What speaks against a candidate beside its colours: labels of finer levels that its overlaps have too many of
 // (those it has too many are as many as it lacks), and samples whose label is not the guide's.
-inline long label_cost(const place *at, int ey, int ex, int bottom, int right) {
+MEETING long label_cost(const place *at, int ey, int ex, int bottom, int right, counts bins) {
   __constant facts *f = at->p->f;
-  int patch = f->patch, overlap = f->overlap, apart = 0, wrong = 0;
-  for (int level = 0; at->sides && level < f->levels; level++) {
-    short bins[BINS];
-    const __global short *old = at->histogram + level * BINS;
-    for (int b = 0; b < BINS; b++) bins[b] = old[b];
+  int patch = f->patch, overlap = f->overlap, apart = 0, wrong = 0, levels = at->sides ? f->levels : 0;
+  for (int b = TEAM_RANK; b < levels * BINS; b += TEAM) bins[b] = at->histogram[b];
+  TEAM_SYNC(CLK_LOCAL_MEM_FENCE);
+  for (int level = 0; level < levels; level++)
     for (int ly = f->stride / 2; ly < patch; ly += f->stride) {
       int whole = ((at->sides & TOP) && ly < overlap) || (ly >= bottom && ly < bottom + overlap);
-      for (int lx = f->stride / 2; lx < patch; lx += f->stride) {
+      for (int lx = f->stride / 2 + TEAM_RANK * f->stride; lx < patch; lx += TEAM * f->stride) {
         if (!whole && !((at->sides & LEFT) && lx < overlap) && !(lx >= right && lx < right + overlap)) {
           if (right == patch) break;   // there is nothing more in this row
           continue;
         }
-        apart += bins[at->finer[label_at(f, ey + ly, ex + lx) * f->levels + level]]-- > 0 ? 0 : 1;
+        int bin = at->finer[label_at(f, ey + ly, ex + lx) * f->levels + level];
+        apart += one_less(bins + level * BINS, bin) > 0 ? 0 : 1;
       }
     }
+  TEAM_SYNC(CLK_LOCAL_MEM_FENCE);
+  for (int k = TEAM_RANK; f->guided && k < GUIDE * GUIDE; k += TEAM) {
+    int y = (2 * (k / GUIDE) + 1) * patch / (2 * GUIDE), x = (2 * (k % GUIDE) + 1) * patch / (2 * GUIDE);
+    ushort wanted = at->guide[k];
+    wrong += wanted != 0 && wanted != at->labels[label_at(f, ey + y, ex + x)];
   }
-  for (int v = 0; f->guided && v < GUIDE; v++)
-    for (int u = 0; u < GUIDE; u++) {
-      int y = (2 * v + 1) * patch / (2 * GUIDE), x = (2 * u + 1) * patch / (2 * GUIDE);
-      ushort wanted = at->guide[v * GUIDE + u];
-      wrong += wanted != 0 && wanted != at->labels[label_at(f, ey + y, ex + x)];
-    }
   return at->finer_unit * apart + at->guide_unit * wrong;
 }
 
-inline long cost_at(const place *at, uint candidate) {
+MEETING long cost_at(const place *at, uint candidate, counts bins) {
   __constant facts *f = at->p->f;
   int ey = corner_y(candidate), ex = corner_x(candidate);
   int bottom = at->sides & BOTTOM ? bottom_at(at->p, at->i) : f->patch;
   int right = at->sides & RIGHT ? right_at(at->p, at->j) : f->patch;
-  return label_cost(at, ey, ex, bottom, right) +
-         overlap_distance(at->sides, at->target, at->exemplar + 3 * (ey * f->e_width + ex), f->patch, f->overlap,
+  return label_cost(at, ey, ex, bottom, right, bins) +
+         overlap_distance(at->sides, at->target, at->exemplar + 3 * AT(ey, ex, f->e_width), f->patch, f->overlap,
                           f->e_width, bottom, min(f->patch - bottom, f->overlap), right,
                           min(f->patch - right, f->overlap), f->flush);
 }
 
 // The same from images reduced by COARSE: most candidates are out of the question, and a first look at all of these
 // stays within a cache.
-inline long first_cost(const place *at, uint candidate) {
+MEETING long first_cost(const place *at, uint candidate, counts bins) {
   __constant facts *f = at->p->f;
   int ey = corner_y(candidate), ex = corner_x(candidate);
   int bottom = at->sides & BOTTOM ? bottom_at(at->p, at->i) : f->patch;
@@ -324,8 +375,8 @@ inline long first_cost(const place *at, uint candidate) {
   int far = (right + COARSE - 1) / COARSE, far_end = min((right + f->overlap) / COARSE, patch);
   low = min(low, patch);
   far = min(far, patch);
-  return label_cost(at, ey, ex, bottom, right) +
-         COARSE * COARSE * overlap_distance(at->sides, at->coarse_target, at->coarse + 3 * (y * width + x), patch,
+  return label_cost(at, ey, ex, bottom, right, bins) +
+         COARSE * COARSE * overlap_distance(at->sides, at->coarse_target, at->coarse + 3 * AT(y, x, width), patch,
                                             f->overlap / COARSE, width, low, max(low_end - low, 0), far,
                                             max(far_end - far, 0), f->flush);
 }
@@ -334,39 +385,32 @@ inline long first_cost(const place *at, uint candidate) {
 
 typedef struct {
   __constant facts *f;
-  const __global uint *offsets;                            // by key, then by range
-  const __global int *starts, *ranges, *range_blocks, *range_starts;
+  const __global uint *offsets;                            // by key
+  const __global int *starts;
   const __global uint *key_map;
 } content;
 
-// The range (one block's offsets of one key) of an offset that has this key.
-inline int range_of(const content *c, int key, uint at) {
-  int block = corner_y(at) / c->f->block * c->f->blocks_across + corner_x(at) / c->f->block;
-  int low = c->ranges[key], high = c->ranges[key + 1] - 1;
-  while (low < high) {
-    int middle = (low + high) / 2;
-    if (c->range_blocks[middle] < block) low = middle + 1; else high = middle;
-  }
-  return low;
+static inline int has_key(const content *c, int key, int y, int x) {
+  return y >= 0 && x >= 0 && y < c->f->e_rows && x < c->f->e_columns &&
+         c->key_map[AT(y, x, c->f->e_columns)] == (uint)key;
 }
 
-// Candidate k of a cell: all offsets of its key in an order that begins anywhere, or a sample where they are too many.
-inline uint candidate_of(const content *c, int key, int i, int j, int k, const __global int *uses,
-                         const __global int *cap) {
+// Candidate k of a cell: all offsets of its key in an order that begins anywhere, or a sample where they are too many,
+// of which every other one is moved to where it is in step.
+static inline uint candidate_of(const content *c, const place *at, int key, int k, int draw) {
+  __constant facts *f = c->f;
   int first = c->starts[key], count = c->starts[key + 1] - first;
-  for (int draw = 0; draw < FULL_TRIES; draw++) {
-    int pick;
-    if (count <= c->f->candidates) {
-      if (k >= count || draw > 0) return NONE;
-      pick = k + hash_below(hash_at(c->f->seed, 0x917, i, j), count);
-      pick -= pick >= count ? count : 0;
-    } else {
-      pick = hash_below(hash_at(c->f->seed, 0x10000u + FULL_TRIES * k + draw, i, j), count);
-    }
-    uint at = c->offsets[first + pick];
-    if (uses[range_of(c, key, at)] < cap[key]) return at;
+  if (count <= f->candidates) {
+    int pick = k + hash_below(hash_at(f->seed, 0x917, at->i, at->j), count);
+    return k < count && draw == 0 ? c->offsets[first + (pick >= count ? pick - count : pick)] : NONE;
   }
-  return NONE;
+  uint drawn = c->offsets[first + hash_below(hash_at(f->seed, 0x10000u + DRAWS * k + draw, at->i, at->j), count)];
+  if (!f->lattice || k % 2) return drawn;
+  int ey = corner_y(drawn), ex = corner_x(drawn);
+  int2 off = phases_of_offset(at->phases, at->p->xs[at->j], at->p->ys[at->i], ex, ey);
+  ex -= (int)(((long)off.x * f->steps[0] + (long)off.y * f->steps[2] + (1l << 39)) >> 40);
+  ey -= (int)(((long)off.x * f->steps[1] + (long)off.y * f->steps[3] + (1l << 39)) >> 40);
+  return has_key(c, key, ey, ex) ? corner(ey, ex) : drawn;
 }
 
 #define PLAN_ARGS __constant facts *f, __global const int *xs, __global const int *ys, __global const uint *offset, \
@@ -375,108 +419,173 @@ inline uint candidate_of(const content *c, int key, int i, int j, int k, const _
                    __global const short *target, __global const short *exemplar,                                     \
                    __global const short *coarse_target, __global const short *coarse, __global const uchar *finer,   \
                    __global const short *histogram, __global const ushort *guide, __global const ushort *labels,     \
-                   long finer_unit, long guide_unit
-#define CONTENT_ARGS __global const uint *offsets, __global const int *starts, __global const int *ranges,            \
-                     __global const int *range_blocks, __global const int *range_starts,                             \
-                     __global const uint *key_map, __global const int *uses, __global const int *cap
+                   __global const int *shown, __global const int *shares, int progress, __constant uint *phases,     \
+                   __global const int *losses, long finer_unit, long guide_unit, long use_unit, long step_unit
+#define CONTENT_ARGS __global const uint *offsets, __global const int *starts, __global const uint *key_map
 #define BEGIN_PLACE                                                                                                  \
   plan p = {f, xs, ys, offset, vertical, horizontal};                                                                \
   uint cell = order[first + n];                                                                                      \
   int i = cell / f->columns, j = cell % f->columns, key = keys[cell];                                                \
   int coarse_side = f->patch / COARSE;                                                                               \
-  place here = {&p, target + 3 * n * f->patch * f->patch, exemplar,                                                  \
-                coarse_target + 3 * n * coarse_side * coarse_side, coarse, finer, histogram + n * f->levels * BINS,  \
-                guide + (f->guided ? cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j,                    \
-                finer_unit, guide_unit};                                                                             \
-  content c = {f, offsets, starts, ranges, range_blocks, range_starts, key_map};
+  place here = {&p, target + 3 * AT(n, 0, f->patch) * f->patch, exemplar,                                            \
+                coarse_target + 3 * AT(n, 0, coarse_side) * coarse_side, coarse, finer,                              \
+                histogram + AT(n, 0, f->levels) * BINS,                                                              \
+                guide + (f->guided ? (size_t)cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j,            \
+                shown, shares, progress, phases, losses, finer_unit, guide_unit, use_unit, step_unit};               \
+  content c = {f, offsets, starts, key_map};
 
+// `cost` is without `price`, that of use when the wave begins.
 __kernel void quilting_score(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global uint *restrict candidate,
-                             __global long *restrict cost) {
-  int k = get_global_id(0), n = get_global_id(1);
+                             __global long *restrict cost, __global long *restrict price) {
+  int k = TEAM_NUMBER, n = get_global_id(1);
+  BINS_OF(bins);
+  TEAM_SHARED(shared);
   if (k >= f->candidates || n >= cells) return;
   BEGIN_PLACE
-  uint at = candidate_of(&c, key, i, j, k, uses, cap);
-  candidate[n * f->candidates + k] = at;
-  cost[n * f->candidates + k] = at == NONE ? NO_COST : first_cost(&here, at);
+  uint at = NONE;
+  long there = NO_COST, use = 0;
+  for (int draw = 0; draw < DRAWS; draw++) {
+    uint next = candidate_of(&c, &here, key, k, draw);
+    if (TEAM == 1 && next == NONE) break;
+    long now = team_total(use_share(f, shown, shares, progress, next == NONE ? 0 : next, TEAM_RANK, TEAM), shared);
+    if (next != NONE && (at == NONE || now < use)) {
+      at = next;
+      use = now;
+    }
+    if (TEAM == 1 && use == 0) break;
+  }
+  if (TEAM > 1 || at != NONE) there = team_total(first_cost(&here, at == NONE ? 0 : at, bins), shared);
+  if (TEAM_RANK > 0) return;
+  size_t into = AT(n, k, f->candidates);
+  candidate[into] = at;
+  cost[into] = at == NONE ? NO_COST : there + step_cost(&here, at);
+  price[into] = at == NONE ? 0 : use_unit * use;
 }
 
-// The best candidate, ties to the earlier one in the hash's order, moved to where it fits best nearby.
+// Of what the items have seen (cost, number) the least, ties to the lower number; -1 is none. All of them are told.
+#if LANES > 1
+#define TEAM_SEEN(name)
+#define team_least(cost, number, seen)
+#else
+typedef struct { long cost[TEAM]; int number[TEAM]; } seen_by_team;
+#define TEAM_SEEN(name) __local seen_by_team name
+static inline int comes_first(long cost, int number, long than_cost, int than) {
+  return number >= 0 && (than < 0 || cost < than_cost || (cost == than_cost && number < than));
+}
+MEETING void team_least_of(long *cost, int *number, __local seen_by_team *seen) {
+  seen->cost[TEAM_RANK] = *cost;
+  seen->number[TEAM_RANK] = *number;
+  for (int apart = TEAM / 2; apart > 0; apart /= 2) {
+    barrier(CLK_LOCAL_MEM_FENCE);
+    int other = TEAM_RANK + apart;
+    if (TEAM_RANK < apart &&
+        comes_first(seen->cost[other], seen->number[other], seen->cost[TEAM_RANK], seen->number[TEAM_RANK])) {
+      seen->cost[TEAM_RANK] = seen->cost[other];
+      seen->number[TEAM_RANK] = seen->number[other];
+    }
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  *cost = seen->cost[0];
+  *number = seen->number[0];
+  barrier(CLK_LOCAL_MEM_FENCE);   // before it is written again
+}
+#define team_least(cost, number, seen) team_least_of(&(cost), &(number), &(seen))
+#endif
+
+// The best candidate, ties to the earlier one in the hash's order, moved to where it fits best nearby; and its number.
 __kernel void quilting_best(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global const uint *restrict candidate,
-                            __global const long *restrict cost, __global uint *restrict best, int reach) {
-  int n = get_global_id(0);
+                            __global const long *restrict cost, __global const long *restrict price,
+                            __global uint *restrict best, __global int *restrict best_number, int reach) {
+  int n = TEAM_NUMBER;
+  BINS_OF(bins);
+  TEAM_SHARED(shared);
+  TEAM_SEEN(seen);
   if (n >= cells) return;
   BEGIN_PLACE
-  const __global long *costs = cost + n * f->candidates;
+  const __global long *costs = cost + AT(n, 0, f->candidates), *prices = price + AT(n, 0, f->candidates);
   uint found = NONE;
   long least = NO_COST, last = -1;
-  int last_k = -1;
+  int last_k = -1, number = -1;
   for (int rank = 0; rank < SHORTLIST; rank++) {
     int next = -1;   // the best that comes after the one before, by (cost, k)
-    for (int k = 0; k < f->candidates; k++)
-      if (costs[k] != NO_COST && (costs[k] > last || (costs[k] == last && k > last_k)) &&
-          (next < 0 || costs[k] < costs[next]))
+    long next_cost = NO_COST;
+    for (int k = TEAM_RANK; k < f->candidates; k += TEAM) {
+      if (costs[k] == NO_COST) continue;
+      long total = costs[k] + prices[k];
+      if ((total > last || (total == last && k > last_k)) && total < next_cost) {
         next = k;
-    if (next < 0) break;
-    last = costs[next];
+        next_cost = total;
+      }
+    }
+    team_least(next_cost, next, seen);
+    if (TEAM == 1 && next < 0) break;   // a team meets in every turn: compilers want to see that it does
+    last = next_cost;
     last_k = next;
-    uint at = candidate[n * f->candidates + next];
-    long there = cost_at(&here, at);
-    if (there < least) {
+    uint at = candidate[AT(n, max(next, 0), f->candidates)];
+    long there = team_total(cost_at(&here, next < 0 ? 0 : at, bins), shared);
+    there += next < 0 ? 0 : prices[next] + step_cost(&here, at);
+    if (next >= 0 && there < least) {
       least = there;
       found = at;
+      number = next;
     }
   }
-  for (int step = reach; step > 0 && found != NONE && least > 0 && here.sides; step /= 2) {
-    int cy = corner_y(found), cx = corner_x(found);
+  int wanted = found != NONE && here.sides;
+  for (int step = TEAM > 1 || wanted ? reach : 0; step > 0; step /= 2) {
+    int cy = corner_y(found), cx = corner_x(found), first_least = least > 0;
     for (int k = 0; k < 9; k++) {
       int y = cy + step * (k / 3 - 1), x = cx + step * (k % 3 - 1);
-      if (k == 4 || y < 0 || x < 0 || y >= f->e_rows || x >= f->e_columns) continue;
-      if (key_map[y * f->e_columns + x] != (uint)key || uses[range_of(&c, key, corner(y, x))] >= cap[key]) continue;
-      long there = cost_at(&here, corner(y, x));
-      if (there < least) {
+      int fits = wanted && first_least && k != 4 && has_key(&c, key, y, x);
+      if (TEAM == 1 && !fits) continue;
+      uint at = fits ? corner(y, x) : 0;
+      long use = team_total(use_share(f, shown, shares, progress, at, TEAM_RANK, TEAM), shared);
+      long there = team_total(cost_at(&here, at, bins), shared) + use_unit * use + step_cost(&here, at);
+      if (fits && there < least) {
         least = there;
-        found = corner(y, x);
+        found = at;
       }
     }
   }
+  if (TEAM_RANK > 0) return;
   best[n] = found;
+  best_number[n] = number;
 }
 
-// Cells take their patches one after another, so that no region is used more often than its cap. One work-item.
+// Cells take their patches one after another: where what the best one shows was shown since the wave began, candidates
+// are weighed again, by the first look at them and today's prices. One team.
 __kernel void quilting_assign(__constant facts *f, __global const uint *order, int first, int cells,
-                              __global const int *keys, __global const uint *offsets, __global const int *starts,
-                              __global const int *ranges, __global const int *range_blocks,
-                              __global const int *range_starts, __global const uint *key_map, __global int *uses,
-                              __global const int *cap, __global const uint *candidate, __global const long *cost,
-                              __global const uint *best, __global uint *offset) {
-  if (get_global_id(0) > 0) return;
-  content c = {f, offsets, starts, ranges, range_blocks, range_starts, key_map};
+                              __global int *shown, __global const int *shares, int progress, long use_unit,
+                              __global const uint *candidate, __global const long *cost, __global const long *price,
+                              __global const uint *best, __global const int *best_number, __global uint *offset) {
+  TEAM_SEEN(seen);
+  TEAM_SHARED(shared);
+  if (TEAM_NUMBER > 0) return;
   for (int n = 0; n < cells; n++) {
-    uint cell = order[first + n], at = best[n];
-    int key = keys[cell], range = at == NONE ? -1 : range_of(&c, key, at);
-    if (range < 0 || uses[range] >= cap[key]) {   // it was free when the wave began
+    uint at = best[n];
+    int number = best_number[n];
+    const __global uint *candidates = candidate + AT(n, 0, f->candidates);
+    const __global long *costs = cost + AT(n, 0, f->candidates);
+    long use = use_unit * team_total(use_share(f, shown, shares, progress, at, TEAM_RANK, TEAM), shared);
+    if (use > price[AT(n, number, f->candidates)]) {
       long least = NO_COST;
-      range = -1;
-      for (int k = 0; k < f->candidates; k++) {
-        long there = cost[n * f->candidates + k];
-        if (there >= least) continue;
-        int r = range_of(&c, key, candidate[n * f->candidates + k]);
-        if (uses[r] >= cap[key]) continue;
-        least = there;
-        at = candidate[n * f->candidates + k];
-        range = r;
+      int least_k = -1;
+      for (int k = TEAM_RANK; k < f->candidates; k += TEAM) {
+        if (costs[k] == NO_COST) continue;
+        long now = k == number ? use : use_unit * use_share(f, shown, shares, progress, candidates[k], 0, 1);
+        if (costs[k] + now < least) {
+          least = costs[k] + now;
+          least_k = k;
+        }
       }
+      team_least(least, least_k, seen);
+      at = least_k == number ? at : candidates[least_k];
     }
-    if (range < 0) {   // no candidate is free: the next region that is, from anywhere; there is one, see `caps`
-      int many = ranges[key + 1] - ranges[key];
-      uint bits = hash_at(f->seed, 0xCA9, cell / f->columns, cell % f->columns);
-      range = ranges[key] + hash_below(bits, many);
-      for (int k = 0; k < many && uses[range] >= cap[key]; k++)
-        range = range + 1 < ranges[key + 1] ? range + 1 : ranges[key];
-      at = offsets[range_starts[range] + hash_below(hash_pcg(bits), range_starts[range + 1] - range_starts[range])];
-    }
-    uses[range]++;
-    offset[cell] = at;
+    TEAM_SYNC(CLK_GLOBAL_MEM_FENCE);   // all have looked
+    if (TEAM_RANK == 0) offset[order[first + n]] = at;
+    __global int *squares = shown + first_square(f, at);
+    for (int y = 0; y < f->squares; y++)
+      for (int x = TEAM_RANK; x < f->squares; x += TEAM) squares[AT(y, x, f->squares_across)]++;
+    TEAM_SYNC(CLK_GLOBAL_MEM_FENCE);
   }
 }
 
@@ -485,17 +594,17 @@ __kernel void quilting_assign(__constant facts *f, __global const uint *order, i
 // The minimum-error boundary cut of cell (i, j) in its left (or upper) overlap: Efros & Freeman 2001, section 2.1.
 // table[s][t]: the least sum of squared differences along a path from the start to (s, t), s along the overlap, t
 // across it. cut[s] is the first t that shows the new patch. Ties go to the path nearer to t = 0.
-inline void cut(const plan *p, int i, int j, int upper, const __global short *exemplar, __global int *table,
+static inline void cut(const plan *p, int i, int j, int upper, const __global short *exemplar, __global int *table,
                 __global uchar *out) {
   __constant facts *f = p->f;
   int patch = f->patch, overlap = f->overlap;
-  uint own = p->offset[i * f->columns + j];
-  for (int s = 0; s < patch; s++)
-    for (int t = 0; t < overlap; t++) {
+  uint own = p->offset[AT(i, j, f->columns)];
+  for (int s = 0; s < patch; s++) {
+    for (int t = TEAM_RANK; t < overlap; t += TEAM) {
       int lx = upper ? s : t, ly = upper ? t : s;
       uint a = old_source(p, i, j, lx, ly), b = own + corner(ly, lx);
-      const __global short *old = exemplar + 3 * (corner_y(a) * f->e_width + corner_x(a));
-      const __global short *new = exemplar + 3 * (corner_y(b) * f->e_width + corner_x(b));
+      const __global short *old = exemplar + 3 * AT(corner_y(a), corner_x(a), f->e_width);
+      const __global short *new = exemplar + 3 * AT(corner_y(b), corner_x(b), f->e_width);
       int error = 0;
       for (int c = 0; c < 3; c++) error += (old[c] - new[c]) * (old[c] - new[c]);
       if (s > 0) {
@@ -507,6 +616,9 @@ inline void cut(const plan *p, int i, int j, int upper, const __global short *ex
       }
       table[s * overlap + t] = error;
     }
+    TEAM_SYNC(CLK_GLOBAL_MEM_FENCE);
+  }
+  if (TEAM_RANK > 0) return;
   int t = 0;
   for (int s = patch - 1; s >= 0; s--) {
     const __global int *row = table + s * overlap;
@@ -525,7 +637,7 @@ __kernel void quilting_cut(__constant facts *f, __global const int *xs, __global
                            __global const uint *offset, __global uchar *vertical, __global uchar *horizontal,
                            __global const uint *order, int first, int cells, __global const short *restrict exemplar,
                            __global int *restrict table, int pass) {
-  int upper = get_global_id(0), n = get_global_id(1);
+  int upper = TEAM_NUMBER, n = get_global_id(1);
   if (upper > 1 || n >= cells) return;
   plan p = {f, xs, ys, offset, vertical, horizontal};
   uint cell = order[first + n];
@@ -535,6 +647,6 @@ __kernel void quilting_cut(__constant facts *f, __global const int *xs, __global
   if (pass == 2 && (!upper || !(sides & BOTTOM))) return;
   if (pass == 1) j = right_of(f, j);
   if (pass == 2) i = below(f, i);
-  __global uchar *out = (upper ? horizontal : vertical) + (i * f->columns + j) * f->patch;
-  cut(&p, i, j, upper, exemplar, table + (2 * n + upper) * f->patch * f->overlap, out);
+  __global uchar *out = (upper ? horizontal : vertical) + AT(AT(i, j, f->columns), 0, f->patch);
+  cut(&p, i, j, upper, exemplar, table + AT(AT(n, upper, 2), 0, f->patch) * f->overlap, out);
 }

@@ -1,12 +1,17 @@
-// Steerable filters of MJH17 eq. 4 and the way back (section 4.3): analysis/steerable.py says what they are.
+// Steerable filters of MJH17 eq. 4 and the way back (section 4.3): stationarity/steerable.py says what they are.
 //
 // Images are interleaved, so a row is CHANNELS * width values and a tap lies CHANNELS values further. `rows` holds four planes of
 // floats, one for every order of the derivative along x. A band keeps the root of a response, with its sign: a
 // histogram of roots has fine bins where responses are small, and matching does not care how values are spaced.
 // An item makes WIDE neighbouring values; all widths do the same sums in the same order.
+//
+// Buffers may hold bands of rows. A kernel makes `count` rows from row `top` of the image on, counted on beyond its border
+// where that wraps; `first` is the row at the start of what it looks at above and below. What it makes of a row, and what it
+// looks at there alone, lies in row 0 of its buffer on, but images and the rest that is added in rows `at` and `rest_at` on;
+// planes of floats are `held` rows high.
 #pragma OPENCL FP_CONTRACT OFF
 
-#include "cells.h"
+#include "offsets.h"
 
 #define OUTSIDE SHRT_MIN   // histograms.OUTSIDE: no pixel of the image; what sees one is no response
 #define TAPS (2 * RADIUS + 1)
@@ -27,7 +32,7 @@ typedef short wide_short;
 #endif
 
 // Where a place beyond the border is looked up: wrapped, or mirrored about the border pixel.
-inline int within(int i, int n, int wrap) {
+static inline int within(int i, int n, int wrap) {
   if (i >= 0 && i < n) return i;
   int period = wrap ? n : 2 * n - 2;
   i %= period;
@@ -35,13 +40,18 @@ inline int within(int i, int n, int wrap) {
   return i < n ? i : period - i;
 }
 
+// Where row y of the image lies in what is held of it from row `first` on.
+static inline int held_row(int y, int first, int height, int wrap) {
+  return within((wrap ? y : within(y, height, 0)) - first, height, 1);
+}
+
 // Where value i of a row, moved by `step` pixels, is looked up; the last value stands for what follows the row.
-inline int moved(int i, int step, int width, int wrap) {
+static inline int moved(int i, int step, int width, int wrap) {
   i = i < CHANNELS * width ? i : CHANNELS * width - 1;
   return CHANNELS * within(i / CHANNELS + step, width, wrap) + i % CHANNELS;
 }
 
-inline wide_short read_short(const __global short *row, int i, int step, int width, int wrap) {
+static inline wide_short read_short(const __global short *row, int i, int step, int width, int wrap) {
   int at = i + CHANNELS * step;
   if (at >= 0 && at + WIDE <= CHANNELS * width) return *(const __global wide_short *)(row + at);
   wide_short v = 0;
@@ -49,7 +59,7 @@ inline wide_short read_short(const __global short *row, int i, int step, int wid
   return v;
 }
 
-inline wide read_float(const __global float *row, int i, int step, int width, int wrap) {
+static inline wide read_float(const __global float *row, int i, int step, int width, int wrap) {
   int at = i + CHANNELS * step;
   if (at >= 0 && at + WIDE <= CHANNELS * width) return *(const __global wide *)(row + at);
   wide v = 0.0f;
@@ -57,42 +67,42 @@ inline wide read_float(const __global float *row, int i, int step, int width, in
   return v;
 }
 
-inline void write_short(__global short *row, int i, int n, wide_short v) {
+static inline void write_short(__global short *row, int i, int n, wide_short v) {
   if (i + WIDE <= n) *(__global wide_short *)(row + i) = v;
   else for (int k = 0; i + k < n; k++) row[i + k] = LANE(v, k);
 }
 
-inline void write_float(__global float *row, int i, int n, wide v) {
+static inline void write_float(__global float *row, int i, int n, wide v) {
   if (i + WIDE <= n) *(__global wide *)(row + i) = v;
   else for (int k = 0; i + k < n; k++) row[i + k] = LANE(v, k);
 }
 
 // All four derivatives along x; NaN where a tap sees what is outside, and so in all that follows from it.
 __kernel void steerable_rows(const __global short *restrict image, __global float *restrict rows,
-                             __constant float *taps, int width, int height, int wrap) {
+                             __constant float *taps, int count, int held, int width, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
-  if (i >= n || y >= height) return;
+  if (i >= n || y >= count) return;
   wide sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
   for (int t = 0; t < TAPS; t++) {
-    wide_int v = CONVERTED(read_short(image + y * n, i, t - RADIUS, width, wrap), wide_int);
+    wide_int v = CONVERTED(read_short(image + AT(y, 0, n), i, t - RADIUS, width, wrap), wide_int);
     wide f = v == OUTSIDE ? (wide)NAN : CONVERTED(v, wide);
     for (int k = 0; k < 4; k++) sum[k] += taps[k * TAPS + t] * f;
   }
-  for (int k = 0; k < 4; k++) write_float(rows + (k * height + y) * n, i, n, sum[k]);
+  for (int k = 0; k < 4; k++) write_float(rows + AT(AT(k, y, held), 0, n), i, n, sum[k]);
 }
 
 // The other derivatives along y, turned to the four orientations (F_o * f of MJH17 eq. 4), as roots.
 __kernel void steerable_columns(const __global float *restrict rows, __global short *restrict band0,
                                 __global short *restrict band1, __global short *restrict band2,
                                 __global short *restrict band3, __constant float *taps, __constant float *angular,
-                                float scale, int width, int height, int wrap) {
+                                float scale, int top, int count, int first, int held, int width, int height, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
-  if (i >= n || y >= height) return;
+  if (i >= n || y >= count) return;
   wide sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
   for (int t = 0; t < TAPS; t++) {
-    int at = within(y + t - RADIUS, height, wrap);
+    int at = held_row(top + y + t - RADIUS, first, height, wrap);
     for (int k = 0; k < 4; k++)
-      sum[k] += taps[(3 - k) * TAPS + t] * read_float(rows + (k * height + at) * n, i, 0, width, 0);
+      sum[k] += taps[(3 - k) * TAPS + t] * read_float(rows + AT(AT(k, at, held), 0, n), i, 0, width, 0);
   }
   __global short *bands[4] = {band0, band1, band2, band3};
   for (int o = 0; o < 4; o++) {
@@ -103,12 +113,12 @@ __kernel void steerable_columns(const __global float *restrict rows, __global sh
     root = root * scale + 0.5f;
     wide_int whole = CONVERTED(v != v ? (wide)0.0f : root, wide_int);
     whole = v != v ? (wide_int)OUTSIDE : v < 0.0f ? -whole : whole;
-    write_short(bands[o] + y * n, i, n, CONVERTED(whole, wide_short));
+    write_short(bands[o] + AT(y, 0, n), i, n, CONVERTED(whole, wide_short));
   }
 }
 
 // A response, from the root that a band keeps; nothing where it is none.
-inline wide response(wide_short root, float unit) {
+static inline wide response(wide_short root, float unit) {
   wide_int v = CONVERTED(root, wide_int);
   wide f = CONVERTED(v, wide), squared = f * f * unit;
   return v == OUTSIDE ? (wide)0.0f : f < 0.0f ? -squared : squared;
@@ -121,13 +131,14 @@ __kernel void steerable_spread(const __global short *restrict before0, const __g
                                const __global short *restrict after0, const __global short *restrict after1,
                                const __global short *restrict after2, const __global short *restrict after3,
                                __global float *restrict rows, __constant float *taps, __constant float *angular,
-                               float unit, int changes, int width, int height, int wrap) {
+                               float unit, int changes, int top, int count, int first, int held,
+                               int width, int height, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
-  if (i >= n || y >= height) return;
+  if (i >= n || y >= count) return;
   const __global short *before[4] = {before0, before1, before2, before3}, *after[4] = {after0, after1, after2, after3};
   wide sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
   for (int t = 0; t < TAPS; t++) {
-    int at = within(y + t - RADIUS, height, wrap) * n;
+    size_t at = AT(held_row(top + y + t - RADIUS, first, height, wrap), 0, n);
     wide d[4];
     for (int o = 0; o < 4; o++) {
       wide_short root = read_short(before[o] + at, i, 0, width, 0);
@@ -141,48 +152,50 @@ __kernel void steerable_spread(const __global short *restrict before0, const __g
       sum[k] += taps[(3 - k) * TAPS + t] *
                 (angular[k] * d[0] + angular[4 + k] * d[1] + angular[8 + k] * d[2] + angular[12 + k] * d[3]);
   }
-  for (int k = 0; k < 4; k++) write_float(rows + (k * height + y) * n, i, n, sum[k]);
+  for (int k = 0; k < 4; k++) write_float(rows + AT(AT(k, y, held), 0, n), i, n, sum[k]);
 }
 
 // Then along x. The filters are odd, so turned back they are themselves with the other sign.
-inline wide spread_along_x(const __global float *rows, __constant float *taps, int i, int y, int width, int height, int wrap) {
+static inline wide spread_along_x(const __global float *rows, __constant float *taps, int i, int y, int width, int held, int wrap) {
   wide sum = 0.0f;
   for (int k = 0; k < 4; k++)
     for (int t = 0; t < TAPS; t++)
-      sum -= taps[k * TAPS + t] * read_float(rows + (k * height + y) * CHANNELS * width, i, t - RADIUS, width, wrap);
+      sum -= taps[k * TAPS + t] * read_float(rows + AT(AT(k, y, held), 0, CHANNELS * width), i, t - RADIUS, width, wrap);
   return sum;
 }
 
 // To the nearest: what is shifted is positive, and C's conversion rounds towards zero.
-inline wide_short rounded(wide v) { return CONVERTED(CONVERTED(v + 32768.5f, wide_int) - 32768, wide_short); }
+static inline wide_short rounded(wide v) { return CONVERTED(CONVERTED(v + 32768.5f, wide_int) - 32768, wide_short); }
 
 // What no filter sees: the image less its own responses, spread. The residuals of the pyramid, in one.
 __kernel void steerable_rest(const __global short *restrict image, const __global float *restrict rows,
-                             __global short *restrict rest, __constant float *taps, int width, int height, int wrap) {
+                             __global short *restrict rest, __constant float *taps, int at, int count, int held,
+                             int width, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
-  if (i >= n || y >= height) return;
-  wide_int v = CONVERTED(read_short(image + y * n, i, 0, width, 0), wide_int);
-  wide left = CONVERTED(v, wide) - spread_along_x(rows, taps, i, y, width, height, wrap);
+  if (i >= n || y >= count) return;
+  wide_int v = CONVERTED(read_short(image + AT(at + y, 0, n), i, 0, width, 0), wide_int);
+  wide left = CONVERTED(v, wide) - spread_along_x(rows, taps, i, y, width, held, wrap);
   left = v == OUTSIDE ? (wide)OUTSIDE : left;
-  write_short(rest + y * n, i, n, rounded(left));
+  write_short(rest + AT(y, 0, n), i, n, rounded(left));
 }
 
 // The image and `strength` times what matching changed in its responses, spread, and in the rest.
 __kernel void steerable_add(const __global short *restrict image, const __global float *restrict rows,
                             const __global short *restrict rest, const __global short *restrict rest_matched,
                             __global short *restrict matched, __constant float *taps, __constant float *low,
-                            __constant float *high, float strength, int width, int height, int wrap) {
+                            __constant float *high, float strength, int at, int rest_at, int count, int held,
+                            int width, int wrap) {
   int i = get_global_id(0) * WIDE, y = get_global_id(1), n = CHANNELS * width;
-  if (i >= n || y >= height) return;
+  if (i >= n || y >= count) return;
   wide least = 0.0f, most = 0.0f;
   for (int k = 0; k < WIDE; k++) {
     LANE(least, k) = low[(i + k) % CHANNELS];
     LANE(most, k) = high[(i + k) % CHANNELS];
   }
-  wide moved = CONVERTED(read_short(rest_matched + y * n, i, 0, width, 0), wide) -
-               CONVERTED(read_short(rest + y * n, i, 0, width, 0), wide);
-  wide v = CONVERTED(read_short(image + y * n, i, 0, width, 0), wide) +
-           strength * (spread_along_x(rows, taps, i, y, width, height, wrap) + moved);
+  wide moved = CONVERTED(read_short(rest_matched + AT(rest_at + y, 0, n), i, 0, width, 0), wide) -
+               CONVERTED(read_short(rest + AT(rest_at + y, 0, n), i, 0, width, 0), wide);
+  wide v = CONVERTED(read_short(image + AT(at + y, 0, n), i, 0, width, 0), wide) +
+           strength * (spread_along_x(rows, taps, i, y, width, held, wrap) + moved);
   v = v < least ? least : v > most ? most : v;
-  write_short(matched + y * n, i, n, rounded(v));
+  write_short(matched + AT(at + y, 0, n), i, n, rounded(v));
 }

@@ -6,13 +6,8 @@
 // coefficients the host makes: a candidate. x and y count from the cell's reference pixel, shifted left by `shift`.
 // All of it, sums included, is whole numbers: no order, width of registers, cut into bands or device changes a bit.
 #include "lanes.h"
-
-// Runtimes that do not know the CPU compile for less than it has, where wide registers would pass through memory.
-#if LANES > 16 && defined(__x86_64__)
-#define NATIVE __attribute__((target("arch=skylake-avx512")))
-#else
-#define NATIVE
-#endif
+#include "offsets.h"
+#include "team.h"
 
 #define NONE 255        // the slot of transparent pixels
 #define SUMS 6          // pixels, L, a, b, x, y
@@ -23,21 +18,21 @@ typedef int4 candidate;
 // first row, row after the last, row of cells, reference row
 typedef int4 strip;
 
-NATIVE inline int low16(int v) { return v << 16 >> 16; }
-NATIVE inline int high16(int v) { return v >> 16; }
+static inline int low16(int v) { return v << 16 >> 16; }
+static inline int high16(int v) { return v >> 16; }
 
 // The slot (0 to 8, row by row) of every pixel, and sums over the pixels of each slot, for every cell of a strip of
 // rows, relative to the cell's reference pixel. Cells that are not active keep their sums. With `keep` the slots are
 // stored, else the sums. `row0` is the image row in which `lab` begins; `first` is the first strip.
 #if LANES == 1
-NATIVE __kernel void superpixels_clear(const __global strip *restrict strips, const __global uchar *restrict active,
+__kernel void superpixels_clear(const __global strip *restrict strips, const __global uchar *restrict active,
                                 __global int *restrict sums, int across, int count) {
   int gx = get_global_id(0), n = get_global_id(1);
-  if (gx >= across || n >= count || !active[strips[n].z * across + gx]) return;
-  for (int k = 0; k < 9 * SUMS; k++) sums[(long)9 * SUMS * (n * across + gx) + k] = 0;
+  if (gx >= across || n >= count || !active[AT(strips[n].z, gx, across)]) return;
+  for (int k = 0; k < 9 * SUMS; k++) sums[9 * SUMS * AT(n, gx, across) + k] = 0;
 }
 // One item looks down one column of the strip and adds once per run of equal slots. Sums must be 0 before.
-NATIVE __kernel void superpixels_assign(const __global short4 *restrict lab, const __global candidate *restrict candidates,
+__kernel void superpixels_assign(const __global short4 *restrict lab, const __global candidate *restrict candidates,
                                  const __global strip *restrict strips, const __global int *restrict edges,
                                  const __global int *restrict cells, const __global uchar *restrict active,
                                  volatile __global int *restrict sums, __global uchar *restrict slots, int width,
@@ -45,17 +40,19 @@ NATIVE __kernel void superpixels_assign(const __global short4 *restrict lab, con
   int x = get_global_id(0), n = get_global_id(1);
   if (x >= width || n >= count) return;
   strip s = strips[first + n];
-  int gx = cells[x], cell = s.z * across + gx;
+  int gx = cells[x];
+  size_t cell = AT(s.z, gx, across);
   if (!active[cell] && !keep) return;
   const __global candidate *near = candidates + 9 * cell;
-  volatile __global int *into = sums + (long)9 * SUMS * ((first + n) * across + gx);
+  volatile __global int *into = sums + 9 * SUMS * AT(first + n, gx, across);
   int rx = x - (edges[gx] + edges[gx + 1]) / 2, present = NONE;
   int total[SUMS] = {0, 0, 0, 0, 0, 0};
   for (int y = s.x; y <= s.y; y++) {
     short4 v = 0;
     int slot = NONE, ry = y - s.w;
     if (y < s.y) {
-      int at = (y - row0) * width + x, best = FAR;
+      int best = FAR;
+      size_t at = AT(y - row0, x, width);
       v = lab[at];
       for (int t = 0; t < 9; t++) {
         candidate c = near[t];
@@ -87,28 +84,28 @@ typedef int iv2 __attribute__((ext_vector_type(32), aligned(4)));
 typedef short sv2 __attribute__((ext_vector_type(32)));
 typedef uchar ucv __attribute__((ext_vector_type(16), aligned(1)));
 #define COUNT_UP (iv)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
-NATIVE inline int any_of(iv v) { int8 h = v.lo | v.hi; int4 q = h.lo | h.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
+static inline int any_of(iv v) { int8 h = v.lo | v.hi; int4 q = h.lo | h.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
 #else
 typedef int iv __attribute__((ext_vector_type(8)));
 typedef int iv2 __attribute__((ext_vector_type(16), aligned(4)));
 typedef short sv2 __attribute__((ext_vector_type(16)));
 typedef uchar ucv __attribute__((ext_vector_type(8), aligned(1)));
 #define COUNT_UP (iv)(0, 1, 2, 3, 4, 5, 6, 7)
-NATIVE inline int any_of(iv v) { int4 q = v.lo | v.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
+static inline int any_of(iv v) { int4 q = v.lo | v.hi; int2 p = q.lo | q.hi; return p.x | p.y; }
 #endif
-NATIVE inline int total_of(iv v) {
+static inline int total_of(iv v) {
   int sum = 0;
   for (int k = 0; k < VW; k++) sum += v[k];
   return sum;
 }
 // Products of adjacent 16-bit pairs added into 32 bits: this shape compiles to one multiply-add.
-NATIVE inline iv dot2(iv a, iv b) {
+static inline iv dot2(iv a, iv b) {
   sv2 p = __builtin_astype(a, sv2), q = __builtin_astype(b, sv2);
   return __builtin_convertvector(p.even, iv) * __builtin_convertvector(q.even, iv) +
          __builtin_convertvector(p.odd, iv) * __builtin_convertvector(q.odd, iv);
 }
 // One item looks at one cell of the strip. `lab` must be readable for VW pixels after its end.
-NATIVE __kernel void superpixels_assign(const __global int *restrict lab, const __global candidate *restrict candidates,
+__kernel void superpixels_assign(const __global int *restrict lab, const __global candidate *restrict candidates,
                                  const __global strip *restrict strips, const __global int *restrict edges,
                                  const __global int *restrict cells, const __global uchar *restrict active,
                                  __global int *restrict sums, __global uchar *restrict slots, int width,
@@ -116,7 +113,8 @@ NATIVE __kernel void superpixels_assign(const __global int *restrict lab, const 
   int gx = get_global_id(0), n = get_global_id(1);
   if (gx >= across || n >= count) return;
   strip s = strips[first + n];
-  int cell = s.z * across + gx, x0 = edges[gx], x1 = edges[gx + 1], middle = (x0 + x1) / 2;
+  size_t cell = AT(s.z, gx, across);
+  int x0 = edges[gx], x1 = edges[gx + 1], middle = (x0 + x1) / 2;
   if (!active[cell] && !keep) return;
   const __global candidate *near = candidates + 9 * cell;
   iv total[9 * SUMS];
@@ -126,7 +124,7 @@ NATIVE __kernel void superpixels_assign(const __global int *restrict lab, const 
     int base[9], ry = y - s.w;
     for (int t = 0; t < 9; t++) base[t] = near[t].x + near[t].w * (ry << shift);
     for (int x = x0; x < x1; x += VW) {
-      int at = (y - row0) * width + x;
+      size_t at = AT(y - row0, x, width);
       iv2 pixels = *(const __global iv2 *)(lab + 2 * at);
       iv la = pixels.even, bo = pixels.odd, rx = x - middle + COUNT_UP;
       iv bx = (bo & 0xffff) | (rx << shift << 16), best = FAR, slot = NONE;
@@ -160,7 +158,7 @@ NATIVE __kernel void superpixels_assign(const __global int *restrict lab, const 
     }
   }
   if (keep) return;
-  __global int *into = sums + (long)9 * SUMS * ((first + n) * across + gx);
+  __global int *into = sums + 9 * SUMS * AT(first + n, gx, across);
   for (int k = 0; k < 9 * SUMS; k++) into[k] = total_of(total[k]);
 }
 #endif
@@ -170,41 +168,43 @@ __kernel void superpixels_total(const __global int *restrict sums, const __globa
                                 const __global uchar *restrict active, __global long *restrict totals, int across,
                                 int down) {
   int k = get_global_id(0), gy = get_global_id(1), columns = 9 * SUMS * across;
-  if (k >= columns || gy >= down || !active[gy * across + k / (9 * SUMS)]) return;
+  if (k >= columns || gy >= down || !active[AT(gy, k / (9 * SUMS), across)]) return;
   long total = 0;
-  for (int n = first[gy]; n < first[gy + 1]; n++) total += sums[(long)n * columns + k];
-  totals[(long)gy * columns + k] = total;
+  for (int n = first[gy]; n < first[gy + 1]; n++) total += sums[AT(n, k, columns)];
+  totals[AT(gy, k, columns)] = total;
 }
 
 // Sums of L, a, b over the opaque pixels of squares of `side`, and their number: the image that the Gaussian stack
 // begins with.
-NATIVE __kernel void superpixels_reduce(const __global short4 *restrict lab, __global int4 *restrict reduced, int width,
+__kernel void superpixels_reduce(const __global short4 *restrict lab, __global int4 *restrict reduced, int width,
                                  int row0, int rows, int side, int across, int first, int down) {
   int i = get_global_id(0), n = get_global_id(1);
   if (i >= across || n >= down) return;
   int4 sum = 0;
   for (int y = (first + n) * side - row0; y < (first + n + 1) * side - row0 && y < rows; y++)
     for (int x = i * side; x < (i + 1) * side && x < width; x++) {
-      int4 v = convert_int4(lab[y * width + x]);
+      int4 v = convert_int4(lab[AT(y, x, width)]);
       if (v.w) sum += v;
     }
-  reduced[(first + n) * across + i] = sum;
+  reduced[AT(first + n, i, across)] = sum;
 }
 
-// Sums of the first five powers of L, a, b over each superpixel, one item each, added to what there is. Fourth and
+// Sums of the first five powers of L, a, b over each superpixel, one team each, added to what there is. Fourth and
 // fifth powers are summed in two halves, the lower 32 bits apart, because together they would pass 64 bits.
 // A superpixel's runs are (row, first column, column after the last) and lie from starts[i] on.
 #define POWERS 21
-NATIVE __kernel void superpixels_powers(const __global short4 *restrict lab, const __global int *restrict starts,
+__kernel void superpixels_powers(const __global short4 *restrict lab, const __global int *restrict starts,
                                  const __global int *restrict runs, __global long *restrict powers, int superpixels,
                                  int width, int row0) {
-  int i = get_global_id(0);
+  int i = TEAM_NUMBER;
+  TEAM_SHARED(shared);
   if (i >= superpixels) return;
   long sum[POWERS];
   for (int k = 0; k < POWERS; k++) sum[k] = 0;
   for (int r = starts[i]; r < starts[i + 1]; r++) {
-    const __global short *p = (const __global short *)(lab + (runs[3 * r] - row0) * width);
-    for (int x = runs[3 * r + 1]; x < runs[3 * r + 2]; x++)
+    const __global int *run = runs + 3 * (size_t)r;
+    const __global short *p = (const __global short *)(lab + AT(run[0] - row0, 0, width));
+    for (int x = run[1] + TEAM_RANK; x < run[2]; x += TEAM)
       for (int c = 0; c < 3; c++) {
         long v = p[4 * x + c], v2 = v * v, v4 = v2 * v2, v5 = v4 * v;
         long *into = sum + 7 * c;
@@ -217,7 +217,10 @@ NATIVE __kernel void superpixels_powers(const __global short4 *restrict lab, con
         into[6] += v5 >> 32;
       }
   }
-  for (int k = 0; k < POWERS; k++) powers[POWERS * i + k] += sum[k];
+  for (int k = 0; k < POWERS; k++) {
+    long total = team_total(sum[k], shared);
+    if (TEAM_RANK == 0) powers[AT(i, k, POWERS)] += total;
+  }
 }
 
 // --- the Gaussian stack (LSA16 section 3.3) over squares of `side` pixels ---
@@ -238,14 +241,14 @@ typedef float fv __attribute__((ext_vector_type(8), aligned(4)));
 // Correlation with 2 radius + 1 taps along one axis (`step` is 1 along x, `stride` along y). One item makes FW squares;
 // planes end with room for what wide registers write too much, which the columns of zeros beyond must not keep:
 // whatever lies right of `width` is written as 0.
-NATIVE __kernel void superpixels_blur(const __global float *restrict from, __global float *restrict to,
+__kernel void superpixels_blur(const __global float *restrict from, __global float *restrict to,
                                       __constant float *restrict taps, int radius, int width, int height, int stride,
                                       int plane, int margin, int step) {
   int x = get_global_id(0) * FW, y = get_global_id(1) % height, c = get_global_id(1) / height;
   if (x >= width || c >= 4) return;
-  int at = c * plane + (y + margin) * stride + x + margin;
+  size_t at = c * (size_t)plane + AT(y + margin, x + margin, stride);
   fv sum = 0.0f;
-  for (int k = -radius; k <= radius; k++) sum += taps[k + radius] * *(const __global fv *)(from + at + k * step);
+  for (int k = -radius; k <= radius; k++) sum += taps[k + radius] * *(const __global fv *)(from + at + (long)k * step);
   if (x + FW <= width)
     *(__global fv *)(to + at) = sum;
 #if FW > 1
@@ -259,51 +262,81 @@ __kernel void superpixels_halve(const __global float *restrict from, __global fl
                                 int from_plane, int width, int height, int stride, int plane, int margin) {
   int x = get_global_id(0), y = get_global_id(1) % height, c = get_global_id(1) / height;
   if (x >= width || c >= 4) return;
-  const __global float *p = from + c * from_plane + (2 * y + margin) * from_stride + 2 * x + margin;
-  to[c * plane + (y + margin) * stride + x + margin] = (p[0] + p[1]) + (p[from_stride] + p[from_stride + 1]);
+  const __global float *p = from + c * (size_t)from_plane + AT(2 * y + margin, 2 * x + margin, from_stride);
+  to[c * (size_t)plane + AT(y + margin, x + margin, stride)] = (p[0] + p[1]) + (p[from_stride] + p[from_stride + 1]);
 }
 
-// How many pixels of each superpixel lie in each square of the box around it, one item per superpixel.
+// How many pixels of each superpixel lie in each square of the box around it, one team per superpixel.
 // A box is (first square column, first square row, columns, where its table begins).
 __kernel void superpixels_shares(const __global int4 *restrict boxes, const __global int *restrict starts,
                                  const __global int *restrict runs, __global ushort *restrict shares, int superpixels,
                                  int side) {
-  int i = get_global_id(0);
+  int i = TEAM_NUMBER;
   if (i >= superpixels) return;
   int4 box = boxes[i];
+#if TEAM == 1
   for (int k = box.w; k < boxes[i + 1].w; k++) shares[k] = 0;
   for (int r = starts[i]; r < starts[i + 1]; r++) {
-    __global ushort *row = shares + box.w + (runs[3 * r] / side - box.y) * box.z - box.x;
-    int x = runs[3 * r + 1], end = runs[3 * r + 2];
+    const __global int *run = runs + 3 * (size_t)r;
+    __global ushort *row = shares + box.w + (run[0] / side - box.y) * box.z - box.x;
+    int x = run[1], end = run[2];
     while (x < end) {
       int square = x / side, next = (square + 1) * side < end ? (square + 1) * side : end;
       row[square] += next - x;
       x = next;
     }
   }
+#else   // an item looks at one square after another: those of the runs, sorted by row, that pass through it
+  for (int k = TEAM_RANK; k < boxes[i + 1].w - box.w; k += TEAM) {
+    int top = (box.y + k / box.z) * side, left = (box.x + k % box.z) * side, share = 0;
+    int low = starts[i], high = starts[i + 1];
+    while (low < high) {
+      int middle = (low + high) / 2;
+      if (runs[3 * middle] < top) low = middle + 1; else high = middle;
+    }
+    for (int r = low; r < starts[i + 1] && runs[3 * r] < top + side; r++) {
+      int begin = runs[3 * r + 1] > left ? runs[3 * r + 1] : left;
+      int end = runs[3 * r + 2] < left + side ? runs[3 * r + 2] : left + side;
+      share += end > begin ? end - begin : 0;
+    }
+    shares[box.w + k] = (ushort)share;
+  }
+#endif
 }
 
-// Sums over each superpixel's pixels of the blurred image, one item per superpixel.
+// Sums over each superpixel's pixels of the blurred image, one team per superpixel: an item adds up one row after
+// another, and rows are added in their order.
 __kernel void superpixels_gather(const __global int4 *restrict boxes, const __global ushort *restrict shares,
                                  const __global float *restrict image, __global float4 *restrict sums, int superpixels,
                                  int stride, int plane, int margin) {
-  int i = get_global_id(0);
+  int i = TEAM_NUMBER;
+#if TEAM > 1
+  __local float4 lines[TEAM];
+#endif
   if (i >= superpixels) return;
   int4 box = boxes[i];
   int rows = (boxes[i + 1].w - box.w) / box.z;
   float4 sum = 0.0f;
-  for (int y = 0; y < rows; y++) {
+  for (int first = 0; first < rows; first += TEAM) {
+    int y = first + TEAM_RANK;
     float4 line = 0.0f;
-    for (int x = 0; x < box.z; x++) {
+    for (int x = 0; y < rows && x < box.z; x++) {
       float share = (float)shares[box.w + y * box.z + x];
       if (share == 0.0f) continue;
-      const __global float *p = image + (box.y + y + margin) * stride + box.x + x + margin;
-      float weight = share / p[3 * plane];
+      const __global float *p = image + AT(box.y + y + margin, box.x + x + margin, stride);
+      float weight = share / p[3 * (size_t)plane];
       line.x += weight * p[0];
       line.y += weight * p[plane];
-      line.z += weight * p[2 * plane];
+      line.z += weight * p[2 * (size_t)plane];
     }
+#if TEAM == 1
     sum += line;
+#else
+    lines[TEAM_RANK] = line;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int k = 0; k < TEAM && first + k < rows; k++) sum += lines[k];
+    barrier(CLK_LOCAL_MEM_FENCE);
+#endif
   }
-  sums[i] = sum;
+  if (TEAM_RANK == 0) sums[i] = sum;
 }

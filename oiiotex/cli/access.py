@@ -6,11 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import OpenImageIO as oiio
-
-from ..files import read
-from ..images import Image
-from . import metadata, pixel_statistics
+from ..core.image import Image
+from ..deferred import oiio
 
 if TYPE_CHECKING:
     from .chain import Chain
@@ -32,7 +29,7 @@ class ChainAccess:
 
     def read(self, path: str) -> Image:
         """The image of a file."""
-        return read(path, self._chain.session.cache)
+        return self._chain.opened(path)
 
     def labels(self) -> Mapping[str, Image]:
         """The images of --label."""
@@ -56,16 +53,24 @@ class ChainAccess:
 
     def statistics(self, image: Image) -> oiio.PixelStats:
         """Smallest, largest and mean values of the first part's channels."""
-        return pixel_statistics.statistics(image)
+        from .pixel_statistics import statistics
+
+        return statistics(image)
 
     def constant_colour(self, image: Image) -> Sequence[float] | None:
         """The colour of an image that has only one."""
-        return pixel_statistics.constant_colour(image)
+        from .pixel_statistics import constant_colour
+
+        return constant_colour(image)
 
     def metadata_text(self, image: Image, verbose: bool, native: bool) -> str:
         """What --info prints."""
-        return metadata.metadata_text(image, verbose, native)
+        from .metadata import metadata_text
+
+        return metadata_text(image, verbose, native)
 
     def statistics_text(self, image: Image) -> str:
         """What --stats prints."""
-        return pixel_statistics.statistics_text(image)
+        from .pixel_statistics import statistics_text
+
+        return statistics_text(image)

@@ -3,28 +3,38 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import logging
 import os
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
-import OpenImageIO as oiio
-
-from .. import filters
+from ..core.attributes import require_utf8
+from ..core.demand import materialized
+from ..core.image import Image
+from ..core.op import Op
+from ..core.parameters import Parameter
+from ..deferred import oiio
 from ..errors import Error, ParameterError
-from ..files import read
-from ..host.kinds import HostOp
-from ..images import Image, type_named
-from ..op import Op
-from ..params import Parameter
+from ..io.formats import Format
+from ..io.reading import read
+from ..run import run
 from ..session import Session
-from .access import ChainAccess
-from .expressions import Expressions
+from .first_image import First
 from .parse import Step, split_modifiers, values_of
 from .sequences import Frame
+from .titles import title_of
+
+if TYPE_CHECKING:
+    from .access import ChainAccess
+    from .expressions import Expressions
+    from .shares import Shares
 
 log = logging.getLogger("oiiotex")
+
+_DEEPEST = 40  # ops that wait for each other's pixels: each takes up to a dozen calls, and Python has 1000
+_BEYOND_A_LIMIT = 3  # the exit code where all is written, and a measure is beyond its limit
 
 
 class StepError(Error):
@@ -32,45 +42,6 @@ class StepError(Error):
 
     def __init__(self, step: Step, cause: Error):
         super().__init__(f"{step.name} : {cause}" if step.word.startswith("-") else str(cause))
-
-
-@dataclass
-class First:
-    """What the first image read says of how computed images are written."""
-
-    spec: oiio.ImageSpec | None = None
-    pixel_type: oiio.TypeDesc | None = None
-    channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
-    bits: int = 0
-    tile: tuple[int, int] | None = None
-
-    def learn(self, image: Image) -> None:
-        """Take in an image that has been read: its type, where it has a wider one than those before."""
-        for part in image.parts:
-            self.spec = self.spec or part.spec
-            own = part.spec.format
-            merged = own if self.pixel_type is None else _merged(self.pixel_type, own)
-            self.pixel_type = merged
-            self.bits = self.bits or part.spec.get_int_attribute("oiio:BitsPerSample")
-            if part.spec.tile_width:
-                self.tile = self.tile or (part.spec.tile_width, part.spec.tile_height)
-            prefix = part.spec.get_string_attribute("oiio:subimagename")
-            if prefix:
-                self.channel_types.setdefault(f"{prefix}.*", own)
-            for channel, name in enumerate(part.spec.channelnames):
-                key = f"{prefix}.{name}" if prefix else name
-                self.channel_types.setdefault(key, part.spec.channelformat(channel))
-
-
-def _merged(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:
-    """The type that holds the values of both, as oiiotool merges them."""
-    order = ("uint8", "int8", "uint16", "int16", "half", "uint", "int", "float", "double")
-    low, high = sorted((str(a), str(b)), key=order.index)
-    if low in ("int8", "int16") and high in ("uint16", "half") and low != high:
-        return oiio.TypeDesc("float") if high == "half" else oiio.TypeDesc("int")
-    if low in ("uint16", "int16") and high == "half":
-        return oiio.TypeDesc("float")
-    return type_named(high)
 
 
 class Chain:
@@ -88,8 +59,10 @@ class Chain:
     first : First
     read_input : callable
         What is done with a file's name.
-    inputs : list of str
-        The files that were read.
+    inputs : set of str
+        The files that were read, and names that computed images have.
+    written : set of str
+        Real paths of files that ops wrote beside their images: nothing that follows may overwrite them.
     settings : dict
         What options have set for later ones, by the option's name.
     status : int
@@ -102,13 +75,18 @@ class Chain:
         The open --if, --while and --for.
     unwritten, used : bool
         An image has been made and not written; something was written or printed.
+    shares : Shares or None
+        What is made of what the line writes; None: all, here and now.
     """
+
+    dry = False  # the line is only looked through: see `rehearsal`
 
     def __init__(self, session: Session, read_input: Callable[[Chain, str], None], frame: Frame | None = None):
         self.read_input = read_input
         self.session = session
         self.frame = frame
-        self.inputs: list[str] = []
+        self.inputs: set[str] = set()
+        self.written: set[str] = set()
         self.stack: list[Image] = []
         self.labelled: dict[str, Image] = {}
         self.user: dict[str, int | float | str] = {}
@@ -121,8 +99,8 @@ class Chain:
         self.loops: list[Any] = []
         self.unwritten = False
         self.used = False
+        self.shares: Shares | None = None
         self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
-        self._expressions = Expressions(ChainAccess(self))
 
     # --- the stack ---
 
@@ -145,7 +123,7 @@ class Chain:
 
     # --- running ---
 
-    def run(self, steps: tuple[Step, ...]) -> None:
+    def run(self, steps: Sequence[Step]) -> None:
         """Do all steps.
 
         Raises
@@ -164,23 +142,24 @@ class Chain:
             except Error as error:
                 failed = error if isinstance(error, StepError) else StepError(step, error)
                 if not self.settings.get("--no-error-exit"):
+                    if failed is error:
+                        raise
                     raise failed from error
                 log.error("oiiotex ERROR: %s", failed)
         self._nothing_waits()
         if self.loops:
             raise ParameterError(f"{self.loops[-1].name} has no end")
-        if self.unwritten and not self.used:
-            log.warning("nothing was written: did you forget -o?")
 
     def _do(self, step: Step) -> None:
         word = self.expressed(step.word) if not (self.skipping and step.option) else step.word
         if step.op is None and step.option is None:
             self.read_input(self, word)
             return self._run_waiting()
-        texts = step.arguments if step.option and step.option.control else tuple(map(self.expressed, step.arguments))
+        raw = step.option is not None and (step.option.control or step.option.late)
+        texts = step.arguments if raw else tuple(map(self.expressed, step.arguments))
         values = values_of(step, split_modifiers(word)[1])
         if step.op is not None:
-            _require_utf8(word, *texts)
+            require_utf8(word, *texts)
             values |= {p.name: p.parse(text) for p, text in zip(step.op.arguments(), texts, strict=True)}
             self._waiting.append((step, (), values))
             return self._run_waiting()
@@ -193,6 +172,18 @@ class Chain:
             self._nothing_waits()
         option.run(self, *texts, **values)
         return self._run_waiting()
+
+    @functools.cached_property
+    def _expressions(self) -> Expressions:
+        from .expressions import Expressions  # few lines have any
+
+        return Expressions(self._access())
+
+    def _access(self) -> ChainAccess:
+        """What expressions see of the stack."""
+        from .access import ChainAccess
+
+        return ChainAccess(self)
 
     def expressed(self, text: str) -> str:
         """The text with its expressions evaluated."""
@@ -221,7 +212,9 @@ class Chain:
                     assert step.option is not None and step.option.run is not None
                     step.option.run(self, *texts, **values)
             except Error as error:
-                raise error if isinstance(error, StepError) else StepError(step, error) from error
+                if isinstance(error, StepError):
+                    raise
+                raise StepError(step, error) from error
 
     def apply(self, op: type[Op], **values: Any) -> None:
         """Replace the op's operands on the stack by its result."""
@@ -229,14 +222,79 @@ class Chain:
         count = op.arity(values, len(self.stack))
         operands = self.stack[len(self.stack) - count :]
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
-        with self.session.stats.time(op.flag()):
-            bound = op(**_bound(op, operands, values, self.session))
-            made = bound.compute(self.session) if isinstance(bound, HostOp) else filters.result(bound, self.session)
+        share = f" share {values['tiles']}" if values.get("tiles") else ""
+        with self.session.stats.time(f"{op.flag()}{share}"):
+            bound = op(**self._bound(op, operands, values))
+            self.inputs |= {image.source for image in bound.operands()} | set(map(str, bound.paths_read()))
+            images = self.images_of(bound)
         del self.stack[len(self.stack) - count :]
-        for result in made if isinstance(made, tuple) else (made,):
-            self.push(_with_metadata_of(operands, result) if self.settings.get("--metamerge") else result)
-        self.user |= bound.facts() if isinstance(bound, HostOp) else {}
+        for image in (self._entitled(op, operands, image) for image in images):
+            self.push(_with_metadata_of(operands, image) if self.settings.get("--metamerge") else image)
+        self.user |= bound.facts()
         self.unwritten = True
+
+    def _entitled(self, op: type[Op], operands: list[Image], image: Image) -> Image:
+        """The image under its title; computed now where too many ops would wait for each other's pixels."""
+        before = max((part.depth for operand in operands for part in operand.parts), default=-1)
+        title = title_of(op, operands, image)
+        parts = [dataclasses.replace(part, depth=before + 1, title=title) for part in image.parts]
+        if before + 1 >= _DEEPEST and not self.dry:
+            parts = [dataclasses.replace(materialized(part, self.session.budget), depth=0) for part in parts]
+        return Image(tuple(parts), image.source)
+
+    def images_of(self, op: Op) -> Sequence[Image]:
+        """The images that an op makes, its files written, its lines printed, and measures beyond a limit said."""
+        uses = run(op, self.session, self.written, not self.settings.get("--nosoftwareattrib"))
+        for text in (text for use in uses for text in use.failed):
+            log.error("oiiotex FAIL: %s : %s", op.flag(), text)
+            self.status = _BEYOND_A_LIMIT
+        return [use.image for use in uses]
+
+    def acts(self) -> bool:
+        """Ask for leave to print or to write: a line that is only looked through has none, and notes where it would."""
+        self.used, self.unwritten = True, False
+        return True
+
+    def note(self, level: int, text: str) -> None:
+        """Log what is left undone; where a line is only looked through, perhaps later."""
+        log.log(level, "%s", text)
+
+    def tell(self, text: str) -> None:
+        """Print a line that -v asks for."""
+        if self.settings.get("-v"):
+            print(text, flush=True)
+
+    def will_write(self, image: Image, path: str, how: Format) -> None:
+        """Look at what is about to be written; of a line that is only looked through, check that it could be."""
+
+    def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
+        """The image of a file.
+
+        Raises
+        ------
+        ImageError
+            It is none that can be read.
+        """
+        return read(path, self.session.cache, native=native, config=config)
+
+    def require_free(self, path: str) -> None:
+        """Refuse a name under which a filter has just written.
+
+        Raises
+        ------
+        ParameterError
+            It has.
+        """
+        if os.path.realpath(path) in self.written:
+            raise ParameterError(f"{path} has just been written by an op's modifier")
+
+    def changed(self, path: str) -> float:
+        """When a file was last changed, in seconds; 0 where there is none."""
+        return os.path.getmtime(path) if os.path.exists(path) else 0.0
+
+    def has_file(self, path: str) -> bool:
+        """Whether there is such a file."""
+        return os.path.exists(path)
 
     def _of_frame(self, op: type[Op]) -> dict[str, Any]:
         """The frame's number for the op's parameters that are the number of a frame."""
@@ -249,15 +307,45 @@ class Chain:
             raise ParameterError(f"there is no image {index}: the stack holds {len(self.stack)}")
         return self.stack[-1 - index]
 
+    def _bound(self, op: type[Op], operands: list[Image], values: dict[str, Any]) -> dict[str, Any]:
+        """The values, with the operands by the names under which the op declares them.
 
-def _require_utf8(*texts: str) -> None:
-    """Refuse what OpenImageIO's Python edge cannot take."""
-    for text in texts:
-        try:
-            text.encode()
-        except UnicodeEncodeError:
-            shown = text.encode(errors="surrogateescape").decode(errors="backslashreplace")
-            raise ParameterError(f"'{shown}' is not UTF-8") from None
+        From the bottom up: what it always takes, those behind the first that a count asks for, then each image that a
+        modifier asks for.
+        """
+        declared = op.images()
+        if len(declared) == 1 and declared[0].many:
+            return {declared[0].name: tuple(operands), **values}
+        waiting = iter(operands)
+        taken = op.taken(values)
+        bound = values | {parameter.name: next(waiting) if parameter in taken else None for parameter in declared}
+        further = op.further_images()
+        if further is not None:
+            bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
+        for parameter in op.optional_images():
+            asked = values.get(parameter.attribute)
+            if asked is not None:
+                bound[parameter.attribute] = next(waiting) if asked is True else self._named(parameter, asked, operands)
+        return bound
+
+    def _named(self, parameter: Parameter, name: str, operands: list[Image]) -> Image:
+        """The part of the first operand of that name, else the file.
+
+        Raises
+        ------
+        ParameterError
+            There is neither.
+        """
+        part = operands[0].part(name) if operands else None
+        if part is not None:
+            return Image((part,), name)
+        if self.has_file(name):
+            return self.opened(name)
+        parts = ", ".join(part.name for part in operands[0].parts) if operands else ""
+        has = f"the image has {parts}" if parts else "there is no image"
+        raise ParameterError(
+            f"{parameter.name}={name}: neither a part ({has}) nor a file; allowed is {parameter.allowed()}"
+        )
 
 
 def _with_metadata_of(operands: list[Image], result: Image) -> Image:
@@ -270,45 +358,3 @@ def _with_metadata_of(operands: list[Image], result: Image) -> Image:
                     spec.attribute(attribute.name, attribute.type, attribute.value)
 
     return Image(tuple(part.respecced(merge) for part in result.parts), result.source)
-
-
-def _bound(op: type[Op], operands: list[Image], values: dict[str, Any], session: Session) -> dict[str, Any]:
-    """The values, with the operands by the names under which the op declares them.
-
-    From the bottom up: what it always takes, those behind the first that a count asks for, then each image that a
-    modifier asks for.
-    """
-    declared = op.images()
-    if len(declared) == 1 and declared[0].many:
-        return {declared[0].name: tuple(operands), **values}
-    waiting = iter(operands)
-    taken = op.taken(values)
-    bound = values | {parameter.name: next(waiting) if parameter in taken else None for parameter in declared}
-    further = op.further_images()
-    if further is not None:
-        bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
-    for parameter in op.optional_images():
-        asked = values.get(parameter.attribute)
-        if asked is not None:
-            bound[parameter.attribute] = next(waiting) if asked is True else _named(parameter, asked, operands, session)
-    return bound
-
-
-def _named(parameter: Parameter, name: str, operands: list[Image], session: Session) -> Image:
-    """The part of the first operand of that name, else the file.
-
-    Raises
-    ------
-    ParameterError
-        There is neither.
-    """
-    part = operands[0].part(name) if operands else None
-    if part is not None:
-        return Image((part,), name)
-    if os.path.exists(name):
-        return read(name, session.cache)
-    parts = ", ".join(part.name for part in operands[0].parts) if operands else ""
-    has = f"the image has {parts}" if parts else "there is no image"
-    raise ParameterError(
-        f"{parameter.name}={name}: neither a part ({has}) nor a file; allowed is {parameter.allowed()}"
-    )

@@ -8,23 +8,21 @@ Where we depart from oiiotool
 1. A NaN or infinity that has no partner in the other image makes the largest error infinite and its pixel count as one
    over the thresholds, and never enters the means. oiiotool does not count the first of them, lets the others make the
    means NaN, and forgets the largest error when it has met two.
-2. Images that ops have made are named by the file that they were made of, not by the op.
 """
 
 from __future__ import annotations
 
+import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..errors import ImageError, ParameterError
-from ..images import Image, Part, cropped, in_memory, one_line
-from ..params import param
-from ..tiles import stream
-from ..windows import Window
+from ..core.demand import stream
+from ..core.image import Image, Part, cropped, in_memory
+from ..core.parameters import param
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..errors import ImageError, ParameterError, one_line
 from .chain import Chain
 from .metadata import shortest
 from .parse import Option
@@ -33,18 +31,23 @@ from .pixel_statistics import as_floats, floats, full_rows, over_channels
 # bytes of a pixel at most, as measured with images of 1 to 3 megapixels
 _YEE_BYTES = 100
 _FLIP_BYTES = 160
+_LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
+
+
+def _threshold(value: float) -> Any:
+    return field(default_factory=lambda: np.float32(value))
 
 
 @dataclass(frozen=True)
 class Thresholds:
     """What --fail, --warn and their kin have set. Percentages are of pixels, all else is a difference of values."""
 
-    fail: np.float32 = np.float32(1e-6)
-    failpercent: np.float32 = np.float32(0)
-    hardfail: np.float32 = np.finfo(np.float32).max
-    warn: np.float32 = np.float32(1e-6)
-    warnpercent: np.float32 = np.float32(0)
-    hardwarn: np.float32 = np.finfo(np.float32).max
+    fail: np.float32 = _threshold(1e-6)
+    failpercent: np.float32 = _threshold(0)
+    hardfail: np.float32 = _threshold(_LARGEST)
+    warn: np.float32 = _threshold(1e-6)
+    warnpercent: np.float32 = _threshold(0)
+    hardwarn: np.float32 = _threshold(_LARGEST)
 
 
 @dataclass
@@ -57,7 +60,7 @@ class Comparison:
     channel: int = 0
     mean: float = 0.0
     rms: float = 0.0
-    psnr: float = np.inf
+    psnr: float = math.inf
     warned: int = 0
     failed: int = 0
 
@@ -66,7 +69,7 @@ def compare(a: Part, b: Part, thresholds: Thresholds) -> Comparison:
     """Compare two parts over their data windows together, band by band; what one lacks is black there."""
     whole = a.window | b.window
     channels = max(a.spec.nchannels, b.spec.nchannels)
-    found, total, squares, peak = Comparison(), 0.0, 0.0, np.float32(1)
+    comparison, total, squares, peak = Comparison(), 0.0, 0.0, np.float32(1)
     bands = [stream(cropped(part, whole), full_rows(whole), buffers=True) for part in (a, b)]
     for (window, left), (_, right) in zip(*bands, strict=True):
         x, y = _as_wide(as_floats(left, window), channels), _as_wide(as_floats(right, window), channels)
@@ -79,21 +82,21 @@ def compare(a: Part, b: Part, thresholds: Thresholds) -> Comparison:
             x, y = np.where(odd, np.float32(0), x), np.where(odd, np.float32(0), y)
         peak = max(peak, np.abs(x).max(), np.abs(y).max())
         largest = int(error.argmax())
-        if error.flat[largest] > found.max_error:
-            found.max_error = float(error.flat[largest])
-            row, column, found.channel = map(int, np.unravel_index(largest, error.shape))
-            found.x, found.y = window.left + column, window.top + row
+        if error.flat[largest] > comparison.max_error:
+            comparison.max_error = float(error.flat[largest])
+            row, column, comparison.channel = map(int, np.unravel_index(largest, error.shape))
+            comparison.x, comparison.y = window.left + column, window.top + row
         worst = over_channels(np.maximum, error)
-        found.warned += int((worst > thresholds.warn).sum())
-        found.failed += int((worst > thresholds.fail).sum())
+        comparison.warned += int((worst > thresholds.warn).sum())
+        comparison.failed += int((worst > thresholds.fail).sum())
         plain = error.astype(np.float64)
         plain[odd] = 0
         total += float(plain.sum())
         squares += float(np.square(plain, out=plain).sum())
     values = max(1, whole.width * whole.height * channels)
-    found.mean, found.rms = total / values, float(np.sqrt(squares / values))
-    found.psnr = float(20 * np.log10(float(peak) / found.rms)) if found.rms > 0 else np.inf
-    return found
+    comparison.mean, comparison.rms = total / values, float(np.sqrt(squares / values))
+    comparison.psnr = float(20 * np.log10(float(peak) / comparison.rms)) if comparison.rms > 0 else np.inf
+    return comparison
 
 
 def _as_wide(pixels: np.ndarray, channels: int) -> np.ndarray:
@@ -118,11 +121,15 @@ def perceptual_difference(chain: Chain) -> None:
 
 def _difference(chain: Chain, perceptual: bool) -> None:
     first, second = chain.image(1), chain.image(0)
-    chain.used = True
-    kind = "perceptual " if perceptual else ""
-    print(f'Computing {kind}diff of "{first.source}" vs "{second.source}"')
-    verdict = 0
     everything = chain.session.all_parts
+    if perceptual:
+        for a, b in list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]:
+            _require(chain, a, b, _YEE_BYTES, "--pdiff")
+    if not chain.acts():
+        return
+    kind = "perceptual " if perceptual else ""
+    print(f'Computing {kind}diff of "{first.title}" vs "{second.title}"')
+    verdict = 0
     for number, (a, b) in enumerate(zip(first.parts, second.parts, strict=False)):
         if number and not everything:
             break
@@ -159,42 +166,42 @@ def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, befo
     limits = Thresholds(**{name: chain.settings[f"--{name}"] for name in _NAMES if f"--{name}" in chain.settings})
     pixels = max(1, a.spec.width * a.spec.height)
     with chain.session.stats.time("diff"):
-        found = _yee(chain, a, b) if perceptual else compare(a, b, limits)
+        comparison = _yee(a, b) if perceptual else compare(a, b, limits)
     verdict = 0
-    if found.failed > limits.failpercent / 100 * pixels or found.max_error > limits.hardfail:
+    if comparison.failed > limits.failpercent / 100 * pixels or comparison.max_error > limits.hardfail:
         verdict = 2
-    elif found.warned > limits.warnpercent / 100 * pixels or found.max_error > limits.hardwarn:
+    elif comparison.warned > limits.warnpercent / 100 * pixels or comparison.max_error > limits.hardwarn:
         verdict = 1
-    if max(verdict, before) or chain.settings.get("-v", chain.session.measure):
+    if max(verdict, before) or chain.settings.get("-v"):
         print(title, end="")
-        print("\n".join(_report(a, b, found, limits, pixels, perceptual)))
+        print("\n".join(_report(a, b, comparison, limits, pixels, perceptual)))
     return verdict
 
 
-def _report(a: Part, b: Part, found: Comparison, limits: Thresholds, pixels: int, perceptual: bool) -> list[str]:
+def _report(a: Part, b: Part, comparison: Comparison, limits: Thresholds, pixels: int, perceptual: bool) -> list[str]:
     lines = []
     if not perceptual:
         lines += [
-            f"  Mean error = {found.mean:.6g}",
-            f"  RMS error = {found.rms:.6g}",
-            f"  Peak SNR = {found.psnr:.6g}",
+            f"  Mean error = {comparison.mean:.6g}",
+            f"  RMS error = {comparison.rms:.6g}",
+            f"  Peak SNR = {comparison.psnr:.6g}",
         ]
-    line = f"  Max error  = {shortest(found.max_error)}"
-    if found.max_error != 0:
-        names = a.spec.channelnames if found.channel < a.spec.nchannels else b.spec.channelnames
-        values = " vs ".join(_values_at(part, found.x, found.y) for part in (a, b))
-        line += f" @ ({found.x}, {found.y}, {names[found.channel]})  values are {values}"
+    line = f"  Max error  = {shortest(comparison.max_error)}"
+    if comparison.max_error != 0:
+        names = a.spec.channelnames if comparison.channel < a.spec.nchannels else b.spec.channelnames
+        values = " vs ".join(_values_at(part, comparison.x, comparison.y) for part in (a, b))
+        line += f" @ ({comparison.x}, {comparison.y}, {names[comparison.channel]})  values are {values}"
     lines.append(line)
 
-    def over(count: int, what: str) -> str:
-        return f"  {count} pixels ({100 * count / pixels:.3g}%) {what}"
+    def over(count: int, limit: str) -> str:
+        return f"  {count} pixels ({100 * count / pixels:.3g}%) {limit}"
 
     if perceptual:
-        return [*lines, over(found.failed, "failed the perceptual test")]
+        return [*lines, over(comparison.failed, "failed the perceptual test")]
     return [
         *lines,
-        over(found.warned, f"over {shortest(limits.warn)}"),
-        over(found.failed, f"over {shortest(limits.fail)}"),
+        over(comparison.warned, f"over {shortest(limits.warn)}"),
+        over(comparison.failed, f"over {shortest(limits.fail)}"),
     ]
 
 
@@ -204,18 +211,17 @@ def _values_at(part: Part, x: int, y: int) -> str:
     return ", ".join(map(shortest, values))
 
 
-def _yee(chain: Chain, a: Part, b: Part) -> Comparison:
-    _require(chain, a, b, _YEE_BYTES, "--pdiff")
+def _yee(a: Part, b: Part) -> Comparison:
     result = oiio.CompareResults()
     oiio.ImageBufAlgo.compare_Yee(a.buffer(a.window), b.buffer(b.window), result)
     # its places count from the corner of the window, and so they are printed
     return Comparison(result.maxerror, result.maxx, result.maxy, 0, failed=result.nfail)
 
 
-def _require(chain: Chain, a: Part, b: Part, pixel_bytes: int, what: str) -> None:
+def _require(chain: Chain, a: Part, b: Part, pixel_bytes: int, option: str) -> None:
     whole = a.window | b.window
     inputs = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in (a, b))
-    chain.session.require(inputs + whole.width * whole.height * pixel_bytes, what)
+    chain.session.require(inputs + whole.width * whole.height * pixel_bytes, option)
 
 
 # --- --flipdiff ---
@@ -271,8 +277,8 @@ def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, An
     fails = judges and largest > np.float32(given.fail)
     if not (given.print or judges):
         return
-    chain.used = True
-    print(f'FLIP diff of "{reference.source}" vs "{test.source}"')
+    chain.acts()
+    print(f'FLIP diff of "{reference.title}" vs "{test.title}"')
     if given.print or fails:
         print(f"  Mean FLIP error  = {facts.get('FLIP:meanerror', 0.0):.4g}")
         line = f"  Max FLIP error   = {largest:.4g}"

@@ -6,13 +6,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-import OpenImageIO as oiio
-
+from ..core.attributes import attribute_value
+from ..core.parameters import Numbers, Parameter, param
+from ..deferred import oiio
 from ..errors import ParameterError
-from ..params import Numbers, Parameter, param
-from ..text_values import attribute_value
 from .chain import Chain
-from .parse import Option
+from .output_settings import switch
+from .parse import Option, whole_number
 
 
 @dataclass
@@ -23,8 +23,10 @@ class Block:
     start: int  # the step that opened it
     outer: bool  # whether steps around it are skipped
     holds: bool  # whether its condition does
-    value: float = 0.0  # of the variable of --for
+    rounds: int = 0  # of --while, so far
 
+
+MOST_ROUNDS = 100_000  # of --while, unless --maxloop says another number
 
 _FALSE = ("", "0", "false", "no", "off", "f", "n")
 
@@ -75,14 +77,31 @@ def end_if(chain: Chain) -> None:
 
 def begin_while(chain: Chain, value: str) -> None:
     """Do the steps up to --endwhile as long as the value holds."""
-    _open(chain, "--while", not chain.skipping and truth(chain.expressed(value)))
+    holds = not chain.skipping and truth(chain.expressed(value))
+    if not (chain.loops and chain.loops[-1].start == chain.position - 1):
+        return _open(chain, "--while", holds)
+    block = chain.loops[-1]
+    most = chain.settings.get("--maxloop", MOST_ROUNDS)
+    if holds and block.rounds >= most:
+        raise ParameterError(f"{value} still holds after {most} rounds: --maxloop allows more")
+    block.holds = holds
+    chain.skipping = block.outer or not holds
+    return None
 
 
 def end_while(chain: Chain) -> None:
     """Ask the condition of --while again."""
-    block = _close(chain, "--while", "--endwhile")
+    block = _innermost(chain, "--while", "--endwhile")
     if block.holds and not block.outer:
+        block.rounds += 1
         chain.position = block.start
+    else:
+        _close(chain, "--while", "--endwhile")
+
+
+def most_rounds(chain: Chain, text: str) -> None:
+    """How many rounds a --while may have."""
+    chain.settings["--maxloop"] = whole_number(text)
 
 
 _RANGE = Parameter("RANGE", (Numbers,), None, "")
@@ -139,15 +158,38 @@ class SetModifiers:
 
 
 def set_variable(chain: Chain, name: str, text: str, type: str | None = None) -> None:
-    """Give a variable a value for expressions."""
+    """Give a variable a value for expressions.
+
+    Parameters
+    ----------
+    chain : Chain
+    name : str
+        Letters, digits and _, no digit first.
+    text : str
+        The value.
+    type : str, optional
+        int, float, string ...; by the looks of the value when left out.
+    """
     _check_name(name)
     value = attribute_value(text, type)
     chain.user[name] = value if isinstance(value, (int, float, str)) else text
 
 
 def set_oiio_attribute(chain: Chain, name: str, text: str, type: str | None = None) -> None:
-    """Set an attribute of OpenImageIO itself."""
+    """Set an attribute of OpenImageIO itself, for the whole process.
+
+    Parameters
+    ----------
+    chain : Chain
+        One that is only looked through sets nothing.
+    name, text : str
+        The attribute and its value.
+    type : str, optional
+        int, float, string ...; by the looks of the value when left out.
+    """
     value = attribute_value(text, type)
+    if chain.dry:
+        return
     if not oiio.attribute(name, value):
         raise ParameterError(f"OpenImageIO has no attribute '{name}' of that type")
 
@@ -195,4 +237,28 @@ OPTIONS = (
         SetModifiers,
         state=True,
     ),
+)
+
+STATES = (
+    Option(
+        "-v",
+        (),
+        "say what is done, and measure the results",
+        switch("-v"),
+        state=True,
+        throughout=True,
+        aliases=("--verbose",),
+    ),
+    Option("--maxloop", ("N",), "rounds after which a --while that has not ended is refused", most_rounds, state=True),
+    Option("--no-error-exit", (), "go on with the next step where one fails", switch("--no-error-exit"), state=True),
+    Option("--metamerge", (), "results have the metadata of all their inputs", switch("--metamerge"), state=True),
+    Option("--sansattrib", (), "--history without --attrib and --sattrib", switch("--sansattrib"), state=True),
+    Option(
+        "--autotile",
+        ("SIZE",),
+        "nothing: images are always read piece by piece here",
+        lambda chain, size: None,
+        state=True,
+    ),
+    Option("--experimental", (), "nothing: no op is experimental here", lambda chain: None, state=True),
 )

@@ -9,8 +9,7 @@ import string
 import typing
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-
+from ..deferred import np
 from ..errors import ParameterError
 
 Value = int | float | str
@@ -19,7 +18,7 @@ _DIGITS = r"0[xX](?:[\da-fA-F]+\.?[\da-fA-F]*|\.[\da-fA-F]+)(?:[pP][+-]?\d+)?|(?
 NUMBER = rf"{_DIGITS}|(?:[iI][nN][fF](?:[iI][nN][iI][tT][yY])?|[nN][aA][nN])(?!\w)"  # what C's strtof takes
 _NUMERIC = re.compile(rf"\s*[+-]?(?:{NUMBER})\s*", re.ASCII)
 _INTEGER = re.compile(r"\s*[+-]?\d+\s*", re.ASCII)
-_INT32 = np.iinfo(np.int32)
+_LEAST, _MOST = -(1 << 31), (1 << 31) - 1  # of 32-bit whole numbers
 
 
 def number_in(text: str) -> np.float32 | None:
@@ -34,7 +33,7 @@ def number_in(text: str) -> np.float32 | None:
 
 def integer_in(text: str) -> int | None:
     """The whole number that the whole of `text` is, held to 32 bit, or None."""
-    return max(_INT32.min, min(_INT32.max, int(text))) if _INTEGER.fullmatch(text) and len(text) < 4000 else None
+    return max(_LEAST, min(_MOST, int(text))) if _INTEGER.fullmatch(text) and len(text) < 4000 else None
 
 
 def shown(number: float) -> str:
@@ -60,7 +59,7 @@ def is_quoted(text: str) -> bool:
 
 
 def _whole(number: np.float32) -> int:
-    if not _INT32.min <= float(number) <= _INT32.max:  # false for NaN too
+    if not _LEAST <= float(number) <= _MOST:  # false for NaN too
         raise ParameterError(f"{shown(number)} is not a whole number of 32 bit")
     return int(number)
 

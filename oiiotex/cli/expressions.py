@@ -24,12 +24,10 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
-import numpy as np
-import OpenImageIO as oiio
-
+from ..core.image import Image
+from ..core.parameters import nearest
+from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
-from ..images import Image
-from ..params import nearest
 from .expression_values import (
     NUMBER,
     PRODUCTS,
@@ -99,15 +97,15 @@ class Expressions:
         ParameterError
             One line that quotes the expression and says what is wrong with it.
         """
-        done, at = "", 0
+        result, at = "", 0
         while (opening := text.find("{", at)) >= 0 and (end := _after_braces(text, opening)):
             expression = text[opening + 1 : end - 1]
             try:
                 value = _Evaluation(expression, self._images).value()
             except (ParameterError, ImageError) as error:
                 raise ParameterError(" ".join(f"{{{expression}}}: {error}".split())) from error
-            done, at = done + text[at:opening] + value, end
-        return done + text[at:]
+            result, at = result + text[at:opening] + value, end
+        return result + text[at:]
 
 
 def _after_braces(text: str, opening: int) -> int:
@@ -143,9 +141,9 @@ def _is_black(access: ImageAccess, image: Image) -> bool:
 
 
 _PROPERTIES: dict[str, Callable[[ImageAccess, Image], str]] = {
-    "filename": lambda access, image: image.source,
-    "file_extension": lambda access, image: os.path.splitext(image.source)[1],
-    "file_noextension": lambda access, image: os.path.splitext(image.source)[0],
+    "filename": lambda access, image: image.title,
+    "file_extension": lambda access, image: os.path.splitext(image.title)[1],
+    "file_noextension": lambda access, image: os.path.splitext(image.title)[0],
     "MINCOLOR": lambda access, image: _listed(access.statistics(image).min),
     "MAXCOLOR": lambda access, image: _listed(access.statistics(image).max),
     "AVGCOLOR": lambda access, image: _listed(access.statistics(image).avg),
@@ -189,9 +187,9 @@ def _unknown_attribute(image: Image, name: str) -> ParameterError:
 def _global_attribute(name: str) -> str:
     """OpenImageIO's own attribute of that name."""
     for kind in (oiio.TypeString, oiio.TypeInt, oiio.TypeFloat):
-        found = oiio.getattribute(name, kind)
-        if found is not None:
-            return shown(found) if isinstance(found, float) else str(found)
+        value = oiio.getattribute(name, kind)
+        if value is not None:
+            return shown(value) if isinstance(value, float) else str(value)
     raise ParameterError(f"OpenImageIO has no attribute '{name}'")
 
 
@@ -281,8 +279,8 @@ class _Evaluation:
             return quoted[1:-1]
         name = self._take(_NAME)
         if not name:
-            found = self._take(r".+")
-            raise ParameterError(f"a value is missing before '{found}'" if found else "a value is missing at the end")
+            rest = self._take(r".+")
+            raise ParameterError(f"a value is missing before '{rest}'" if rest else "a value is missing at the end")
         if self._take(r"\("):
             return self._function(name, signed)
         return self._named(name)
@@ -325,18 +323,18 @@ class _Evaluation:
         if integer_in(which) is None and os.path.exists(which):
             return self._images.read(which)
         try:
-            found = _Evaluation(which, self._images).value()
+            value = _Evaluation(which, self._images).value()
         except ParameterError as error:
             known = nearest(which, labels)
             raise ParameterError(f"IMG[{which}] is no label, file or number{known} ({error})") from error
-        index = integer_in(found)
+        index = integer_in(value)
         if index is not None:
             if not 0 <= index < self._images.depth():
-                raise ParameterError(f"no image at IMG[{found}], there are {self._images.depth()}, counted from 0")
+                raise ParameterError(f"no image at IMG[{value}], there are {self._images.depth()}, counted from 0")
             return self._images.image(index)
-        if os.path.exists(found):
-            return self._images.read(found)
-        raise ParameterError(f"IMG[{found}] is no label, file or number{nearest(found, labels)}")
+        if os.path.exists(value):
+            return self._images.read(value)
+        raise ParameterError(f"IMG[{value}] is no label, file or number{nearest(value, labels)}")
 
     def _of_image(self, image: Image) -> str:
         """The .name or [name] behind an image; names in brackets may be unknown, they are ''."""

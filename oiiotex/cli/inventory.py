@@ -8,22 +8,24 @@ import sys
 import textwrap
 from collections.abc import Sequence
 
-import OpenImageIO as oiio
-
+from ..deferred import oiio
 from .chain import Chain
 from .parse import Option
 
 
 def list_formats(chain: Chain) -> None:
     """Print the file formats and their extensions."""
+    if not chain.acts():
+        return
     print("All OIIO supported formats and their extensions:")
     for name, _, extensions in sorted(e.partition(":") for e in oiio.get_string_attribute("extension_list").split(";")):
         print(_wrapped(f"    {name} : {extensions.replace(',', ', ')}", 8, margin=2))
-    chain.used = True
 
 
 def build_info(chain: Chain) -> None:
     """Print what OpenImageIO was built from."""
+    if not chain.acts():
+        return
     say = oiio.get_string_attribute
     libraries = ", ".join(word.rpartition(":")[2] for word in say("build:dependencies").split(";"))
     print(_wrapped(f"OIIO {oiio.VERSION_STRING} | {say('build:platform')}", 4, margin=2))
@@ -37,11 +39,12 @@ def build_info(chain: Chain) -> None:
         print("    No CUDA support (disabled / unavailable at build time)")
     if libraries:
         print(_wrapped(f"Dependencies: {libraries}", 4, margin=2))
-    chain.used = True
 
 
 def colour_config_info(chain: Chain) -> None:
     """Print what the colour config holds."""
+    if not chain.acts():
+        return
     config = oiio.ColorConfig(chain.session.color.path)
     version = oiio.OpenColorIO_version_hex
     print(f"OpenColorIO {version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}")
@@ -51,14 +54,13 @@ def colour_config_info(chain: Chain) -> None:
         print(f"    - {_quoted(name)}{_remarks(config, name)}")
         aliases = config.getAliases(name)
         if aliases:
-            print(_wrapped(f"      aliases: {_listed(aliases)}", 6, margin=1))
+            print(_wrapped(f"      aliases: {', '.join(map(_quoted, aliases))}", 6, margin=1))
     _print_list(
         "Known roles:", [f"{_quoted(r)} -> {_quoted(config.getColorSpaceNameByRole(r))}" for r in config.getRoles()]
     )
     _print_list("Known looks:", [_quoted(name) for name in config.getLookNames()])
     _print_list("Known displays: (* indicates default)", [_display(config, name) for name in config.getDisplayNames()])
     _print_list("Named transforms:", [_quoted(name) for name in config.getNamedTransformNames()])
-    chain.used = True
 
 
 def _remarks(config: oiio.ColorConfig, name: str) -> str:
@@ -82,10 +84,6 @@ def _display(config: oiio.ColorConfig, name: str) -> str:
 def _print_list(title: str, lines: Sequence[str]) -> None:
     if lines:
         print("\n".join([title, *(f"    - {line}" for line in lines)]))
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(map(_quoted, names))
 
 
 def _quoted(name: str) -> str:

@@ -3,17 +3,18 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import sys
-import traceback
 from typing import NoReturn
 
-from ..errors import Error
+from ..errors import Error, one_line
 from .stopping import Stopped, raise_if_stopped, stop_on_signals
 from .streams import drop, open_standard_streams, quiet_libraries
 
 
 def main(words: list[str] | None = None) -> NoReturn:
-    """Run the command line and exit: 0 well, 1 an error, 130 and 143 after SIGINT and SIGTERM."""
+    """Run the command line and exit: 0 well, 1 an error, 3 a measure beyond a limit, 130, 143 after SIGINT, SIGTERM."""
     words = sys.argv[1:] if words is None else words
     open_standard_streams()
     if not _debugging(words):
@@ -24,13 +25,21 @@ def main(words: list[str] | None = None) -> NoReturn:
     except Stopped as stopped:
         status = 128 + stopped.number
         drop(1)
+    gc.unfreeze()  # what is held to the end is let go as ever: libraries look for leaks
     sys.exit(status)
 
 
 def _run(words: list[str]) -> int:
     try:
+        if os.environ.get("OCIO"):  # OpenImageIO opens it, whatever it is, with the first image
+            from ..io.documents import require_regular
+
+            require_regular(os.environ["OCIO"])
+        gc.disable()  # of what is imported nothing is rubbish: looking for some takes a tenth of the start
         from .running import run  # only now: a signal while much is imported is answered too
 
+        gc.freeze()
+        gc.enable()
         status = run(words)
     except Error as error:
         return _failed(words, str(error))
@@ -55,13 +64,17 @@ def _run(words: list[str]) -> int:
 def _failed(words: list[str], text: str) -> int:
     """Say what went wrong in one line, behind what has been printed."""
     if _debugging(words):
+        import traceback
+
         traceback.print_exc()
     try:
         sys.stdout.flush()
     except OSError:
         drop(1)
     try:
-        print(f"oiiotex ERROR: {' '.join(text.split())}", file=sys.stderr, flush=True)
+        if "--openjd" in words:
+            print(f"openjd_fail: {one_line(text)}", flush=True)
+        print(f"oiiotex ERROR: {one_line(text)}", file=sys.stderr, flush=True)
     except OSError:  # nobody listens: the exit code has to do
         drop(sys.stderr.fileno())
     return 1

@@ -3,20 +3,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..errors import ImageError, ParameterError
-from ..images import Image, Part, dtype_of
-from ..tiles import stream
-from ..windows import Window
+from ..core.hash import sha1
+from ..core.image import Image, Part, dtype_of
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..errors import ParameterError
 from .pixel_statistics import as_floats, full_rows, part_statistics_text
 
 _NAME_WIDTH = 20
@@ -108,7 +105,7 @@ def _pattern(text: str) -> re.Pattern[str] | None:
     if not text:
         return None
     classes = {"alpha": "a-zA-Z", "digit": "0-9", "alnum": "a-zA-Z0-9", "space": r"\s", "upper": "A-Z", "lower": "a-z"}
-    translated = re.sub(r"\[:(\w+):\]", lambda found: classes.get(found[1], found[0]), text)
+    translated = re.sub(r"\[:(\w+):\]", lambda match: classes.get(match[1], match[0]), text)
     try:
         return re.compile(translated, re.IGNORECASE)
     except re.error as error:
@@ -147,7 +144,7 @@ def _metadata(
     if wanted or unwanted:
         stays = not asked.xml and asked.verbose and leading
         lines = [line for n, line in enumerate(lines) if (n == 0 and stays) or _passes(line, wanted, unwanted)]
-    text = "\n".join([*lines[:1], *map(_unescaped, lines[1:])])
+    text = "\n".join([*lines[:1], *map(unescaped, lines[1:])])
     return text if text.endswith("\n") else f"{text}\n"
 
 
@@ -217,10 +214,10 @@ def _channel_types(spec: oiio.ImageSpec) -> str:
 _ESCAPES = {"n": "\n", "t": "\t", "v": "\v", "b": "\b", "r": "\r", "f": "\f", "a": "\a", "\\": "\\", '"': '"'}
 
 
-def _unescaped(line: str) -> str:
-    """The line with what is written as \\n, \\" or \\033 as such."""
+def unescaped(text: str) -> str:
+    """The text with what is written as \\n, \\" or \\033 as such."""
     pattern = r'\\(?:([ntvbrfa\\"])|([0-7]{1,3}))'
-    return re.sub(pattern, lambda found: _ESCAPES[found[1]] if found[1] else chr(int(found[2], 8) & 255), line)
+    return re.sub(pattern, lambda match: _ESCAPES[match[1]] if match[1] else chr(int(match[2], 8) & 255), text)
 
 
 def _statistics(part: Part, asked: Asked) -> Iterator[str]:
@@ -234,34 +231,6 @@ def _statistics(part: Part, asked: Asked) -> Iterator[str]:
 
 
 # --- pixels ---
-
-
-def sha1(part: Part) -> str:
-    """The SHA-1 of a part's pixels, each channel in its own type.
-
-    Raises
-    ------
-    ImageError
-        Whole numbers lie beside broken ones: they are not read exactly.
-    """
-    kinds = [_numpy_type(part.spec.channelformat(channel)) for channel in range(part.spec.nchannels)]
-    own = np.dtype(dtype_of(part.spec))
-    if any(kind.kind != own.kind for kind in kinds):
-        raise ImageError(f"'{part.name}' has channels of whole and of broken numbers: no hash can be made")
-    packed = np.dtype([(str(channel), kind) for channel, kind in enumerate(kinds)])
-    found = hashlib.sha1(usedforsecurity=False)
-    for _, pixels in stream(part, full_rows(part.window)):
-        if any(kind != own for kind in kinds):
-            mixed = np.empty(pixels.shape[:2], packed)
-            for channel in range(len(kinds)):
-                mixed[str(channel)] = pixels[..., channel]
-            pixels = mixed
-        found.update(np.ascontiguousarray(pixels))
-    return found.hexdigest().upper()
-
-
-def _numpy_type(kind: oiio.TypeDesc) -> np.dtype:
-    return np.dtype(dtype_of(oiio.ImageSpec(1, 1, 1, kind)))
 
 
 def dumped(part: Part, how: Dump) -> Iterator[str]:

@@ -15,23 +15,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import OpenImageIO as oiio
-
 from .. import __version__
+from ..core.image import Image, Part, cropped
+from ..core.parameters import Size, param
+from ..core.window import Window
+from ..deferred import oiio
 from ..errors import ImageError, ParameterError
-from ..formats import Format
-from ..images import Image, Part, cropped, type_named
-from ..params import Size, param
-from ..windows import Window
-from ..writing import write
+from ..io.formats import Format
+from ..io.writing import write
+from . import output_settings
 from .chain import Chain
+from .output_settings import pixel_type
 from .parse import Option
 from .sequences import Tile, names_tiles, tile_name
 
 log = logging.getLogger("oiiotex")
-
-_NARROW = {"uint10": ("uint16", 10), "uint12": ("uint16", 12), "uint6": ("uint8", 6), "uint4": ("uint8", 4)}
-_NARROW |= {"uint2": ("uint8", 2), "uint1": ("uint8", 1)}
 
 
 @dataclass(frozen=True)
@@ -61,19 +59,23 @@ def write_output(chain: Chain, path: str, **modifiers: Any) -> None:
     """Write the top image, or all, or its UDIM tiles."""
     given = WriteModifiers(**modifiers)
     if given.udim is not None:
-        return _write_tiles(chain, path, given.udim, dataclasses.replace(given, udim=None))
+        return _write_tiles(chain, chain.expressed(path), given.udim, dataclasses.replace(given, udim=None))
     if given.all is None:
-        return _write_one(chain, path, given)
+        return _write_one(chain, chain.expressed(path), given)
     saved = list(chain.stack)
     for n, image in enumerate(saved):
         chain.stack = [*saved[:n], image]
-        try:
-            name = path % (n + given.all)
-        except (TypeError, ValueError):
-            raise ParameterError(f"'{path}' has no %d for the number of the image") from None
-        _write_one(chain, name, dataclasses.replace(given, all=None))
+        _write_one(chain, _numbered(chain.expressed(path), n + given.all), dataclasses.replace(given, all=None))
     chain.stack = saved
     return None
+
+
+def _numbered(path: str, number: int) -> str:
+    """The name with its %d as a number; as it is where it has none."""
+    try:
+        return path % number if "%" in path else path
+    except (TypeError, ValueError):
+        raise ParameterError(f"'{path}': allowed is one %d, for the number of the image") from None
 
 
 def _write_tiles(chain: Chain, path: str, count: Size, given: WriteModifiers) -> None:
@@ -106,42 +108,82 @@ def _tile(part: Part, window: Window) -> Part:
 
 
 def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
-    if os.path.realpath(path) in chain.session.written:
-        raise ParameterError(f"{path} has just been written by an op's modifier")
-    if not may_write(chain, path):
-        return
     image, how = chain.top, _format(chain, path, given)
+    if is_left(chain, path):
+        return
     if _either(given.autotrim, chain.settings.get("--autotrim")):
         image = _trimmed(chain, image, path)
     if _either(given.autocc, chain.session.autocc):
         image, how = _converted(chain, image, path, how, bool(given.unpremult))
-    log.info("writing %s", path)
-    if not chain.settings.get("-n"):
-        with chain.session.stats.time("write"), chain.session.keeping(path):
-            write(_with_provenance(chain, image), path, how, chain.session.advance)
-        if chain.settings.get("--adjust-time"):
-            _adjust_time(path, image)
-    chain.unwritten, chain.used = False, True
+    if not may_write(chain, image, path, how):
+        return
+    shares, inputs = chain.shares, sorted(chain.inputs)
+    if shares is not None and shares.count:
+        chain.tell(f"Computing share {shares.number}/{shares.count} of {path}")
+        with chain.session.stats.time("write"):
+            shares.compute(chain.session, image, path, inputs)
+        return
+    if shares is not None:
+        image = shares.joined(chain.session, image, inputs)
+    chain.tell(f"Writing {path}")
+    with chain.session.stats.time("write"), chain.session.checkpoints(path):
+        write(_with_provenance(chain, image), path, how, chain.session.advance)
+    if chain.settings.get("--adjust-time"):
+        _adjust_time(path, image)
 
 
-def may_write(chain: Chain, path: str) -> bool:
-    """Whether the file is to be written; makes its folder where --create-dir says so."""
-    chain.unwritten, chain.used = False, True
-    if chain.settings.get("--no-clobber") and os.path.exists(path):
-        log.warning("%s exists and is left as it is", path)
+def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
+    """Whether the image is to be written there, now; makes the file's folder where --create-dir says so.
+
+    Parameters
+    ----------
+    chain : Chain
+        Its -n and --create-dir count.
+    image : Image
+    path : str
+        The file, which need not exist.
+    how : Format
+        What kind of file it would be.
+
+    Raises
+    ------
+    ImageError
+        The folder cannot be made.
+    """
+    chain.will_write(image, path, how)
+    if chain.settings.get("-n"):
+        chain.note(logging.INFO, f"{path} would be written")
         return False
-    if chain.settings.get("-u") and os.path.exists(path):
-        newest = max((os.path.getmtime(name) for name in chain.inputs if os.path.exists(name)), default=0.0)
-        if os.path.getmtime(path) >= newest:
-            log.info("%s is newer than what it is made of", path)
-            return False
+    if not chain.acts():
+        return False
     folder = os.path.dirname(path)
-    if chain.settings.get("--create-dir") and folder and not chain.settings.get("-n"):
+    if chain.settings.get("--create-dir") and folder:
         try:
             os.makedirs(folder, exist_ok=True)
         except OSError as error:
             raise ImageError(f"{path}: the folder cannot be made: {error.strerror}") from error
     return True
+
+
+def is_left(chain: Chain, path: str) -> bool:
+    """Whether the file stays as it is: by --no-clobber, or by -u because it is newer than what it is made of.
+
+    Raises
+    ------
+    ParameterError
+        A filter has just written its own there.
+    """
+    chain.require_free(path)
+    chain.unwritten, chain.used = False, True
+    if not os.path.exists(path):
+        return False
+    if chain.settings.get("--no-clobber"):
+        chain.note(logging.WARNING, f"{path} exists and is left as it is")
+        return True
+    if chain.settings.get("-u") and os.path.getmtime(path) >= max(map(chain.changed, chain.inputs), default=0.0):
+        chain.note(logging.INFO, f"{path} is newer than what it is made of")
+        return True
+    return False
 
 
 def _either(own: bool | None, general: object) -> bool:
@@ -154,7 +196,7 @@ def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
     asked, bits = settings.get("-d", (None, 0))
     channels = settings.get("-d channels", {})
     if given.type or given.datatype:
-        asked, bits = _pixel_type(given.type or given.datatype or "")
+        asked, bits = pixel_type(given.type or given.datatype or "")
     if given.bits is not None:
         bits = given.bits
     tile = given.tile or settings.get("--tile")
@@ -175,17 +217,19 @@ def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
 
 def _attributes(chain: Chain, path: str, given: WriteModifiers) -> dict[str, Any]:
     settings = chain.settings
-    found: dict[str, Any] = {"oiio:SHA-1": None, "oiio:ConstantColor": None, "oiio:AverageColor": None}
+    attributes: dict[str, Any] = {"oiio:SHA-1": None, "oiio:ConstantColor": None, "oiio:AverageColor": None}
     for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):
         if option in settings:
-            found[attribute] = settings[option]
+            attributes[attribute] = settings[option]
     planar = "separate" if given.separate else "contig" if given.contig else settings.get("--planarconfig")
     if planar:
-        found["planarconfig"] = planar
+        attributes["planarconfig"] = planar
     if _either(given.dither, settings.get("--dither")):
-        # OpenImageIO wants a seed that differs from file to file and is the same for the same name
-        found["oiio:dither"] = 1 + int.from_bytes(hashlib.sha256(os.path.basename(path).encode()).digest()[:3])
-    return found | software(chain)
+        from farmhash import FarmHash64
+
+        seed = FarmHash64(path) & 0xFFFFFFFF  # as oiiotool hashes names; OpenImageIO wants 32 bits with a sign, not 0
+        attributes["oiio:dither"] = seed - (seed >> 31 << 32) or 1
+    return attributes | software(chain)
 
 
 def software(chain: Chain) -> dict[str, Any]:
@@ -198,12 +242,12 @@ def software(chain: Chain) -> dict[str, Any]:
     line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
     # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
     program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
-    found: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
+    attributes: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
     if chain.settings.get("--history"):
-        found["Software"] = f"{program} : {line}"
+        attributes["Software"] = f"{program} : {line}"
         before = chain.top.first.spec.get_string_attribute("Exif:ImageHistory") if chain.stack else ""
-        found["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
-    return found
+        attributes["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
+    return attributes
 
 
 def _without_attributes(words: list[str]) -> list[str]:
@@ -270,82 +314,19 @@ def _adjust_time(path: str, image: Image) -> None:
     os.utime(path, (seconds, seconds))
 
 
-# --- how ---
-
-
-def _pixel_type(text: str) -> tuple[oiio.TypeDesc, int]:
-    name, bits = _NARROW.get(text, (text, 0))
-    return type_named(name), bits
-
-
-def set_type(chain: Chain, text: str) -> None:
-    """The pixel type of what is written from here on, or with CHANNEL=TYPE that of single channels."""
-    if "=" not in text:
-        chain.settings["-d"] = _pixel_type(text)
-        chain.settings.pop("-d channels", None)
-        return
-    named = dict(chain.settings.get("-d channels", {}))
-    for piece in text.split(","):
-        channel, equals, name = piece.partition("=")
-        if not (channel and equals):
-            raise ParameterError(f"'{piece}' is not CHANNEL=TYPE")
-        named[channel] = _pixel_type(name)[0]
-    chain.settings["-d channels"] = named
-
-
-def set_tile(chain: Chain, width: str, height: str) -> None:
-    """Tiles of that size from here on."""
-    sides = []
-    for text in (width, height):
-        if not (text.isascii() and text.isdigit() and 0 < int(text) <= 65536):
-            raise ParameterError(f"'{width} {height}': allowed are two whole numbers from 1 to 65536")
-        sides.append(int(text))
-    chain.settings["--tile"] = tuple(sides)
-    chain.settings.pop("--scanline", None)
-
-
-def set_planar(chain: Chain, text: str) -> None:
-    """How channels are stored from here on."""
-    if text not in ("contig", "separate", "default"):
-        raise ParameterError(f"'{text}': allowed is contig, separate or default")
-    chain.settings["--planarconfig"] = None if text == "default" else text
-
-
-def set_quality(chain: Chain, text: str) -> None:
-    """Quality of lossy compression from here on."""
-    if not (text.isascii() and text.isdigit()):
-        raise ParameterError(f"'{text}': allowed is a whole number >= 0")
-    chain.settings["--quality"] = int(text)
-
-
-def set_compression(chain: Chain, text: str) -> None:
-    """Compression from here on, as NAME or NAME:QUALITY."""
-    chain.settings["--compression"] = text
-
-
-def switch(option: str, value: object = True) -> Any:
-    """What sets an option for later ones."""
-
-    def run(chain: Chain) -> None:
-        chain.settings[option] = value
-
-    return run
-
-
 def write_profile(chain: Chain, path: str) -> None:
     """Write the top image's ICC profile to a file of its own."""
-    from ..temporary import temporary_beside
+    from ..io.atomic import name_beside, temporary_beside
 
     profile = chain.top.first.spec.getattribute("ICCProfile")
     if profile is None:
         raise ImageError(f"{chain.top.source} has no ICC profile")
-    if may_write(chain, path) and not chain.settings.get("-n"):
+    if is_left(chain, path):
+        return
+    name_beside(Path(path))  # it looks at the folder
+    if not chain.settings.get("-n") and chain.acts():
         with temporary_beside(Path(path)) as temporary:
             temporary.write_bytes(bytes(profile))
-
-
-def _state(name: str, help: str, *aliases: str, sets: tuple[str, object] | None = None) -> Option:
-    return Option(name, (), help, switch(*(sets or (name,))), state=True, aliases=aliases)
 
 
 OPTIONS = (
@@ -355,29 +336,8 @@ OPTIONS = (
         "write the top image; a run that fails leaves the old file as it was",
         write_output,
         WriteModifiers,
+        late=True,
     ),
-    Option(
-        "-d",
-        ("TYPE",),
-        "pixel type of what is written from here on: uint8, uint10, half, float ..., or CHANNEL=TYPE,...",
-        set_type,
-        state=True,
-    ),
-    _state("--scanline", "write scanlines, whatever the source has"),
-    Option("--tile", ("WIDTH", "HEIGHT"), "write tiles of this size", set_tile, state=True),
-    Option("--compression", ("NAME",), "compression: NAME or NAME:QUALITY", set_compression, state=True),
-    Option("--quality", ("N",), "quality of lossy compression, 0 to 100", set_quality, state=True),
-    _state("--dither", "dither where 8 bits are made of more"),
-    Option("--planarconfig", ("CONFIG",), "contig, separate or default", set_planar, state=True),
-    _state("--adjust-time", "give written files the time that their metadata says"),
-    _state("--noautocrop", "formats without display window get the data window", sets=("--autocrop", False)),
-    _state("--autotrim", "without black borders, where the format has a data window"),
-    _state("--history", "write the command line into the files' metadata"),
-    _state("--no-history", "write only a hash of the command line (as is the rule)", sets=("--history", False)),
-    _state("--nosoftwareattrib", "write nothing of this program into the files' metadata"),
-    _state("-n", "write nothing: a dry run"),
-    _state("-u", "do not write files that are newer than what they are made of"),
-    _state("--no-clobber", "do not write over files", "--noclobber"),
-    _state("--create-dir", "make the folders of files to be written"),
+    *output_settings.OPTIONS,
     Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile),
 )

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
+from ..core.op import Op
+from ..core.parameters import nearest, parse_modifiers
+from ..deferred import Shelf
 from ..errors import ParameterError
-from ..op import Op
-from ..params import nearest, parse_modifiers
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,12 @@ class Option:
         Images that must be on the stack; with fewer it waits for the next ones, as ops do.
     state : bool
         It only sets what later options use, so it may stand between an op and the operands that the op waits for.
+    throughout : bool
+        It sets something for the whole run, too, wherever it stands.
     control : bool
         It decides what is done: it is seen even where steps are skipped.
+    late : bool
+        It evaluates the expressions in its arguments itself.
     aliases : tuple of str
         Other spellings.
     """
@@ -45,6 +51,8 @@ class Option:
     modifiers: type | None = None
     needs: int = 0
     state: bool = False
+    throughout: bool = False
+    late: bool = False
     control: bool = False
     aliases: tuple[str, ...] = ()
 
@@ -79,29 +87,48 @@ class Language:
 
     Attributes
     ----------
-    ops : mapping of str to tuple of Op classes
-        By heading, for help.
-    groups : mapping of str to tuple of Option
-        By heading.
+    shelves : tuple of Shelf
+        Of ops and options, in the order of help. A shelf's module is imported when a line names something of it.
     refused : tuple of Refused
+    further : callable
+        The ops of other packages, whose names are known once they are imported: where no other has the name.
     """
 
-    ops: Mapping[str, tuple[type[Op], ...]]
-    groups: Mapping[str, tuple[Option, ...]]
+    shelves: tuple[Shelf, ...]
     refused: tuple[Refused, ...] = ()
-    _names: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+    further: Callable[[], tuple[type[Op], ...]] = tuple
 
-    def __post_init__(self) -> None:
-        for op in itertools.chain.from_iterable(self.ops.values()):
-            self._names.update(dict.fromkeys((op.flag(), *op.aliases), op))
-        for option in self.options:
-            self._names.update(dict.fromkeys((option.name, *option.aliases), option))
-        self._names.update({refused.name: refused for refused in self.refused})
+    @functools.cached_property
+    def ops(self) -> dict[str, tuple[type[Op], ...]]:
+        """All ops by heading, for help; all of them are imported."""
+        ops = self._by_heading(lambda declaration: not isinstance(declaration, Option))
+        if ops:
+            first = next(iter(ops))
+            ops[first] += self.further()
+        return ops
+
+    @functools.cached_property
+    def groups(self) -> dict[str, tuple[Option, ...]]:
+        """All options that are not ops, by heading."""
+        return self._by_heading(lambda declaration: isinstance(declaration, Option))
+
+    def _by_heading(self, wanted: Callable[[Any], bool]) -> dict[str, tuple[Any, ...]]:
+        headings: dict[str, tuple[Any, ...]] = {}
+        for shelf in self.shelves:
+            declarations = tuple(filter(wanted, shelf.declarations))
+            if declarations:
+                headings[shelf.heading] = (*headings.get(shelf.heading, ()), *declarations)
+        return headings
 
     @property
     def options(self) -> tuple[Option, ...]:
         """All options that are not ops."""
         return tuple(itertools.chain.from_iterable(self.groups.values()))
+
+    @functools.cached_property
+    def _places(self) -> dict[str, Shelf | Refused]:
+        places: dict[str, Shelf | Refused] = {name: shelf for shelf in self.shelves for name in shelf.names}
+        return places | {refused.name: refused for refused in self.refused}
 
     def find(self, name: str) -> type[Op] | Option | Refused:
         """What an option's name means; one dash or two mean the same, as in oiiotool.
@@ -112,20 +139,33 @@ class Language:
             Nothing; the text names the nearest one.
         """
         bare = name.lstrip("-")
-        for spelling in (name, f"--{bare}", f"-{bare}"):
-            if spelling in self._names:
-                return self._names[spelling]
-        raise ParameterError(f"unknown option '{name}'{nearest(f'--{bare}', self._names)}")
+        spellings = (name, f"--{bare}", f"-{bare}")
+        for spelling in spellings:
+            place = self._places.get(spelling)
+            if isinstance(place, Refused):
+                return place
+            if place is not None:
+                return next(one for one in place.declarations if spelling in names_of(one))
+        others = {spelling: op for op in self.further() for spelling in names_of(op)}
+        for spelling in spellings:
+            if spelling in others:
+                return others[spelling]
+        raise ParameterError(f"unknown option '{name}'{nearest(f'--{bare}', [*self._places, *others])}")
 
     def takes(self, word: str) -> int:
         """How many words follow an option; 0 for what is no option."""
         try:
-            found = self.find(word.split(":")[0])
+            declaration = self.find(word.split(":")[0])
         except ParameterError:
             return 0
-        if isinstance(found, Refused):
-            return found.arguments
-        return len(found.arguments) if isinstance(found, Option) else len(found.arguments())
+        if isinstance(declaration, Refused):
+            return declaration.arguments
+        return len(declaration.arguments) if isinstance(declaration, Option) else len(declaration.arguments())
+
+
+def names_of(declaration: type[Op] | Option) -> tuple[str, ...]:
+    """All by which a line may call an op or an option."""
+    return (declaration.name if isinstance(declaration, Option) else declaration.flag(), *declaration.aliases)
 
 
 @dataclass(frozen=True)
@@ -134,6 +174,28 @@ class CommandLine:
 
     settings: dict[str, tuple[str, ...]]
     steps: tuple[Step, ...]
+
+    @property
+    def reports(self) -> bool:
+        """Whether it asks to be told of what is done."""
+        return "-v" in self.settings or "--runstats" in self.settings
+
+    def first(self, name: str) -> str | None:
+        """The first word behind a setting; None where it has none, or is not there."""
+        return next(iter(self.settings.get(name, ())), None)
+
+    def whole_number(self, name: str) -> int:
+        """The number behind a setting; 0 where it is not there.
+
+        Raises
+        ------
+        ParameterError
+            It is no whole number from 0 on.
+        """
+        text = self.first(name) or "0"
+        if not (text.isascii() and text.isdigit()):
+            raise ParameterError(f"{name} {text}: allowed is a whole number >= 0")
+        return int(text)
 
 
 def parse(words: list[str], language: Language) -> CommandLine:
@@ -154,28 +216,34 @@ def parse(words: list[str], language: Language) -> CommandLine:
             steps.append(Step(word))
             continue
         name, modifiers = split_modifiers(word)
-        found = language.find(name)
-        if isinstance(found, Refused):
-            raise ParameterError(f"{name} of oiiotool is not here: {found.reason}")
-        if isinstance(found, Option) and found.name == "--help":
-            settings[found.name] = tuple(left)[:1]
+        declaration = language.find(name)
+        if isinstance(declaration, Refused):
+            raise ParameterError(f"{name} of oiiotool is not here: {declaration.reason}")
+        if isinstance(declaration, Option) and declaration.name == "--help":
+            settings[declaration.name] = tuple(left)[:1]
             continue
-        step = _step(word, found, left)
+        step = _step(word, declaration, left)
         if step.option is not None and step.option.run is None:
             if modifiers:
                 raise ParameterError(f"{word}: {name} has no modifiers")
             settings[step.option.name] = step.arguments
             continue
+        if step.option is not None and step.option.throughout:
+            settings[step.option.name] = step.arguments
         _check_early(step, modifiers)
         steps.append(step)
     return CommandLine(settings, tuple(steps))
 
 
-def _step(word: str, found: type[Op] | Option, left: Iterator[str]) -> Step:
-    if isinstance(found, Option):
-        return Step(word, tuple(_argument(left, found.name, what) for what in found.arguments), option=found)
-    names = [parameter.name.upper() for parameter in found.arguments()]
-    return Step(word, tuple(_argument(left, found.flag(), what) for what in names), op=found)
+def _step(word: str, declaration: type[Op] | Option, left: Iterator[str]) -> Step:
+    if isinstance(declaration, Option):
+        return Step(
+            word,
+            tuple(_argument(left, declaration.name, argument) for argument in declaration.arguments),
+            option=declaration,
+        )
+    names = [parameter.name.upper() for parameter in declaration.arguments()]
+    return Step(word, tuple(_argument(left, declaration.flag(), argument) for argument in names), op=declaration)
 
 
 def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
@@ -236,8 +304,15 @@ def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
     return pieces[0], modifiers
 
 
-def _argument(left: Iterator[str], option: str, what: str) -> str:
+def _argument(left: Iterator[str], option: str, argument: str) -> str:
     value = next(left, None)
     if value is None:
-        raise ParameterError(f"{option} wants {what} behind it")
+        raise ParameterError(f"{option} wants {argument} behind it")
     return value
+
+
+def whole_number(text: str) -> int:
+    """A text that must be a whole number from 0 on."""
+    if not (text.isascii() and text.isdigit()):
+        raise ParameterError(f"'{text}': allowed is a whole number >= 0")
+    return int(text)

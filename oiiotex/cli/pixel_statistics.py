@@ -8,12 +8,10 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..images import Image, Part, cropped, dtype_of
-from ..tiles import stream
-from ..windows import Window
+from ..core.demand import stream
+from ..core.image import Image, Part, cropped, dtype_of
+from ..core.window import Window
+from ..deferred import np, oiio
 
 ROWS = 64  # of a band; OpenImageIO sums up as many rows before it merges them
 
@@ -139,24 +137,24 @@ def part_statistics_text(
     window, channels
         As `part_statistics` takes them. Whether it has one colour is always said of the whole part.
     """
-    found = part_statistics(part, window, channels)
+    stats = part_statistics(part, window, channels)
     scale = largest_value(part.spec)
     footer = f"(of {scale})" if scale else "(float)"
     lines = [
         f"Stats {name}: {''.join(f'{_number(value, scale, whole)} ' for value in values)}{footer}"
         for name, values, whole in (
-            ("Min", found.min, True),
-            ("Max", found.max, True),
-            ("Avg", found.avg, False),
-            ("StdDev", found.stddev, False),
+            ("Min", stats.min, True),
+            ("Max", stats.max, True),
+            ("Avg", stats.avg, False),
+            ("StdDev", stats.stddev, False),
         )
     ]
     lines += [
         f"Stats {name}: {''.join(f'{value} ' for value in values)}"
         for name, values in (
-            ("NanCount", found.nancount),
-            ("InfCount", found.infcount),
-            ("FiniteCount", found.finitecount),
+            ("NanCount", stats.nancount),
+            ("InfCount", stats.infcount),
+            ("FiniteCount", stats.finitecount),
         )
     ]
     colour = part_colour(part)

@@ -9,30 +9,25 @@ Where we depart from oiiotool
 4. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
 5. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
    been at work, and for all parts alike.
-6. -v holds for the whole command line.
-7. --hash refuses files with channels of whole and of broken numbers. Deep files cannot be read at all.
+6. --hash refuses files with channels of whole and of broken numbers. Deep files cannot be read at all.
 """
 
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
+from ..core.image import Image
+from ..core.parameters import param
+from ..core.window import Window
+from ..deferred import np
 from ..errors import ParameterError
-from ..images import Image
-from ..params import param
-from ..windows import Window
-from . import comparing, inventory
 from .chain import Chain
-from .metadata import Asked, Dump, description, metadata_text
-from .output import switch
+from .metadata import Asked, Dump, description, unescaped
+from .output_settings import set_text, switch
 from .parse import Option
-from .pixel_statistics import colour_counts, constant_colour, range_counts, statistics, statistics_text
-
-__all__ = ["OPTIONS", "constant_colour", "metadata_text", "print_input", "statistics", "statistics_text"]
+from .pixel_statistics import colour_counts, range_counts
 
 
 def _asked(chain: Chain) -> Asked:
@@ -51,11 +46,7 @@ def _asked(chain: Chain) -> Asked:
 
 
 def _verbose(chain: Chain) -> bool:
-    return bool(chain.settings.get("-v", chain.session.measure))
-
-
-def _with(asked: Asked, **changes: Any) -> Asked:
-    return Asked(**{**vars(asked), **changes})
+    return bool(chain.settings.get("-v"))
 
 
 def print_input(chain: Chain, image: Image, info: int | None = None, infoformat: str = "") -> None:
@@ -75,18 +66,19 @@ def print_input(chain: Chain, image: Image, info: int | None = None, infoformat:
         return
     asked = _asked(chain)
     form = infoformat or (settings["--info"].format if "--info" in settings else "")
-    asked = _with(
+    asked = replace(
         asked, verbose=asked.verbose or level > 1, all_parts=asked.all_parts or level > 1, xml=form.lower() == "xml"
     )
     _print(chain, image, asked, image.source)
 
 
 def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None:
+    if not chain.acts():
+        return
     with chain.session.stats.time("print"):
         for text in description(image, asked, filename):
             print(text, end="")
     sys.stdout.flush()
-    chain.used = True
 
 
 # --- texts of images ---
@@ -118,7 +110,7 @@ class PrintInfoModifiers:
 def print_top(chain: Chain, **modifiers: Any) -> None:
     """Print the size and metadata of the top image."""
     given, asked = PrintInfoModifiers(**modifiers), _asked(chain)
-    asked = _with(
+    asked = replace(
         asked,
         verbose=given.verbose,
         native=given.native,
@@ -133,13 +125,14 @@ class PrintStatsModifiers:
     """Of --printstats."""
 
     allsubimages: bool | None = param(None, help="of all parts; as -a says when left out")
+    native: bool = param(False, help="nothing, as in oiiotool: statistics are of the file's own numbers")
     window: str = param("", help="of this window alone: WxH+X+Y or X0,Y0,X1,Y1")
 
 
 def print_statistics(chain: Chain, **modifiers: Any) -> None:
     """Print the pixel statistics of the top image."""
     given, asked, first = PrintStatsModifiers(**modifiers), _asked(chain), chain.top.first
-    asked = _with(
+    asked = replace(
         asked,
         statistics=True,
         all_parts=asked.all_parts if given.allsubimages is None else given.allsubimages,
@@ -171,13 +164,6 @@ def dump_inputs(chain: Chain, empty: bool = True, C: str = "") -> None:
     chain.settings["--dumpdata"] = Dump(empty=empty, array=C)
 
 
-def _remember(name: str) -> Any:
-    def run(chain: Chain, text: str) -> None:
-        chain.settings[name] = text
-
-    return run
-
-
 # --- counting ---
 
 
@@ -194,29 +180,31 @@ def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
     words = text.split(":" if ":" in text else ";")
     colours = np.array([_numbers(word, part.spec.nchannels, 0.0) for word in words], np.float32)
     tolerance = _numbers(eps, part.spec.nchannels, 0.001)
+    if not chain.acts():
+        return
     for word, count in zip(words, colour_counts(part, colours, tolerance), strict=True):
         print(f"{count:8}  {word}")
-    chain.used = True
 
 
 def check_range(chain: Chain, low: str, high: str) -> None:
     """Print how many pixels of the top image are below or above a range."""
     part = chain.top.first
     bounds = _numbers(low, part.spec.nchannels, 0.0), _numbers(high, part.spec.nchannels, 1.0)
+    if not chain.acts():
+        return
     below, above, within = range_counts(part, *bounds)
     print(f"{below:8}  < {low}\n{above:8}  > {high}\n{within:8}  within range")
-    chain.used = True
 
 
 def _numbers(text: str, count: int, default: float) -> np.ndarray:
     """'0.5,,1' -> one float per channel: one number is meant for all, what is left out has the default."""
     words = text.split(",")
     try:
-        found = [float(word) if word.strip() else default for word in words]
+        numbers = [float(word) if word.strip() else default for word in words]
     except ValueError:
         raise ParameterError(f"'{text}': allowed are numbers with commas between them") from None
-    found = found * count if len(found) == 1 else [*found, *[default] * count]
-    return np.array(found[:count], np.float32)
+    numbers = numbers * count if len(numbers) == 1 else [*numbers, *[default] * count]
+    return np.array(numbers[:count], np.float32)
 
 
 # --- texts of the program ---
@@ -231,8 +219,8 @@ class EchoModifiers:
 
 def echo(chain: Chain, text: str, newline: int = 1) -> None:
     """Print a text."""
-    print(text, end="\n" * newline, flush=True)
-    chain.used = True
+    if chain.acts():
+        print(unescaped(text), end="\n" * newline, flush=True)
 
 
 OPTIONS = (
@@ -251,8 +239,8 @@ OPTIONS = (
     ),
     Option("--hash", (), "print the SHA-1 of the pixels of every image as it is read", switch("--hash"), state=True),
     Option("--dumpdata", (), "print the pixels of every image as it is read", dump_inputs, DumpModifiers, state=True),
-    Option("--metamatch", ("REGEX",), "which metadata to print, by name", _remember("--metamatch"), state=True),
-    Option("--no-metamatch", ("REGEX",), "which metadata not to print", _remember("--no-metamatch"), state=True),
+    Option("--metamatch", ("REGEX",), "which metadata to print, by name", set_text("--metamatch"), state=True),
+    Option("--no-metamatch", ("REGEX",), "which metadata not to print", set_text("--no-metamatch"), state=True),
     Option(
         "--colorcount",
         ("COLORS",),
@@ -262,7 +250,5 @@ OPTIONS = (
         needs=1,
     ),
     Option("--rangecheck", ("LOW", "HIGH"), "count the pixels outside a range of colours", check_range, needs=1),
-    *comparing.OPTIONS,
     Option("--echo", ("TEXT",), "print a text", echo, EchoModifiers, state=True),
-    *inventory.OPTIONS,
 )

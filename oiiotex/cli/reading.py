@@ -3,28 +3,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
-import os
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import OpenImageIO as oiio
-
+from ..core.attributes import set_attribute
+from ..core.image import Image, Part, from_buffer, in_memory, type_named
+from ..core.parameters import param
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
-from ..files import read
-from ..images import Image, Part, from_buffer, in_memory, type_named
-from ..params import param
-from ..text_values import set_attribute
-from ..windows import Window
-from . import printing
 from .chain import Chain
 from .control import SetModifiers
-from .output import switch
+from .output_settings import switch
 from .parse import Option
-from .stack import thumbnail
 
 log = logging.getLogger("oiiotex")
+
+
+_PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # of every image as it is read
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,6 @@ def read_input(chain: Chain, path: str, **modifiers: Any) -> None:
     if path in chain.labelled:
         chain.push(chain.labelled[path])
         return
-    log.info("reading %s", path)
     try:
         image = _opened(chain, path, given)
     except ImageError as error:
@@ -64,13 +61,20 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
     if settings.get("--no-autopremult"):
         config = config or oiio.ImageSpec()
         config.attribute("oiio:UnassociatedAlpha", 1)
-    image = read(path, chain.session.cache, native=native, config=config)
-    chain.inputs.append(path)
+    image = chain.opened(path, native, config)
+    chain.tell(f"Reading {path}")
+    chain.inputs.add(path)
     chain.first.learn(image)
-    printing.print_input(chain, image, given.info, given.infoformat)
+    if given.info or any(name in settings for name in _PRINTING):
+        from .printing import print_input
+
+        print_input(chain, image, given.info, given.infoformat)
     if given.type is not None:
         image = _retyped(image, type_named(given.type))
     if given.now:
+        size = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in image.parts)
+        chain.session.require(size, "now=1", "read it piece by piece, without now=1")
+    if given.now and not chain.dry:
         parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
         image = Image(parts, image.source)
     return image
@@ -119,6 +123,8 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
 
         chain.apply(Channels, channels=given.ch, allsubimages=True)
     if given.get_thumbnail:
+        from .stack import thumbnail
+
         thumbnail(chain)
     if chain.settings.get("--autoorient"):
         from ..host.turning import Reorient
@@ -148,7 +154,16 @@ def missing_file(chain: Chain, policy: str) -> None:
 
 
 def input_attribute(chain: Chain, name: str, text: str, type: str | None = None) -> None:
-    """A hint for the reader of the next file."""
+    """A hint for the reader of the next file.
+
+    Parameters
+    ----------
+    chain : Chain
+    name, text : str
+        The hint and its value; an empty one takes back the hint.
+    type : str, optional
+        int, float, string ...; by the looks of the value when left out.
+    """
     config = chain.settings.setdefault("--iconfig", oiio.ImageSpec())
     if text:
         set_attribute(config, name, text, type)
@@ -158,11 +173,22 @@ def input_attribute(chain: Chain, name: str, text: str, type: str | None = None)
 
 def test_read(chain: Chain, path: str) -> None:
     """Read a file and forget it."""
-    for part in read(path, chain.session.cache).parts:
+    image = chain.opened(path)
+    if not chain.acts():
+        return
+    for part in image.parts:
         for window in part.window.cells(part.spec.width, 64):
             part.read(window)
-    print(f"{path} : {os.path.getsize(path)} bytes can be read")
-    chain.used = True
+    print(f"OK {path}")
+
+
+def native_types(chain: Chain) -> None:
+    """Ops work on the pixel types of files from here on, of those too that wait on the stack."""
+    chain.settings["--native"] = True
+    for n, image in enumerate(chain.stack):
+        waits = [part.depth == 0 and part.stored is not None for part in image.parts]
+        parts = [dataclasses.replace(p, native=True) if w else p for p, w in zip(image.parts, waits, strict=True)]
+        chain.stack[n] = Image(tuple(parts), image.source)
 
 
 def all_parts(chain: Chain) -> None:
@@ -203,7 +229,7 @@ OPTIONS = (
     ),
     Option("--testread", ("FILE",), "read a file and forget it", test_read, state=True),
     Option("-a", (), "ops work on all parts (subimages), not on the first alone", all_parts, state=True),
-    Option("--native", (), "ops work on the pixel type of the file instead of float", switch("--native"), state=True),
+    Option("--native", (), "ops work on the pixel type of the file instead of float", native_types, state=True),
     Option(
         "--no-autopremult",
         (),

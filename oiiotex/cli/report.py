@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a user sees of a run: help, versions, devices, progress, where the time went."""
+"""What a user sees of a run: help, versions, where the time went."""
 
 from __future__ import annotations
 
-import sys
 import textwrap
+from dataclasses import MISSING
 
 from .. import __version__
-from ..errors import DeviceError, ParameterError
-from ..op import Op
-from ..params import Parameter, declared
-from ..session import Progress
+from ..core.op import Op
+from ..core.parameters import Parameter, declared, nearest
+from ..errors import ParameterError
 from ..stats import Stats
 from .language import LANGUAGE
 from .parse import Option, Refused
@@ -21,17 +20,36 @@ usage: oiiotex photo.exr --iscolorspace ACEScg --texstationarize:sigma=32:size=1
 """
 
 
+_SHORT = """\
+oiiotex {version}: texture filters in an oiiotool-style chain
+usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
+
+  oiiotex photo.jpg --texstationarize:size=1024x1024 -o tile.png    a tile without visible repetition
+  oiiotex photo.jpg --texlabel:keep=1 -o labels.exr                 what it consists of
+  oiiotex in.exr --resize 50% --texflatten -o out.exr               with oiiotool's ops before and behind
+
+  oiiotex --help                    all ops and options         oiiotex --devices    what computes
+  oiiotex --help texstationarize    one of them                 oiiotex --version    of what there is
+  oiiotex --help texstationarize:sigma    one modifier          docs/differences.md  where oiiotool differs"""
+
+
+def greeting() -> str:
+    """What is printed where nothing is asked."""
+    return _SHORT.format(version=__version__)
+
+
 def overview() -> str:
     """The text of --help: our filters first."""
     lines = [_USAGE]
     for heading, ops in LANGUAGE.ops.items():
-        lines += [f"{heading}:", *(_row(_call(op), summary(op)) for op in ops), ""]
+        lines += [f"{heading}:", *(_row(call(op), summary(op)) for op in ops), ""]
     for heading, options in LANGUAGE.groups.items():
         lines += [f"{heading}:", *(_row(" ".join((o.name, *o.arguments)), o.help) for o in options), ""]
     return "\n".join(lines).rstrip()
 
 
-def _call(op: type[Op]) -> str:
+def call(op: type[Op]) -> str:
+    """An op with the arguments that follow it."""
     return " ".join((op.flag(), *(p.name.upper() for p in op.arguments())))
 
 
@@ -40,38 +58,59 @@ def _row(name: str, text: str) -> str:
 
 
 def page(name: str) -> str:
-    """The page of an op or an option.
+    """The page of an op or an option, or with `:NAME` behind it what one modifier means.
 
     Raises
     ------
     ParameterError
         There is none of that name.
     """
+    name, colon, modifier = name.partition(":")
     try:  # a bare name means the filter first: there is a --warp of the host, and a --texwarp
-        found = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
+        declaration = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
     except ParameterError:
-        found = LANGUAGE.find(name if name.startswith("-") else f"--{name}")
-    if isinstance(found, Refused):
-        return f"{found.name} of oiiotool is not here: {found.reason}"
-    if isinstance(found, Option):
-        lines = [" ".join((found.name, *found.arguments)), "", found.help]
-        if found.modifiers is not None:
-            lines += ["", "Modifiers:", *map(_modifier, declared(found.modifiers)[1])]
+        declaration = LANGUAGE.find(name if name.startswith("-") else f"--{name}")
+    if colon:
+        return _modifier_page(declaration, modifier)
+    if isinstance(declaration, Refused):
+        return f"{declaration.name} of oiiotool is not here: {declaration.reason}"
+    if isinstance(declaration, Option):
+        lines = [" ".join((declaration.name, *declaration.arguments)), "", declaration.help]
+        if declaration.modifiers is not None:
+            lines += ["", "Modifiers:", *map(_modifier, declared(declaration.modifiers)[1])]
         return "\n".join(lines)
-    return _op_page(found)
+    return _op_page(declaration)
+
+
+def _modifier_page(declaration: type[Op] | Option | Refused, name: str) -> str:
+    parameters: tuple[Parameter, ...] = ()
+    if isinstance(declaration, Option):
+        flag, parameters = declaration.name, declared(declaration.modifiers)[1] if declaration.modifiers else ()
+    elif isinstance(declaration, Refused):
+        flag = declaration.name
+    else:
+        flag, parameters = declaration.flag(), declaration.modifiers()
+    known = {parameter.name: parameter for parameter in parameters}
+    if name not in known:
+        raise ParameterError(
+            f"{flag} has no modifier '{name}'{nearest(name, known)}; it has {', '.join(known) or 'none'}"
+        )
+    one = known[name]
+    default = "" if one.default in (None, MISSING, "") else f"; {_word(one.default)} when left out"
+    return f"{flag}:{name}=\n\n{textwrap.fill(one.help, 110)}\n\nAllowed: {one.allowed()}{default}"
 
 
 def _op_page(op: type[Op]) -> str:
     images = " ".join(i.name for i in op.images())
     further = op.further_images()
     images += f" {further.name}" if further else ""
-    lines = [f"{_call(op)}  ({images} -> {', '.join(o.name for o in op.outputs)})", "", description(op)]
+    lines = [f"{call(op)}  ({images} -> {op.main().name})", "", description(op)]
     if op.arguments():
         lines += ["", "Arguments:", *(f"  {p.name.upper():13s}{p.help}; {p.allowed()}" for p in op.arguments())]
     lines += ["", "Modifiers:", *([_modifier(p) for p in op.modifiers()] or ["  none"])]
     if len(op.outputs) > 1 or op.prefix == Op.prefix:
-        lines += ["", "Outputs:", *(f"  {o.name:12s} {o.help}" for o in op.outputs)]
-    lines += ["", f"Works in {op.space.value}; looks at {op.reach.value}."]
+        lines += ["", "Outputs:", *(f"  {o.name:12s} {o.text}" for o in op.outputs)]
+    lines += ["", f"Works in {op.space.value}; {op.reach}."]
     return "\n".join(lines)
 
 
@@ -96,102 +135,7 @@ def _word(value: object) -> str:
     return str(int(value)) if isinstance(value, bool) else str(value)
 
 
-def versions(device_name: str | None, threads: int) -> str:
-    """Ours, and those of what we stand on."""
-    import OpenImageIO as oiio
-    import PyOpenColorIO as ocio
-
-    from .. import device
-
-    try:
-        info = device.choose(device_name, threads)
-        used = f"{info.name} ({info.kind}), {info.platform}, {info.version}"
-    except DeviceError as error:
-        used = str(error)
-    inside = ".".join(str(oiio.OpenColorIO_version_hex >> shift & 0xFF) for shift in (24, 16, 8))
-    return "\n".join(
-        (
-            f"oiiotex {__version__}",
-            f"OpenImageIO {oiio.__version__} (with OpenColorIO {inside})",
-            f"OpenColorIO {ocio.__version__}",
-            f"device: {used}",
-        )
-    )
-
-
-def device_list(threads: int) -> str:
-    """One line per OpenCL device."""
-    from .. import device
-
-    found = device.devices(threads)
-    lines = [f"{d.number}: {d.name} ({d.kind}), {d.platform}, {d.version}, {d.memory >> 20} MB" for d in found]
-    return (
-        "\n".join(lines) or "no OpenCL device: install a GPU driver, or a CPU runtime with 'pip install oiiotex[cpu]'"
-    )
-
-
-def progress_bar() -> Progress | None:
-    """A bar on a terminal; nothing in a pipe."""
-    if not sys.stderr.isatty():
-        return None
-    from tqdm import tqdm
-
-    bar: tqdm | None = None
-
-    def advance(done: int, total: int) -> None:
-        nonlocal bar
-        if bar is None:
-            bar = tqdm(total=total, leave=False, unit="it")
-        bar.update(done - bar.n)
-        if done == total:
-            bar.close()
-            bar = None
-
-    return advance
-
-
 def time_table(stats: Stats, wall: float) -> str:
     """The text of --runstats."""
     rows = [f"  {name:28s} {seconds:8.3f} s {stats.calls[name]:6d} x" for name, seconds in stats.seconds.items()]
     return "\n".join([f"time: {wall:.3f} s", *rows])
-
-
-# --- completion ---
-
-_BASH = """\
-_oiiotex() {{
-  local line="${{COMP_LINE:0:COMP_POINT}}"
-  local word="${{line##* }}"
-  COMPREPLY=()
-  case "$word" in
-    -*:*)
-      compopt -o nospace 2>/dev/null
-      case "${{word%%:*}}" in
-{modifiers}
-      esac ;;
-    -*) COMPREPLY=($(compgen -W "{options}" -- "$word")) ;;
-    *) COMPREPLY=($(compgen -f -- "$word")) ;;
-  esac
-}}
-complete -o filenames -F _oiiotex oiiotex"""
-
-
-def completion(shell: str) -> str:
-    """A script for the shell that completes options, modifiers and files.
-
-    Raises
-    ------
-    ParameterError
-        It is for a shell that we have none for.
-    """
-    if shell not in ("bash", "zsh"):
-        raise ParameterError(f"--completion {shell}: allowed is bash or zsh")
-    names = {op.flag(): [p.name for p in op.modifiers()] for ops in LANGUAGE.ops.values() for op in ops}
-    names |= {o.name: [p.name for p in declared(o.modifiers)[1]] if o.modifiers else [] for o in LANGUAGE.options}
-    rows = [
-        f"""        {name}) COMPREPLY=($(compgen -W "{" ".join(f"{m}=" for m in modifiers)}" -- "${{word##*:}}")) ;;"""
-        for name, modifiers in names.items()
-        if modifiers
-    ]
-    script = _BASH.format(modifiers="\n".join(rows), options=" ".join(names))
-    return script if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{script}"

@@ -23,29 +23,29 @@ from itertools import islice
 from typing import NamedTuple
 
 from ..errors import ParameterError
+from .parse import Option
 
 MOST_FRAMES = 100_000  # more than an hour at 24 fps; each holds a whole command line
 MOST_DIGITS = 255  # of a padded number: what file systems allow a name to have
 
-# What a parser of command lines needs to know of our settings: their arguments and their help.
-SETTINGS: dict[str, tuple[tuple[str, ...], str]] = {
-    "--frames": (("RANGE",), "frames that #, @ and %04d stand for: 1-10, 1-10x2, 10-1, 1-10y3, 1,5,7-9"),
-    "--framepadding": (("DIGITS",), "digits of # and @, 1 to 9"),
-    "--views": (("NAMES",), "views that %V stands for (%v: their first letters); left,right when left out"),
-    "--wildcardoff": ((), "take the names behind it as they are"),
-    "--wildcardon": ((), "look for wildcards again"),
-    "--skip-bad-frames": ((), "go on with the next frame where one fails"),
-    "--parallel-frames": ((), "run several frames at a time"),
-}
+OPTIONS = (
+    Option("--frames", ("RANGE",), "frames that #, @ and %04d stand for: 1-10, 1-10x2, 10-1, 1-10y3, 1,5,7-9"),
+    Option("--framepadding", ("DIGITS",), "digits of # and @, 1 to 9"),
+    Option("--views", ("NAMES",), "views that %V stands for (%v: their first letters); left,right when left out"),
+    Option("--wildcardoff", (), "take the names behind it as they are"),
+    Option("--wildcardon", (), "look for wildcards again"),
+    Option("--skip-bad-frames", (), "go on with the next frame where one fails"),
+    Option("--parallel-frames", (), "run several frames at a time"),
+)
 
-_WILDCARD = re.compile(r"[#@]+|%[0-9]*d")
-_VIEW = re.compile(r"%[Vv]")
+_WILDCARD = r"[#@]+|%[0-9]*d"
+_VIEW = r"%[Vv]"
 _ONE_RANGE = r"[0-9]++(?:-[0-9]++(?:[xy]-?[0-9]++)?)?"
-_RANGES_AT_END = re.compile(rf"{_ONE_RANGE}(?:,{_ONE_RANGE})*\Z")
+_RANGES_AT_END = rf"{_ONE_RANGE}(?:,{_ONE_RANGE})*\Z"
 _NUMBER = r"\s*([+-]?[0-9]{1,18})\s*"  # 18 digits: a span of such numbers still has a length in Python
-_RANGE = re.compile(rf"{_NUMBER}(?:-{_NUMBER}(?:([xy]){_NUMBER})?)?")
-_ZERO_PADDED = re.compile(r"%00*([0-9]{1,3})d")  # the only form that directories are searched for
-_PERCENT = re.compile(r"%%|%([0-9]*)d|%(?!\(UDIM\)d)")
+_RANGE = rf"{_NUMBER}(?:-{_NUMBER}(?:([xy]){_NUMBER})?)?"
+_ZERO_PADDED = r"%00*([0-9]{1,3})d"  # the only form that directories are searched for
+_PERCENT = r"%%|%([0-9]*)d|%(?!\(UDIM\)d)"
 _NO_MATCH = "no frame number or view matches the wildcards; the words are taken as they are"
 _NO_TILES = "no input names UDIM tiles; the words are taken as they are"
 
@@ -69,22 +69,15 @@ class Frame:
 
     number: int | None  # FRAME_NUMBER; the tile's number in a run over tiles alone; None where there is no sequence
     words: tuple[str, ...]
-    view: str | None = None
     padding: int = 0  # digits of FRAME_NUMBER_PAD, as --framepadding says; 0: none
-    tile: Tile | None = None
     warning: str = ""  # what the user should be told, in one line
 
-    @property
-    def padded(self) -> str:
-        """FRAME_NUMBER_PAD; 0 where there is no sequence, as FRAME_NUMBER is in oiiotool."""
-        return f"{self.number or 0:0{self.padding}d}" if self.padding else str(self.number or 0)
 
-
-def frames(words: Sequence[str], takes: Callable[[str], int] | None = None) -> list[Frame]:
+def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
     """Return the command lines that a command line with wildcards stands for; at least one.
 
     `takes` says how many words belong to an option ('--echo' -> 1), to tell input files from other words that hold
-    `<UDIM>`; without it, only -i and -o take one. Frame wildcards count wherever they stand, as in oiiotool.
+    `<UDIM>`. Frame wildcards count wherever they stand, as in oiiotool.
 
     Raises
     ------
@@ -92,11 +85,11 @@ def frames(words: Sequence[str], takes: Callable[[str], int] | None = None) -> l
         A range that cannot be read or is too long, sequences of different length, inputs or tiles without files.
     """
     survey = _survey(words)
-    found: list[Frame] = []
+    lines: list[Frame] = []
     for frame in _sequence(tuple(words), survey):
-        found += _over_tiles(frame, survey, takes)
-        _check_count(len(found), "the command line")
-    return found
+        lines += _over_tiles(frame, survey, takes)
+        _check_count(len(lines), "the command line")
+    return lines
 
 
 def frame_numbers(ranges: str) -> list[int]:
@@ -106,7 +99,7 @@ def frame_numbers(ranges: str) -> list[int]:
     """
     numbers: list[int] = []
     for text in ranges.split(","):
-        match = _RANGE.fullmatch(text)
+        match = re.fullmatch(_RANGE, text)
         if not match:
             raise ParameterError(f"frames {ranges!r}: {text!r} is not FIRST, FIRST-LAST, FIRST-LASTxSTEP or ...ySTEP")
         first, last, step = int(match[1]), int(match[2] or match[1]), int(match[4] or 1)
@@ -125,9 +118,9 @@ def frame_numbers(ranges: str) -> list[int]:
     return numbers
 
 
-def _check_count(count: int, what: str) -> None:
+def _check_count(count: int, source: str) -> None:
     if count > MOST_FRAMES:
-        raise ParameterError(f"{what}: {count} frames; at most {MOST_FRAMES} are allowed")
+        raise ParameterError(f"{source}: {count} frames; at most {MOST_FRAMES} are allowed")
 
 
 @dataclass
@@ -157,7 +150,7 @@ def _survey(words: Sequence[str]) -> _Survey:
             _set(survey, setting, next(left)[1])
         elif setting in ("--wildcardoff", "--wildcardon"):
             on = setting == "--wildcardon"
-        elif scanned and (_WILDCARD.search(word) or _VIEW.search(word)):
+        elif scanned and (re.search(_WILDCARD, word) or re.search(_VIEW, word)):
             survey.places[index] = output
     return survey
 
@@ -181,7 +174,7 @@ def _option(word: str) -> str:
     return f"--{word[1:].removeprefix('-')}" if word.startswith("-") else ""
 
 
-class _Step(NamedTuple):
+class _FrameName(NamedTuple):
     number: int | None
     view: str | None
     name: str
@@ -194,9 +187,9 @@ def _sequence(words: tuple[str, ...], survey: _Survey) -> Iterator[Frame]:
     if columns and numbers and not columns[0]:
         raise ParameterError(f"{words[next(iter(survey.places))]!r} has no frames, but --frames has {len(numbers)}")
     for row in zip(*columns, strict=True):
-        names = {index: step.name for index, step in zip(survey.places, row, strict=True)}
+        names = {index: name for index, (_, _, name) in zip(survey.places, row, strict=True)}
         line = tuple(names.get(index, word) for index, word in enumerate(words))
-        yield Frame(row[0].number, line, row[0].view, survey.padding)
+        yield Frame(row[0].number, line, survey.padding)
     for number in numbers if not columns else ():  # a range without wildcards repeats the words
         yield Frame(number, words, padding=survey.padding)
     if not (columns[0] if columns else numbers):
@@ -204,18 +197,18 @@ def _sequence(words: tuple[str, ...], survey: _Survey) -> Iterator[Frame]:
         yield Frame(None, words, padding=survey.padding, warning=_NO_MATCH if meant else "")
 
 
-def _columns(words: tuple[str, ...], survey: _Survey) -> list[list[_Step]]:
+def _columns(words: tuple[str, ...], survey: _Survey) -> list[list[_FrameName]]:
     """The names that each word with a wildcard stands for."""
-    columns: list[list[_Step]] = []
+    columns: list[list[_FrameName]] = []
     for index, output in survey.places.items():
         pattern = _pattern(words[index], survey.name_padding)
         ranges = pattern.ranges or survey.ranges
         if ranges:
-            numbers, views = frame_numbers(ranges), survey.views if _VIEW.search(pattern.text) else (None,)
+            numbers, views = frame_numbers(ranges), survey.views if re.search(_VIEW, pattern.text) else (None,)
             _check_count(len(numbers) * len(views), repr(words[index]))
-            column = [_Step(number, view, pattern.name(number, view)) for number in numbers for view in views]
+            column = [_FrameName(number, view, pattern.name(number, view)) for number in numbers for view in views]
         elif output:  # follows the first sequence
-            column = [step._replace(name=pattern.name(step.number, step.view)) for step in (columns or [[]])[0]]
+            column = [_FrameName(n, view, pattern.name(n, view)) for n, view, _ in (columns or [[]])[0]]
         else:
             column = _existing(pattern, survey.views)
         columns.append(column)
@@ -247,15 +240,15 @@ class _Pattern(NamedTuple):
                 raise ParameterError(f"{self.word!r}: a frame number has at most {MOST_DIGITS} digits")
             return match[0] % left.pop()
 
-        return _PERCENT.sub(printed, _seen(self.text, view))
+        return re.sub(_PERCENT, printed, _seen(self.text, view))
 
 
 def _pattern(word: str, padding: int) -> _Pattern:
-    wildcard = _WILDCARD.search(word)
+    wildcard = re.search(_WILDCARD, word)
     if not wildcard:  # a view alone
         return _Pattern(word, word)
     before, conversion, after = word[: wildcard.start()], wildcard[0], word[wildcard.end() :]
-    ranges = _RANGES_AT_END.search(before)
+    ranges = re.search(_RANGES_AT_END, before)
     if ranges:
         before = before[: ranges.start()]
     if not conversion.startswith("%"):
@@ -268,23 +261,23 @@ def _seen(text: str, view: str | None) -> str:
     return text.replace("%V", view).replace("%v", view[:1]) if view else text
 
 
-def _existing(pattern: _Pattern, views: tuple[str, ...]) -> list[_Step]:
+def _existing(pattern: _Pattern, views: tuple[str, ...]) -> list[_FrameName]:
     """The files that exist; where none does, the word may still be a literal name, but not one without a directory."""
     names = [(view, _seen(pattern.text, view)) for view in views]
-    if not _VIEW.search(pattern.text):
+    if not re.search(_VIEW, pattern.text):
         if (files := _numbered(pattern.text)) is None:
             raise ParameterError(f"no files match {pattern.word!r}; --wildcardoff takes the name as it is")
-        return [_Step(number, None, file) for number, file in files]
-    if not _ZERO_PADDED.search(pattern.text):
-        return [_Step(None, view, name) for view, name in names if os.path.exists(name)]
-    return sorted(_Step(number, view, file) for view, name in names for number, file in _numbered(name) or ())
+        return [_FrameName(number, None, file) for number, file in files]
+    if not re.search(_ZERO_PADDED, pattern.text):
+        return [_FrameName(None, view, name) for view, name in names if os.path.exists(name)]
+    return sorted(_FrameName(number, view, file) for view, name in names for number, file in _numbered(name) or ())
 
 
 def _numbered(text: str) -> list[tuple[int, str]] | None:
     """Number and path of the files that fit 'dir/name.%04d.tif', in order; None where none can."""
     directory, name = os.path.split(text)
     directory = directory or "."  # oiiotool gives such files a './', which {TOP.filename} shows
-    wildcard = _ZERO_PADDED.search(name)
+    wildcard = re.search(_ZERO_PADDED, name)
     if not wildcard or not os.path.exists(directory):
         return None
     before, after, groups = name[: wildcard.start()], name[wildcard.end() :], _Groups()
@@ -339,9 +332,9 @@ def tile_files(pattern: str) -> dict[Tile, str]:
     if not names_tiles(name):
         return {}
     matches = _matches(directory or ".", _fitting(name, _Groups()))
-    found = {_tile(match): os.path.join(directory, match[0]) for match in matches}
-    kept = sorted(tile for tile in found if min(tile) >= 0)  # no 1000, and no u0 where tiles count from 1
-    return {tile: found[tile] for tile in kept}
+    files = {_tile(match): os.path.join(directory, match[0]) for match in matches}
+    kept = sorted(tile for tile in files if min(tile) >= 0)  # no 1000, and no u0 where tiles count from 1
+    return {tile: files[tile] for tile in kept}
 
 
 def _tile(match: re.Match[str]) -> Tile:
@@ -360,7 +353,7 @@ def tile_name(pattern: str, tile: Tile) -> str:
     return "".join(piece.format(**fields) if i % 2 else piece for i, piece in enumerate(pieces))
 
 
-def _over_tiles(frame: Frame, survey: _Survey, takes: Callable[[str], int] | None) -> list[Frame]:
+def _over_tiles(frame: Frame, survey: _Survey, takes: Callable[[str], int]) -> list[Frame]:
     """The command line once per tile of the first input that names tiles."""
     words = frame.words
     named = [i for i, word in enumerate(words) if i not in survey.off and names_tiles(word)]
@@ -368,25 +361,25 @@ def _over_tiles(frame: Frame, survey: _Survey, takes: Callable[[str], int] | Non
     if not named:
         return [frame]
     inputs = _inputs(words, takes)
-    found = {i: tile_files(words[i]) for i in named if i in inputs}
-    if not found:
+    files = {i: tile_files(words[i]) for i in named if i in inputs}
+    if not files:
         return [replace(frame, warning=frame.warning or _NO_TILES)]
-    first = next(iter(found))
-    if not found[first]:
+    first = next(iter(files))
+    if not files[first]:
         raise ParameterError(f"no tiles match {words[first]!r}; --wildcardoff takes the name as it is")
     tiled: list[Frame] = []
-    for tile, file in found[first].items():
+    for tile, file in files[first].items():
         line = list(words)
         for i in named:
-            line[i] = found[i].get(tile, "") if i in found else tile_name(words[i], tile)
+            line[i] = files[i].get(tile, "") if i in files else tile_name(words[i], tile)
             if not line[i]:
                 raise ParameterError(f"{tile_name(words[i], tile)!r} does not exist, but its counterpart {file!r} does")
         number = tile.number if frame.number is None else frame.number
-        tiled.append(replace(frame, number=number, words=tuple(line), tile=tile))
+        tiled.append(replace(frame, number=number, words=tuple(line)))
     return tiled
 
 
-def _inputs(words: Sequence[str], takes: Callable[[str], int] | None) -> set[int]:
+def _inputs(words: Sequence[str], takes: Callable[[str], int]) -> set[int]:
     """Where input files stand: words that are no options and belong to none, and what follows -i."""
     inputs: set[int] = set()
     for index, word in (left := iter(enumerate(words))):
@@ -394,7 +387,6 @@ def _inputs(words: Sequence[str], takes: Callable[[str], int] | None) -> set[int
         if _option(option) in ("", "--"):
             inputs.add(index)
             continue
-        count = takes(option) if takes else int(option in ("-i", "--i") or option.startswith("-o"))
-        arguments = {place for place, _ in islice(left, count)}
+        arguments = {place for place, _ in islice(left, takes(option))}
         inputs |= arguments if _option(option) == "--i" else set()
     return inputs

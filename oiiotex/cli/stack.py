@@ -7,32 +7,31 @@ import dataclasses
 import re
 from dataclasses import dataclass
 
-import OpenImageIO as oiio
-
+from ..core.demand import cached
+from ..core.image import Image, Part, from_buffer
+from ..core.parameters import param
+from ..deferred import oiio
 from ..errors import ImageError, ParameterError
-from ..images import Image, Part, from_buffer
-from ..params import param
-from ..tiles import remembered
 from .chain import Chain
-from .parse import Option
+from .parse import Option, whole_number
 
 
 def label(chain: Chain, name: str) -> None:
     """Name the top image: it can be put on the stack again by that name."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         raise ParameterError(f"'{name}' is no label: allowed are letters, digits and _")
-    chain.labelled[name] = chain.stack[-1] = _kept(chain, chain.top)
+    chain.labelled[name] = chain.stack[-1] = _cached(chain, chain.top)
 
 
 def duplicate(chain: Chain) -> None:
     """Put the top image on the stack once more."""
-    chain.stack[-1] = _kept(chain, chain.top)
+    chain.stack[-1] = _cached(chain, chain.top)
     chain.push(chain.top)
 
 
-def _kept(chain: Chain, image: Image) -> Image:
+def _cached(chain: Chain, image: Image) -> Image:
     """The image, whose computed pixels are kept for a while: they will be asked for more than once."""
-    return Image(tuple(remembered(part, chain.session.cache) for part in image.parts), image.source)
+    return Image(tuple(cached(part, chain.session.cache) for part in image.parts), image.source)
 
 
 def swap(chain: Chain) -> None:
@@ -65,13 +64,6 @@ def extract(chain: Chain, text: str) -> None:
 def clear(chain: Chain) -> None:
     """Forget all images."""
     chain.stack.clear()
-
-
-def whole_number(text: str) -> int:
-    """A text that must be a whole number from 0 on."""
-    if not (text.isascii() and text.isdigit()):
-        raise ParameterError(f"'{text}': allowed is a whole number >= 0")
-    return int(text)
 
 
 # --- parts and levels ---
@@ -111,7 +103,7 @@ def split_parts(chain: Chain) -> None:
 
 
 @dataclass(frozen=True)
-class CountModifiers:
+class AppendModifiers:
     """Of --siappend."""
 
     n: int = param(2, ge=2, le=1 << 20, help="how many images")
@@ -132,7 +124,7 @@ def _distinct(parts: list[Part]) -> tuple[Part, ...]:
     taken: set[str] = set()
     named = []
     for n, part in enumerate(parts):
-        name = part.name
+        name = part.spec.get_string_attribute("oiio:subimagename") or part.name
         if name in taken or (re.fullmatch(r"part\d+", name) and name != f"part{n}"):
             name = f"part{n}"
         taken.add(name)
@@ -191,7 +183,7 @@ def _copied(part: Part) -> Part:
     spec.set_format(part.working_type)
     for name in ("oiio:miplevels", "oiio:subimages"):
         spec.erase_attribute(name)
-    return Part(part.name, spec, part.buffer, ready=part.ready)
+    return Part(part.name, spec, part.buffer, ready=part.ready, depth=part.depth, title=part.title)
 
 
 def select_level(chain: Chain, text: str) -> None:
@@ -247,7 +239,7 @@ OPTIONS = (
     Option("--stackclear", (), "forget all images", clear),
     Option("--subimage", ("PART",), "keep one part, by number or name", subimage, SubimageModifiers, needs=1),
     Option("--sisplit", (), "replace an image by one for each of its parts", split_parts, needs=1),
-    Option("--siappend", (), "make the last two images the parts of one", append_parts, CountModifiers, needs=2),
+    Option("--siappend", (), "make the last two images the parts of one", append_parts, AppendModifiers, needs=2),
     Option("--siappendall", (), "make all images the parts of one", append_all, needs=1),
     Option("--layersplit", (), "replace an image by one for each layer of channels", split_layers, needs=1),
     Option("--unmip", (), "keep the largest version of a MIP-mapped image", without_levels, needs=1),

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from types import FrameType
 
-from ..temporary import discard_all
+from ..io.atomic import discard_all
 
 _requested = 0  # the signal that asked the run to end
 
@@ -24,6 +25,7 @@ def stop_on_signals() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) != signal.SIG_IGN:  # as nohup and shells' background jobs have it
             signal.signal(number, _stop)
+    sys.unraisablehook = _end_or_report
 
 
 def raise_if_stopped() -> None:
@@ -44,3 +46,10 @@ def _stop(number: int, _: FrameType | None) -> None:
         end_at_once(number)
     _requested = number
     raise Stopped(number)
+
+
+def _end_or_report(lost: sys.UnraisableHookArgs) -> None:
+    """`Stopped`, raised where Python drops exceptions (destructors, the import machinery), ends the run at once."""
+    if isinstance(lost.exc_value, Stopped):
+        end_at_once(lost.exc_value.number)
+    sys.__unraisablehook__(lost)

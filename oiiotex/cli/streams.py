@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 import warnings
@@ -23,6 +24,18 @@ def open_standard_streams() -> None:
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="surrogateescape")  # names that are not UTF-8 are printed as they are
+        if sys.stdout.isatty():
+            encoding = sys.stdout.encoding
+            sys.stdout = _Terminal(sys.stdout.detach(), encoding, "backslashreplace", line_buffering=True)
+
+
+class _Terminal(io.TextIOWrapper):
+    """Names and metadata come from strangers: on a terminal what would steer it is shown as Python writes it."""
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        super().write("".join(c if c.isprintable() or c in "\n\t" else ascii(c)[1:-1] for c in text))
+        return len(text)
 
 
 def quiet_libraries() -> None:

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import OpenImageIO as oiio
-
-from ..errors import ImageError
-from ..files import checked_name, keep_readable
-from ..images import one_line, type_named
-from ..params import Size, param
-from ..temporary import temporary_beside
+from ..core.image import Image, type_named
+from ..core.parameters import Size, param
+from ..deferred import oiio
+from ..errors import ImageError, ParameterError, one_line
+from ..io.atomic import temporary_beside
+from ..io.description import describe, is_ours, warn_of_loss
+from ..io.formats import Format
+from ..io.reading import checked_name, keep_readable, read
 from .chain import Chain
-from .output import may_write, software
+from .output import is_left, may_write, software
 from .parse import Option
 
 log = logging.getLogger("oiiotex")
@@ -73,25 +74,34 @@ _BOTH = {"highlightcomp": "hicomp", "filtername": "filter", "oiio_options": "oii
 _ELSEWHERE = {"wrap", "swrap", "twrap", "type", "tile", "handed", "fileformatname", *_BOTH.values()}
 
 
-def write_texture(mode: oiio.MakeTextureMode) -> Any:
+def write_texture(mode: str) -> Any:
     """What writes the top image as a texture of that kind."""
 
     def run(chain: Chain, path: str, **modifiers: Any) -> None:
         given = TextureModifiers(**modifiers)
-        if not may_write(chain, path) or chain.settings.get("-n"):
-            return
         part = chain.top.first
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
         chain.session.require(3 * size, "a MIP-mapped texture")
+        image, how = Image((part,), chain.top.source), Format(format_name=given.fileformatname)
+        if is_left(chain, path) or not may_write(chain, image, path, how):
+            return
+        if chain.shares is not None:
+            raise ParameterError("a MIP-mapped texture is made whole: write an image in shares, and make it of that")
+        chain.tell(f"Writing {path}")
         session = chain.session
-        timed, keeping = session.stats.time("make texture"), session.keeping(path)
-        with timed, keeping, temporary_beside(Path(checked_name(path))) as temporary:
+        timed, checkpoints = session.stats.time("make texture"), session.checkpoints(path)
+        with timed, checkpoints, temporary_beside(Path(checked_name(path))) as temporary:
             config = _config(chain, part.stored, given)
-            made = oiio.ImageBufAlgo.make_texture(mode, part.buffer(part.window), str(temporary), config)
-            if not made or not temporary.exists():
+            out = oiio.ImageOutput.create(given.fileformatname or str(temporary))
+            format_name = out.format_name() if out is not None else ""
+            described = part.respecced(lambda spec: describe(spec, format_name)) if is_ours(part.spec) else part
+            written = oiio.ImageBufAlgo.make_texture(
+                getattr(oiio, mode), described.buffer(part.window), str(temporary), config
+            )
+            if not written or not temporary.stat().st_size:
                 raise ImageError(f"{path}: {one_line(oiio.geterror()) or 'no texture could be made'}")
+            warn_of_loss(path, format_name, [part.spec], [read(temporary).first.spec])
             keep_readable(Path(path))
-        log.info("wrote %s", path)
 
     return run
 
@@ -129,8 +139,8 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
 OPTIONS = tuple(
     Option(name, ("FILE",), help, write_texture(mode), TextureModifiers)
     for name, help, mode in (
-        ("-otex", "write the top image as a MIP-mapped texture", oiio.MakeTxTexture),
-        ("-oenv", "write the top image as a latitude-longitude environment map", oiio.MakeTxEnvLatl),
-        ("-obump", "write the top image as a bump map with slopes and their moments", oiio.MakeTxBumpWithSlopes),
+        ("-otex", "write the top image as a MIP-mapped texture", "MakeTxTexture"),
+        ("-oenv", "write the top image as a latitude-longitude environment map", "MakeTxEnvLatl"),
+        ("-obump", "write the top image as a bump map with slopes and their moments", "MakeTxBumpWithSlopes"),
     )
 )

@@ -1,77 +1,109 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filters: one thin file per op. `FILTERS` lists them; each is also a function that takes and returns ImageBufs.
+"""The filters: one thin file per op. `OURS` lists them; each is also a function, as `docs/python.md` shows.
 
->>> from oiiotex import filters
->>> tile = filters.stationarize(buf, sigma=32, size=(1024, 1024), seed=7)  # doctest: +SKIP
+A file is imported when its filter is asked for, by a line that names it or from Python.
 """
 
+from __future__ import annotations
+
+import functools
+import sys
 from collections.abc import Callable
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-from ..op import Op
-from .composite import Composite
-from .content import Content
-from .cut import Cut
-from .decompose import Decompose
-from .dominant import Dominant
-from .flatten import Flatten
-from .functions import function_of, result
-from .graph import ExemplarGraph
-from .join import Join
-from .lab import Lab
-from .label import Label
-from .labelview import LabelView
-from .paint import Paint
-from .palette import Palette
-from .plugins import installed
-from .preview import Preview
-from .quilt import Quilting
-from .sigmas import Sigmas
-from .stationarity import Stationarity
-from .stationarize import PatchMatch, Stationarize
-from .superpixel import Superpixel
-from .synth import Synth
-from .warp import Warp
-from .zoom import Zoom
+from ..deferred import Shelf
 
-_OURS: tuple[type[Op], ...] = (
-    Stationarize, PatchMatch, Quilting, Synth, Zoom, ExemplarGraph, Join, Cut, Composite, Palette, Paint,
-    Flatten, Sigmas, Stationarity, Superpixel, Label, Decompose, Dominant, LabelView, Content, Lab, Warp,
-    Preview,
-)  # fmt: skip
-FILTERS = (*_OURS, *installed(_OURS))
+if TYPE_CHECKING:
+    from ..core.op import Op
 
-stationarize = function_of(Stationarize)
-patchmatch = function_of(PatchMatch)
-quilt = function_of(Quilting)
-cut = function_of(Cut)
-composite = function_of(Composite)
-palette = function_of(Palette)
-paint = function_of(Paint)
-flatten = function_of(Flatten)
-synth = function_of(Synth)
-zoom = function_of(Zoom)
-graph = function_of(ExemplarGraph)
-join = function_of(Join)
-stationarity = function_of(Stationarity)
-sigmas = function_of(Sigmas)
-superpixel = function_of(Superpixel)
-label = function_of(Label)
-decompose = function_of(Decompose)
-dominant = function_of(Dominant)
-labelview = function_of(LabelView)
-content = function_of(Content)
-lab = function_of(Lab)
-warp = function_of(Warp)
-preview = function_of(Preview)
+HEADING = "Texture filters"
+SHELVES = tuple(
+    Shelf(HEADING, f"{__name__}.{file}", (f"--tex{name}",), declared)
+    for name, file, declared in (
+        ("stationarize", "stationarize", "Stationarize"),
+        ("patchmatch", "patchmatch", "PatchMatch"),
+        ("quilt", "quilt", "Quilting"),
+        ("synth", "synth", "Synth"),
+        ("zoom", "zoom", "Zoom"),
+        ("graph", "graph", "ExemplarGraph"),
+        ("join", "join", "Join"),
+        ("cut", "cut", "Cut"),
+        ("composite", "composite", "Composite"),
+        ("palette", "palette", "Palette"),
+        ("paint", "paint", "Paint"),
+        ("flatten", "flatten", "Flatten"),
+        ("sigmas", "sigmas", "Sigmas"),
+        ("stationarity", "stationarity", "Stationarity"),
+        ("superpixel", "superpixel", "Superpixel"),
+        ("label", "label", "Label"),
+        ("decompose", "decompose", "Decompose"),
+        ("dominant", "dominant", "Dominant"),
+        ("labelview", "labelview", "LabelView"),
+        ("content", "content", "Content"),
+        ("lab", "lab", "Lab"),
+        ("warp", "warp", "Warp"),
+        ("preview", "preview", "Preview"),
+        ("variants", "variants", "Variants"),
+    )
+)
+
+__all__ = ["FILTERS", "OURS"]
 
 
-__all__ = ["FILTERS", "result"]
+@functools.cache
+def further() -> tuple[type[Op], ...]:
+    """The filters of other packages."""
+    from .plugins import installed
+
+    return installed(shelf.names[0].removeprefix("--tex") for shelf in SHELVES)
 
 
-def __getattr__(name: str) -> Callable[..., Any]:
-    """The functions of other packages' filters."""
-    for op in FILTERS:
+@functools.cache
+def _lists(name: str) -> tuple[type[Op], ...]:
+    ours = tuple(op for shelf in SHELVES for op in shelf.declarations)
+    return ours if name == "OURS" else (*ours, *further())
+
+
+@functools.cache
+def _function(op: type[Op]) -> Callable[..., Any]:
+    from ..python_api import function_of
+
+    _lists("OURS")  # what its text says of other filters' modifiers is said in words of Python, too
+    return function_of(op)
+
+
+def __getattr__(name: str) -> Any:
+    """`OURS`, `FILTERS`, the classes that declare filters, and the functions of other packages' filters."""
+    if name in __all__:
+        return _lists(name)
+    for shelf in SHELVES:
+        if shelf.attribute == name:
+            return shelf.declarations[0]
+    for op in () if name.startswith("_") else further():
         if op.name == name:
-            return function_of(op)
+            return _function(op)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The functions alone."""
+    return sorted(op.name for op in _lists("FILTERS"))
+
+
+class _Function:
+    """A filter's function as this package's attribute, which `import` would set to the file of the same name."""
+
+    def __init__(self, shelf: Shelf):
+        self._shelf = shelf
+
+    def __get__(self, package: ModuleType, _: type) -> Callable[..., Any]:
+        return _function(self._shelf.declarations[0])
+
+    def __set__(self, package: ModuleType, file: ModuleType) -> None:
+        pass
+
+
+sys.modules[__name__].__class__ = type(
+    "Filters", (ModuleType,), {shelf.names[0].removeprefix("--tex"): _Function(shelf) for shelf in SHELVES}
+)

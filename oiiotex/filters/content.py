@@ -4,35 +4,45 @@
 from __future__ import annotations
 
 import logging
-import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..analysis.regions import ContentTable, content_table, histogram, key_of, patch_side, window_keys
-from ..color import TAG
+from ..charts.drawing import TEXT, Sheet, coloured, shown_pixels
+from ..core.access import Whole
+from ..core.image import Image, Part, dtype_of
+from ..core.op import Kind, Output, Space
+from ..core.parameters import Numbers, image, param
+from ..core.source_map import SourceMap
+from ..deferred import np
 from ..errors import ImageError, ParameterError
-from ..images import Image, Part, dtype_of, from_pixels
-from ..op import Op, Output, Reach, Space
-from ..params import Numbers, image, param
+from ..exemplar.exemplar_masks import label_levels, label_map
+from ..exemplar.exemplar_op import LABELS
+from ..labels.content_table import ContentTable, content_table, histogram, key_of, patch_side, window_keys
+from ..labels.legend import colours_of
 from ..session import Session
-from .label import RHO, write_json
-from .labelview import PAPER, TEXT, coloured, shown_pixels, with_text
-from .sources import LABELS, label_parts
 
 log = logging.getLogger("oiiotex")
 
-_BYTES = 100  # held for every pixel while windows are sorted and drawn
-_CENTRE, _OUTLINE = np.array([1.0, 0.25, 0.1]), np.array([0.1, 0.5, 1.0])
+_BYTES = 190  # held for every pixel at most, while windows are drawn on a photo
+_CENTRE, _OUTLINE = (1.0, 0.25, 0.1), (0.1, 0.5, 1.0)
 _CELL, _GAP, _HEAD = 72, 4, 48  # px of the table
 _MOST = 24  # rows and columns of it
 
 
+def _lines(facts: dict[str, Any]) -> Iterator[str]:
+    """The facts for people: what the patch consists of, and how many are like it."""
+    for name, counts in facts["histograms"].items():
+        ordered = sorted(counts.items(), key=lambda i: (-i[1], int(i[0])))
+        shares = ", ".join(f"{c}: {n / facts['patch'] ** 2:.1%}" for c, n in ordered)
+        yield f"{name}: {shares or 'none'}"
+    first, second = facts["key"]
+    yield f"key ({first}, {second}) of label.{facts['level']}: {facts['patches']} patches"
+
+
 @dataclass(frozen=True, kw_only=True)
-class Content(Op):
+class Content(Whole):
     """Show where an image has the same content as at a place, or draw the table of all contents.
 
     The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
@@ -44,9 +54,11 @@ class Content(Op):
     """
 
     name: ClassVar[str] = "content"
-    reach: ClassVar[Reach] = Reach.GLOBAL
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("view", "an 8-bit sRGB picture"),)
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("view", Kind.PICTURE, "the photo with what is alike, or the table of keys"),
+        Output("facts", Kind.TABLE, "key, histograms of every level, sizes of all keys", asked_by="json", lines=_lines),
+    )
 
     source: Image = image(help="an image with label parts, as --texlabel:keep=1 makes it")
     labels: Image | None = image(None, help=LABELS)
@@ -56,42 +68,25 @@ class Content(Op):
     table: bool = param(False, help="draw the table of keys instead")
     json: Path | None = param(None, help="key, histograms of every level and the sizes of all keys go to this file")
 
-    def compute(self, session: Session) -> Image:
-        """The picture."""
-        if self.json is not None and os.path.realpath(self.json) == os.path.realpath(self.source.source):
-            raise ParameterError(f"{self.json} would overwrite the photo")
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The picture, and what it shows as facts."""
         first = self.source.first
-        ids_alone = self.labels is None and first.spec.nchannels == 1 and dtype_of(first.spec) == np.uint32
-        named = any(p.name.startswith("label.") for p in self.source.parts)
-        parts = label_parts(self.source, self.source if ids_alone and not named else self.labels)
-        level = max(parts) if self.level is None else self.level
-        if level not in parts:
-            raise ParameterError(f"level={level}: there is {', '.join(map(str, parts))}")
+        labels = label_map(self.source, self.labels, self.level)
         width, height = first.spec.width, first.spec.height
         session.require(_BYTES * width * height, f"the content of {width}x{height}")
-        ids = parts[level].pixels()[..., 0]
-        side = self.patch or patch_side(parts[level].spec.get_float_attribute(RHO) or min(width, height) / 8)
+        ids = labels.ids
+        side = self.patch or patch_side(labels.scale or min(width, height) / 8)
         side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
         if side > min(width, height):
             raise ImageError(f"patch={side} is larger than {self.source.source}, {width}x{height}")
-        found = content_table(*window_keys(ids, side), side, max(1, side // 2))
+        contents = content_table(*window_keys(ids, side), side)
         left, top = self._place(first, side)
-        histograms = {number: histogram(part.pixels()[..., 0], top, left, side) for number, part in parts.items()}
-        key = key_of(histograms[level])
-        lines = []
-        for number, counts in histograms.items():
-            shares = ", ".join(
-                f"{c}: {n / side**2:.1%}" for c, n in sorted(counts.items(), key=lambda i: (-i[1], i[0]))
-            )
-            lines.append(f"label.{number}: {shares or 'none'}")
-        lines.append(f"key ({key[0]}, {key[1]}) of label.{level}: {_count(found, key)} patches")
-        for line in lines if session.say is not None else ():
-            session.say(line)
-        if self.json is not None:
-            write_json(self.json, _facts(found, key, level, left, top, histograms), session)
+        levels = label_levels(self.source, self.labels)
+        histograms = {level: histogram(one.ids, top, left, side) for level, one in levels.items()}
+        key = key_of(histograms[labels.level])
         picture = self._picture(first, ids, session)
-        drawn = _key_table(picture, ids, found) if self.table else _marked(picture, found, key, left, top)
-        return _view(drawn, self.source.source)
+        drawn = _key_table(picture, ids, contents) if self.table else _marked(picture, contents, key, left, top)
+        return {"view": drawn, "facts": lambda: _facts(contents, key, labels.level, left, top, histograms)}
 
     def _place(self, part: Part, side: int) -> tuple[int, int]:
         """Left and top of the patch, in the data window."""
@@ -142,7 +137,7 @@ def _marked(picture: np.ndarray, table: ContentTable, key: tuple[int, int], left
     if number is not None:
         centre[half : half + rows, half : half + columns] = table.key_map == number
     gray = (picture @ np.array([0.2126, 0.7152, 0.0722], np.float32))[..., None]
-    out = np.where(centre[..., None], 0.5 * picture + 0.5 * _CENTRE, 0.3 * picture + 0.5 * gray)
+    out = np.where(centre[..., None], 0.5 * picture + np.multiply(0.5, _CENTRE), 0.3 * picture + 0.5 * gray)
     thick = max(1, min(out.shape[:2]) // 300)
     frame = np.zeros(picture.shape[:2], bool)
     frame[top : top + side, left : left + side] = True
@@ -156,32 +151,23 @@ def _key_table(picture: np.ndarray, ids: np.ndarray, table: ContentTable) -> np.
     labels = np.unique(table.keys)
     if len(labels) > _MOST:
         area = np.bincount(ids.ravel())[labels]
-        kept = np.sort(labels[np.argsort(-area, kind="stable")[:_MOST]])
+        largest = np.sort(labels[np.argsort(-area, kind="stable")[:_MOST]])
         log.warning("texcontent: the table shows the %d largest of %d labels", _MOST, len(labels))
-        labels = kept
+        labels = largest
     size = _HEAD + len(labels) * (_CELL + _GAP)
-    sheet = np.full((size, size, 3), PAPER, np.float32)
+    sheet = Sheet(size, size)
     place = {int(label): _HEAD + n * (_CELL + _GAP) for n, label in enumerate(labels)}
-    # one by one: side by side they would have borders
-    swatch = [coloured(np.array([[label]], np.int64), None, 1.0)[0, 0] for label in labels]
     at = np.arange(_CELL) * table.side // _CELL
     for n, key in enumerate(table.keys.tolist()):
         if key[0] in place and key[1] in place:
             # the middle one: the first may be a rare case at a border
-            offset = int(table.offsets[(table.starts[n] + table.starts[n + 1]) // 2])
+            top, left = SourceMap(table.offsets[(table.starts[n] + table.starts[n + 1]) // 2]).yx
             y, x = place[key[0]], place[key[1]]
-            sheet[y : y + _CELL, x : x + _CELL] = picture[(offset >> 16) + at][:, (offset & 0xFFFF) + at]
-    texts = []
-    for n, (label, begin) in enumerate(place.items()):
-        sheet[begin : begin + _CELL, _HEAD - 12 : _HEAD - 4] = swatch[n]
-        sheet[_HEAD - 12 : _HEAD - 4, begin : begin + _CELL] = swatch[n]
-        texts += [(str(label), 2, begin + _CELL // 2), (str(label), begin, TEXT)]
-    return with_text(sheet, texts)
-
-
-def _view(picture: np.ndarray, source: str) -> Image:
-    spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.UINT8)
-    spec.attribute(TAG, "srgb_rec709_scene")
-    spec.attribute("oiio:subimagename", "view")
-    pixels = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
-    return Image((from_pixels("view", pixels, spec, spec.format),), source)
+            sheet.paste(picture[top + at][:, left + at], x, y)
+    for begin, colour in zip(place.values(), colours_of(labels), strict=True):
+        sheet.box(_HEAD - 12, begin, _HEAD - 5, begin + _CELL - 1, colour)
+        sheet.box(begin, _HEAD - 12, begin + _CELL - 1, _HEAD - 5, colour)
+    for label, begin in place.items():
+        sheet.text(str(label), 2, begin + _CELL // 2)
+        sheet.text(str(label), begin, TEXT)
+    return sheet.image()

@@ -3,25 +3,23 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from ..color import working_values
+from ..core.access import Whole
+from ..core.op import Kind, Output
+from ..core.parameters import Size, Words, param
+from ..core.source_map import COPIED, ST, require_addressable
 from ..errors import ImageError
-from ..images import Image
-from ..op import Op, Output, Reach, Space
-from ..params import Size, image, param
+from ..exemplar.exemplar_op import ExemplarOp
+from ..exemplar.photo_lattice import Structured, fitting_size, least_size
 from ..session import Session
-from .sources import LABEL, LABELS, LEVEL, MASK, both, ruled_out, source_pixels
-from .stationarize import refuse_overwriting, tile_image
-
-log = logging.getLogger("oiiotex")
+from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cut(Op):
+class Cut(ExemplarOp, Structured, Whole):
     """Lay a texture from large pieces of a photo, cut where it is seen least.
 
     Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): patches that fit
@@ -32,64 +30,47 @@ class Cut(Op):
     """
 
     name: ClassVar[str] = "cut"
-    copies: ClassVar[bool] = True
-    reach: ClassVar[Reach] = Reach.GLOBAL
-    space: ClassVar[Space] = Space.LAB
-    outputs: ClassVar[tuple[Output, ...]] = (
-        Output("cut", "pixels copied from the photo, all channels together, in its own colour space and type"),
-        Output(
-            "st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them"
-        ),
-    )
+    outputs: ClassVar[tuple[Output, ...]] = (Output("cut", Kind.PIXELS, COPIED), ST, REPORT)
 
-    exemplar: Image = image(help="the photo")
-    mask: Image | None = image(None, help=MASK)
-    labels: Image | None = image(None, help=LABELS)
-    label: int | None = param(None, ge=1, help=LABEL)
-    level: int | None = param(None, ge=1, help=LEVEL)
     size: Size | None = param(None, ge=5, le=16384, unit="px", help="of the result; the exemplar's own when left out")
     tile: str = param("xy", choices=("xy", "x", "y", "none"), help="along which axes the result tiles")
     patch: int | None = param(
-        None,
-        ge=5,
-        le=512,
-        unit="px",
-        help="side of a patch; shorter side of the exemplar / 5, 16 to 96, when left out",
+        None, ge=5, le=512, unit="px", help="side of a patch; shorter side of the exemplar / 5, 16 to 96, when left out"
     )
     passes: int = param(1, ge=0, le=100, help="of refinement: patches over the worst seams, as many as were laid")
-    seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
-    stmap: bool | Path = param(False, help="1: source coordinates as part 'st' of the result; a file name: there")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
+    report: Path | None = param(None, help=REPORT_HELP)
+    fail: Words | None = param(None, help=FAIL_HELP)
 
-    def compute(self, session: Session) -> Image:
-        """The texture, followed by the part 'st' where it is asked for."""
-        from ..synthesis.graphcut import Layout, bytes_needed, graph_cut  # scipy is not loaded before it is needed
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The texture, and where its pixels come from."""
+        from ..graphcut.placement import Layout, bytes_needed, graph_cut  # scipy is not loaded before it is needed
 
-        refuse_overwriting(self.exemplar, stmap=self.stmap)
         spec = self.exemplar.first.spec
-        width, height = self.size or Size(spec.width, spec.height)
-        layout = Layout(
-            width=width,
-            height=height,
-            wrap_x="x" in self.tile,
-            wrap_y="y" in self.tile,
-            patch=self.patch or min(96, max(16, min(spec.width, spec.height) // 5)),
-            passes=self.passes,
-            seed=self.seed,
-        )
-        session.require(
-            bytes_needed(layout, (spec.height, spec.width))
-            + spec.width * spec.height * self.exemplar.first.pixel_bytes,
-            f"cutting {width}x{height} from {spec.width}x{spec.height}",
-            "make the result or the photo smaller",
-        )
-        with session.stats.time("read and colour"):
-            working = working_values(self.exemplar, None if self.data else session.color, session.autocc)
-            pixels = self.exemplar.first.pixels()
-            mask = source_pixels(self.exemplar, self.mask, self.labels, self.level, self.label)
-            allowed = both(working.opaque, mask)
-        if allowed is not None and not allowed.any():
-            raise ImageError(f"no pixel of {self.exemplar.source} is free of {ruled_out(working.opaque, mask)}")
+        size = self.size or Size(spec.width, spec.height)
+        quality = Quality.of_copies(self, session, size)
+        require_addressable((spec.height, spec.width))
+        patch = self.patch or min(96, max(16, min(spec.width, spec.height) // 5))
+
+        def layout_of(size: Size) -> Layout:
+            layout = Layout.tiling(*size, self.tile, patch=patch, passes=self.passes, seed=self.seed)
+            needed = bytes_needed(layout, (spec.height, spec.width))
+            session.require(
+                needed + spec.width * spec.height * self.exemplar.first.pixel_bytes,
+                f"cutting {size} from {spec.width}x{spec.height}",
+                "make the result or the photo smaller",
+            )
+            return layout
+
+        wraps = "x" in self.tile, "y" in self.tile
+        fitted = self.size is None and self.structure > 0
+        layout_of(least_size(size, wraps) if fitted else size)  # known before the work
+        seen = self.read(session)
+        if seen.usable is not None and not seen.usable.any():
+            raise ImageError(f"no pixel of {self.exemplar.source} is free of {seen.why}")
+        lattice = self.lattice_of(seen.values, seen.usable, session)
+        layout = layout_of(fitting_size(self.flag(), lattice, size, self.size is not None, wraps))
         with session.stats.time("cut"):
-            places = graph_cut(working.values, allowed, layout, session.advance)
-        return tile_image(self, self.exemplar, pixels, places, session)
+            in_step = self.in_step(lattice, layout, self.seed)
+            source = graph_cut(seen.values, seen.usable, layout, session.advance, in_step)
+        self.say_what_stays()
+        return quality.add_to_copies(source.parts("cut", self.exemplar.first, self.tile))

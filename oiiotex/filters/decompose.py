@@ -5,135 +5,177 @@ from __future__ import annotations
 
 import logging
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..cryptomatte import Layer, cryptomatte_part
-from ..errors import ParameterError
-from ..images import Image, Part
-from ..op import Op, Output, Reach, Space
-from ..params import image, param
+from ..color.lab import lens_of
+from ..core.access import ScanThenMap
+from ..core.demand import bands
+from ..core.image import Image, Part
+from ..core.label_map import LabelMap
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..deferred import np
+from ..labels.legend import LabelNames
 from ..session import Session
-from ..tiles import bands
-from ..windows import Window
-from ..working import lens_of
-from .label import COUNT, LARGE, PARENTS, write_json
+from .single_part import SINGLE, require_single
 
 if TYPE_CHECKING:
-    from ..analysis.labpixels import LabPixels
-    from ..analysis.subtextures import Decomposition, Settings
+    from ..color.lab_reduced import LabPixels
+    from ..segmentation.subtextures import Decomposition, DecompositionSettings
 
 log = logging.getLogger("oiiotex")
 
-SAMPLES = "oiiotex:samples"  # attribute: vertices of the clique partition
 WORKING_PIXELS = 1 << 20
-_PAPER_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture segmentation problems"
+CLIQUES_THRESHOLD = 0.76  # of filter bank textons in discs of 48 px
+_HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture segmentation problems"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decompose(Op):
+class Decompose(ScanThenMap):
     """Decompose a texture into the simpler ones that it is a patchwork of.
 
-    Places are compared by their texton histograms, each with the best match near the other, so that borders do no
-    harm; a clique partition of the comparisons groups them, and how many groups there are follows from one threshold
-    (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by Clique Partitioning). Then the
-    subtextures compete for pixels. The result is a label map: ids from 1 on, 0 where alpha is 0. Images above a
-    megapixel are looked at reduced by a whole factor. features=haar:assign=neighbours:refine=0:search=meanshift is
-    the paper's own way.
+    Regions compete for pixels by their textons; those that are likelier one texture than two are merged, until none
+    are, or as many are left as labels asks for; then the subtextures compete once more. The result is a label map: ids
+    from 1 on, 0 where alpha is 0. Images above a megapixel are looked at reduced by a whole factor. group=cliques
+    compares places by their texton histograms instead, each with the best match near the other, and groups them by a
+    clique partition; paper=1 is that way by the letter (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
+    Texture Segmentation by Clique Partitioning).
     """
 
     name: ClassVar[str] = "decompose"
-    reach: ClassVar[Reach] = Reach.GLOBAL
+    carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("label.1", "one channel of 32-bit ids, of the image's windows: write it to EXR or TIFF"),
+        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
+        Output("label.1", Kind.IDS, "one channel, of the image's windows: write it to EXR or TIFF"),
+        Output("cryptomatte", Kind.CRYPTOMATTE, "the labels", asked_by="cryptomatte"),
+        Output("facts", Kind.TABLE, "count, areas and settings", asked_by="json"),
     )
 
     source: Image = image(help="the image")
-    threshold: float | None = param(
-        None, ge=0, le=1, help="similarity above which two places belong together; more gives more subtextures"
+    labels: int | None = param(None, ge=1, le=50, help="how many subtextures, at most; found when left out")
+    group: str | None = param(
+        None, choices=("merging", "cliques"), help="of regions, or of places that are compared; with haar: cliques"
     )
-    radius: float | None = param(None, ge=1, le=512, unit="px", help="of the disc whose textons describe its middle")
+    threshold: float | None = param(
+        None,
+        ge=0,
+        le=1,
+        help="probability of two regions to be one texture, or similarity of two places, above which they belong"
+        " together; more gives more subtextures",
+    )
+    radius: float | None = param(
+        None,
+        ge=1,
+        le=512,
+        unit="px",
+        help="of the disc whose textons describe a place; a quarter of it is what a pixel minds",
+    )
     shift: float | None = param(
-        None, ge=0, le=512, unit="px", help="how far from a place its best match may be; 0: plain comparison"
+        None, ge=0, le=512, unit="px", help="cliques: how far from a place its best match may be; 0: plain comparison"
     )
     features: str = param("bank", choices=("bank", "haar"), help="what textons are made of; haar: the paper's")
     bins: int | None = param(None, ge=2, le=64, help="textons; with haar so many of colour and so many of detail")
-    step: int | None = param(None, ge=1, le=512, unit="px", help="between the places that are compared with all others")
-    scales: int = param(1, ge=1, le=5, help="radii in which the second place is looked at, half an octave apart")
-    search: str = param("grid", choices=("grid", "meanshift"), help="for the best match; meanshift: the paper's, slow")
+    step: int | None = param(
+        None, ge=1, le=512, unit="px", help="cliques: between the places that are compared with all others"
+    )
+    scales: int = param(1, ge=1, le=5, help="cliques: radii of the second place, half an octave apart")
+    search: str = param(
+        "grid", choices=("grid", "meanshift"), help="cliques: for the best match; meanshift: the paper's, slow"
+    )
     refine: bool = param(True, help="of the cliques, by moves of single places; the paper does not")
     assign: str = param(
         "competition", choices=("competition", "neighbours"), help="of pixels to subtextures; neighbours: the paper's"
+    )
+    paper: bool = param(
+        False,
+        help="CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbours",
     )
     keep: bool = param(False, help="the photo stays the first part, the labels follow it")
     cryptomatte: bool | Path = param(
         False, help="1: a further part with Cryptomatte 1.2; a file name: its manifest goes there"
     )
+    names: Path | None = param(None, help=LabelNames.HELP)
+    single: bool = param(False, help=SINGLE)
     json: Path | None = param(None, help="count, areas and settings go to this file")
     data: bool = param(False, help="the channels are no colours: compare them as they are")
 
-    def compute(self, session: Session) -> Image:
-        """The label map, behind the photo where that is kept, and what else was asked for."""
-        from ..analysis.labpixels import lab_pixels, reduction  # scipy is not loaded before it is needed
-        from ..analysis.subtextures import decomposed, memory_needed
+    PAPER: ClassVar[dict[str, Any]] = {
+        "features": "haar",
+        "group": "cliques",
+        "scales": 3,
+        "search": "meanshift",
+        "refine": False,
+        "assign": "neighbours",
+    }
 
-        for path in (self.json, self.cryptomatte):
-            if isinstance(path, Path) and os.path.realpath(path) == os.path.realpath(self.source.source):
-                raise ParameterError(f"{path} would overwrite the photo")
-        first, *others = self.source.parts
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.paper:
+            self.set_together("paper", self.PAPER)
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The label map, and what else can be asked for."""
+        require_single(self)
+        names = None if self.names is None else LabelNames(self.names)
+        from ..color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
+        from ..segmentation.subtextures import decomposed, memory_needed
+
+        first = self.source.first
         width, height = first.window.width, first.window.height
         factor = reduction(width, height, WORKING_PIXELS)
         settings = self._settings(-(-width // factor) * -(-height // factor))
         need = memory_needed(-(-width // factor) * -(-height // factor), settings) + width * height // 8
         session.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
-        lens = lens_of(self.source, None if self.data else session.color, session.autocc)
+        lens = lens_of(self.source, session, self.working_space)
         pixels = lab_pixels(self.source, lens, session, factor)
         session.advance(1, 4)
-        found = decomposed(pixels, settings, session)
-        log.info("%s: %d subtextures, from %d cliques of %d places", self.flag(), found.count, found.cliques,
-                 found.samples)  # fmt: skip
-        labels = label_part(first, pixels, found)
-        more = [self._cryptomatte(labels, found.count, session)] if self.cryptomatte else []
-        if self.json is not None:
-            write_json(self.json, summary(labels, found, settings, factor), session)
+        split = decomposed(pixels, settings, session, session.advance)
+        log.info("%s: %d subtextures, from %d groups of %d", self.flag(), split.count, split.groups, split.samples)
+        if self.labels is not None and 0 < split.count < self.labels:
+            log.warning("%s: %d subtextures, not %d: no more hold their own", self.flag(), split.count, self.labels)
+        labels = _label_map(first, pixels, split)
+        if names is not None:
+            (labels,) = names.of([labels])
         session.advance(4, 4)
-        return Image((*((first,) if self.keep else ()), labels, *more, *others), self.source.source)
+        return {
+            **({} if self.single else {"label.1": labels.part}),
+            "cryptomatte": [labels],
+            "facts": lambda: _facts(labels.part, split, settings, factor),
+        }
 
-    def _settings(self, pixels: int) -> Settings:
-        from ..analysis.subtextures import Settings
+    def asked(self, output: Output) -> bool | Path:
+        """Ids are in Cryptomatte's channels where one part holds all."""
+        return False if self.single and output.kind is Kind.IDS else super().asked(output)
 
-        paper = self.features == "haar"
-        radius = self.radius or (8.0 if paper else Settings.radius)
-        shift = self.shift if self.shift is not None else radius if paper else Settings.shift
-        threshold = self.threshold if self.threshold is not None else 0.95 if paper else Settings.threshold
-        return Settings(
+    def carried(self) -> tuple[Part, ...]:
+        """None where one part holds all."""
+        return () if self.single else super().carried()
+
+    def _settings(self, pixels: int) -> DecompositionSettings:
+        from ..segmentation.subtextures import DecompositionSettings
+
+        haar = self.features == "haar"
+        radius = self.radius or (8.0 if haar else DecompositionSettings.radius)
+        shift = self.shift if self.shift is not None else radius if haar else DecompositionSettings.shift
+        group = self.group or ("cliques" if haar else DecompositionSettings.group)
+        usual = DecompositionSettings.threshold if group == "merging" else 0.95 if haar else CLIQUES_THRESHOLD
+        return DecompositionSettings(
+            group=group,
+            count=self.labels,
             features=self.features,
-            bins=self.bins or (8 if paper else Settings.bins),
+            bins=self.bins or (8 if haar else DecompositionSettings.bins),
             radius=radius,
             shift=shift,
             scales=self.scales,
             search=self.search,
-            threshold=threshold,
-            step=self.step or (math.ceil(math.sqrt(pixels / _PAPER_SAMPLES)) if paper else _step(pixels)),
+            threshold=usual if self.threshold is None else self.threshold,
+            step=self.step or (math.ceil(math.sqrt(pixels / _HAAR_SAMPLES)) if haar else _step(pixels)),
             refine=self.refine,
             assign=self.assign,
         )
-
-    def _cryptomatte(self, labels: Part, count: int, session: Session) -> Part:
-        names = [f"label.1/{i}" for i in range(1, count + 1)]
-        beside = self.cryptomatte if isinstance(self.cryptomatte, Path) else None
-        part, manifests = cryptomatte_part([Layer("label1_", labels, names)], beside.name if beside else None)
-        if beside is not None:
-            write_json(beside, {name: bits for found in manifests.values() for name, bits in found.items()}, session)
-        elif sum(len(name) + 14 for name in names) > LARGE:
-            log.warning("%s: the manifest is large: cryptomatte=FILE.json puts it beside the image", self.flag())
-        return part
 
 
 def _step(pixels: int) -> int:
@@ -141,36 +183,25 @@ def _step(pixels: int) -> int:
     return max(4, min(16, round(math.sqrt(pixels) / 16 / 4) * 4), math.ceil(math.sqrt(pixels / 2500)))
 
 
-def label_part(like: Part, pixels: LabPixels, found: Decomposition) -> Part:
+def _label_map(like: Part, pixels: LabPixels, split: Decomposition) -> LabelMap:
     """The label map in the image's windows."""
-    from ..analysis.superpixels import label_spec
+    from ..superpixels.superpixels import label_spec
 
     spec = label_spec(like.spec)
-    spec.attribute("oiio:subimagename", "label.1")
-    spec.attribute(COUNT, found.count)
-    spec.attribute(PARENTS, ",".join(["0"] * found.count))
-    spec.attribute(SAMPLES, found.samples)
-    ids = found.labels.astype(np.uint32)
-
-    def fetch(window: Window) -> np.ndarray:
-        rows, columns = window.inside(like.window)
-        y, x = (np.arange(s.start, s.stop) // pixels.factor for s in (rows, columns))
-        here = ids[np.ix_(y, x)]
-        opaque = pixels.opaque_rows(rows.start, rows.stop)
-        return (here if opaque is None else np.where(opaque[:, columns], here, np.uint32(0)))[..., None]
-
-    return Part("label.1", spec, fetch, oiio.TypeDesc(oiio.UINT32), ready=True, exact=True)
+    spec.attribute("oiiotex:samples", split.samples)  # regions or places that were grouped
+    part = pixels.part("label.1", spec, split.labels.astype(np.uint32)[..., None])
+    return LabelMap.of(part, 1, [0] * split.count)
 
 
-def summary(labels: Part, found: Decomposition, settings: Settings, factor: int) -> dict[str, Any]:
+def _facts(labels: Part, split: Decomposition, settings: DecompositionSettings, factor: int) -> dict[str, Any]:
     """What there is to say, for `json`."""
-    areas = np.zeros(found.count + 1, np.int64)
+    areas = np.zeros(split.count + 1, np.int64)
     for band in bands(labels):
-        areas += np.bincount(labels.read(band).ravel(), minlength=found.count + 1)
+        areas += np.bincount(labels.read(band).ravel(), minlength=split.count + 1)
     return {
         "labels": [{"id": i, "pixels": int(area)} for i, area in enumerate(areas[1:].tolist(), 1)],
         "reduction": factor,
-        "samples": found.samples,
-        "cliques": found.cliques,
+        "samples": split.samples,
+        "groups": split.groups,
         "settings": dict(vars(settings)),
     }

@@ -4,43 +4,34 @@
 from __future__ import annotations
 
 import logging
-import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..errors import ImageError, ParameterError
-from ..images import Image, Part
-from ..op import Op, Output, Reach, Space
-from ..params import image, param
+from ..charts.dominant_chart import diagnostics
+from ..color.lab import lens_of
+from ..core.access import ScanThenMap
+from ..core.image import Image, Part
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..deferred import np
+from ..errors import ImageError
+from ..exemplar.exemplar_masks import masked_pixels
 from ..session import Session
-from ..windows import Window
-from ..working import lens_of
-from ..writing import write
-from .dominantchart import diagnostics
-from .label import write_json
-from .sources import source_pixels
 
 if TYPE_CHECKING:
-    from ..analysis.diffusion import Dominant as Found
-    from ..analysis.diffusion import Round
-    from ..analysis.labpixels import LabPixels
+    from ..color.lab_reduced import LabPixels
+    from ..dominant.diffusion import Dominant as DominantTexture
+    from ..dominant.diffusion import Round
 
 log = logging.getLogger("oiiotex")
 
-PATCH, EPSILON, DIMENSION, STEPS, SHARE = (
-    f"oiiotex:{n}" for n in ("patch", "epsilon", "dimension", "tau", "share")
-)  # attributes of the mask
 WORKING_PIXELS = 1 << 20
 TEXELS = 12000  # at most, unless step says otherwise: the paper's images have up to 11,000 at a step of 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dominant(Op):
+class Dominant(ScanThenMap):
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
     Overlapping patches are points in a space of colours; heat that spreads from the densest one reaches the large
@@ -54,10 +45,15 @@ class Dominant(Op):
     """
 
     name: ClassVar[str] = "dominant"
-    reach: ClassVar[Reach] = Reach.GLOBAL
+    carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("dominant", "one channel, 1 where the dominant texture is, else 0; in the image's windows"),
+        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
+        Output("dominant", Kind.MASK, "1 where the dominant texture is; in the image's windows"),
+        Output("types", Kind.IDS, "1 to 4 for patches of type 0 to III around a pixel, 0 where none", asked_by="types"),
+        Output("score", Kind.MEASURE, "density, and the decimal logarithm of heat", asked_by="score"),
+        Output("facts", Kind.TABLE, "the kernel's curve, thresholds, rounds and shares", asked_by="json"),
+        Output("chart", Kind.PICTURE, "the kernel's curve, and density over heat", asked_by="chart"),
     )
 
     source: Image = image(help="the photo")
@@ -68,11 +64,14 @@ class Dominant(Op):
     step: int | None = param(
         None, ge=1, le=256, unit="px", help=f"between patches; the smallest that leaves {TEXELS} of them when left out"
     )
-    rule: str = param("repaired", choices=("repaired", "paper"), help="thresholds; paper: as its text has them")
+    rule: str = param("repaired", choices=("repaired", "paper"), help="thresholds, mask; paper: as its text has them")
     mode: str = param(
         "diffusion",
         choices=("diffusion", "euclidean", "spectral"),
         help="euclidean: the paper's eq. 7; spectral: the larger half of a normalised cut",
+    )
+    paper: bool = param(
+        False, help="LDR09 by the letter: rule=paper:mode=diffusion:step=1, and noise is not looked for"
     )
     strict: bool = param(False, help="a photo without a dominant texture is an error")
     keep: bool = param(False, help="the photo stays the first part, the mask follows it")
@@ -84,16 +83,21 @@ class Dominant(Op):
     )
     data: bool = param(False, help="the channels are no colours: compare them as they are")
 
-    def compute(self, session: Session) -> Image:
-        """The mask, behind the photo where that is kept, and what else was asked for."""
-        from ..analysis.diffusion import dominant_mask, dominant_texture, spread_over, step_for
-        from ..analysis.labpixels import lab_pixels, reduction
-        from ..analysis.texels import MOST_PATCH, memory_needed
+    PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
 
-        for path in (self.json, self.chart):
-            if path is not None and os.path.realpath(path) == os.path.realpath(self.source.source):
-                raise ParameterError(f"{path} would overwrite the photo")
-        first, *others = self.source.parts
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.paper:
+            self.set_together("paper", self.PAPER)
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The mask, and what else can be asked for."""
+        from ..color.lab_reduced import lab_pixels, reduction
+        from ..dominant.diffusion import dominant_mask, dominant_texture, spread_over, step_for
+        from ..dominant.patch_manifold import MOST_PATCH, memory_needed
+        from ..dominant.refinement import refined_mask
+
+        first = self.source.first
         width, height = first.window.width, first.window.height
         factor = reduction(width, height, WORKING_PIXELS)
         shape = -(-height // factor), -(-width // factor)
@@ -104,97 +108,81 @@ class Dominant(Op):
         texels = -(-shape[0] // step) * -(-shape[1] // step)
         need = memory_needed(shape[0] * shape[1], texels, patch or MOST_PATCH) + width * height // 8
         session.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
-        lens = lens_of(self.source, None if self.data else session.color, session.autocc)
-        allowed = source_pixels(self.source, self.mask, None, None, None)
+        lens = lens_of(self.source, session, self.working_space)
+        allowed = None if self.mask is None else masked_pixels(self.mask, self.source)
         pixels = lab_pixels(self.source, lens, session, factor, allowed)
         session.advance(1, 6)
-        found = dominant_texture(
+        texture = dominant_texture(
             pixels, session, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule
         )
-        if found.rejected:
+        if texture.rejected:
             if self.strict:
-                raise ImageError(f"{self.source.source} has no dominant texture: {found.rejected}")
-            log.warning("%s: %s has no dominant texture: %s", self.flag(), self.source.source, found.rejected)
+                raise ImageError(f"{self.source.source} has no dominant texture: {texture.rejected}")
+            log.warning("%s: %s has no dominant texture: %s", self.flag(), self.source.source, texture.rejected)
         else:
-            log.info("%s: %.0f %% of patches of %d px are dominant", self.flag(), 100 * found.share, found.texels.patch)
-        mask = dominant_mask(found, pixels.seen)
-        parts = [_part(first, "dominant", ("Y",), mask.astype(np.float32)[..., None], pixels, _marks(found))]
-        seen = pixels.seen.shape
-        if self.types:
-            ids = spread_over(found.texels, found.types.astype(np.uint32) + 1, seen, 0)
-            parts.append(_part(first, "types", ("Y",), ids[..., None], pixels))
-        if self.score:
-            both = [spread_over(found.texels, v.astype(np.float32), seen, 0) for v in (found.density, found.heat)]
-            parts.append(_part(first, "score", ("density", "heat"), np.stack(both, -1), pixels))
-        if self.json is not None:
-            write_json(self.json, summary(found, factor), session)
-        if self.chart is not None:
-            write(diagnostics(found), self.chart, oiio.TypeDesc(oiio.UINT8))
-            session.written.add(os.path.realpath(self.chart))
+            share, side = 100 * texture.share, texture.texels.patch
+            log.info("%s: %.0f %% of patches of %d px are dominant", self.flag(), share, side)
+        literal = self.rule == "paper"
+        mask = dominant_mask(texture, pixels.seen) if literal else refined_mask(texture, pixels)
+        mask = mask.astype(np.float32)[..., None]
         session.advance(6, 6)
-        return Image((*((first,) if self.keep else ()), *parts, *others), self.source.source)
+
+        def spread(name: str, channels: tuple[str, ...], *values: np.ndarray) -> Part:
+            layers = [spread_over(texture.texels, v, pixels.seen.shape, 0) for v in values]
+            return _part(first, name, channels, np.stack(layers, -1), pixels, {})
+
+        return {
+            "dominant": _part(first, "dominant", ("Y",), mask, pixels, _attributes(texture)),
+            "types": lambda: spread("types", ("Y",), texture.types.astype(np.uint32) + 1),
+            "score": lambda: spread(
+                "score", ("density", "heat"), texture.density.astype(np.float32), texture.heat.astype(np.float32)
+            ),
+            "facts": lambda: _facts(texture, factor),
+            "chart": lambda: diagnostics(texture),
+        }
 
 
-def _marks(found: Found) -> Callable[[oiio.ImageSpec], None]:
-    def mark(spec: oiio.ImageSpec) -> None:
-        spec.attribute(PATCH, found.texels.patch)
-        spec.attribute(SHARE, found.share)
-        if found.kernel is not None:
-            spec.attribute(EPSILON, found.kernel.size)
-            spec.attribute(DIMENSION, found.kernel.dimension)
-            spec.attribute(STEPS, found.steps)
-
-    return mark
+def _attributes(texture: DominantTexture) -> dict[str, float]:
+    attributes = {"patch": texture.texels.patch, "share": texture.share}
+    if texture.kernel is not None:
+        attributes |= {"epsilon": texture.kernel.size, "dimension": texture.kernel.dimension, "tau": texture.steps}
+    return attributes
 
 
 def _part(
-    like: Part,
-    name: str,
-    channels: tuple[str, ...],
-    values: np.ndarray,
-    pixels: LabPixels,
-    mark: Callable[[oiio.ImageSpec], None] = lambda spec: None,
-) -> Part:
+    like: Part, name: str, channels: tuple[str, ...], values: np.ndarray, pixels: LabPixels,
+    attributes: dict[str, float],
+) -> Part:  # fmt: skip
     """Values of the reduced image as a part in the windows of the image; 0 where alpha is 0."""
-    from ..analysis.superpixels import label_spec
+    from ..superpixels.superpixels import label_spec
 
     spec = label_spec(like.spec)
-    kind = oiio.TypeDesc(oiio.UINT32 if values.dtype == np.uint32 else oiio.FLOAT)
-    spec.set_format(kind)
     spec.nchannels, spec.channelnames = len(channels), channels
-    spec.attribute("oiio:subimagename", name)
-    mark(spec)
-
-    def fetch(window: Window) -> np.ndarray:
-        rows, columns = window.inside(like.window)
-        y, x = (np.arange(s.start, s.stop) // pixels.factor for s in (rows, columns))
-        here = values[np.ix_(y, x)]
-        opaque = pixels.opaque_rows(rows.start, rows.stop)
-        return here if opaque is None else np.where(opaque[:, columns, None], here, values.dtype.type(0))
-
-    return Part(name, spec, fetch, kind, ready=True, exact=kind == oiio.UINT32)
+    for key, value in attributes.items():
+        spec.attribute(f"oiiotex:{key}", value)
+    return pixels.part(name, spec, values)
 
 
-def summary(found: Found, factor: int) -> dict[str, Any]:
+def _facts(texture: DominantTexture, factor: int) -> dict[str, Any]:
     """What there is to say, for `json`: LDR09 figures 3 and 4 as numbers."""
-    kernel = found.kernel
+    kernel = texture.kernel
     return {
-        "patch": found.texels.patch,
-        "step": found.texels.step,
-        "texels": found.texels.count,
+        "patch": texture.texels.patch,
+        "step": texture.texels.step,
+        "texels": texture.texels.count,
         "reduction": factor,
-        "rejected": found.rejected,
-        "share": found.share,
-        "types": np.bincount(found.types, minlength=4).tolist(),
+        "rejected": texture.rejected,
+        "share": texture.share,
+        "types": np.bincount(texture.types, minlength=4).tolist(),
         "epsilon": kernel.size if kernel else None,
         "epsilon of landmarks": kernel.landmark_size if kernel else None,
         "dimension": kernel.dimension if kernel else None,
-        "tau": found.steps,
+        "tau": texture.steps,
         "curve": kernel.curve.tolist() if kernel else [],
-        "rounds": [_round(found, r) for r in found.rounds],
+        "rounds": [_round(texture, r) for r in texture.rounds],
     }
 
 
-def _round(found: Found, r: Round) -> dict[str, Any]:
-    place = {"row": int(found.texels.rows[r.seed]), "column": int(found.texels.columns[r.seed])}
+def _round(texture: DominantTexture, r: Round) -> dict[str, Any]:
+    place = {"row": int(texture.texels.rows[r.seed]), "column": int(texture.texels.columns[r.seed])}
     return {**vars(r), "density": r.density if np.isfinite(r.density) else None, "seed": place}

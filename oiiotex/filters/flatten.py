@@ -7,16 +7,16 @@ import logging
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
-from ..analysis.cells import MARGIN
-from ..analysis.drift import correction, drift_of
-from ..images import Image, derived_spec
-from ..op import Op, Output, Reach, Space
-from ..params import image, param
+from ..color.lab import lens_of
+from ..core.access import ScanThenMap
+from ..core.image import Image, Part, derived_spec
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..core.window import Window
+from ..deferred import np
 from ..session import Session
-from ..windows import Window
-from ..working import computed, lens_of
+from ..stationarity.grid_statistics import MARGIN
+from ..stationarity.local_moments import correction, drift_of
 
 log = logging.getLogger("oiiotex")
 
@@ -24,20 +24,22 @@ _CENTRE = (50.0, 0.0, 0.0)  # of Lab; data are scaled to 0 .. 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class Flatten(Op):
+class Flatten(ScanThenMap):
     """Take slow drift of light, colour and contrast out of an image.
 
     Local mean and local standard deviation of Lab, seen through a Gaussian of sigma, are brought to those of the whole
-    image: what is larger than sigma goes, detail stays. It looks at the image twice and streams both times, so a
-    16384 x 16384 image needs no more memory than a small one. Contrast is at most doubled and at least halved.
+    image: what is larger than sigma goes, detail stays. A 16384 x 16384 image needs no more memory than a small one.
+    Contrast is at most doubled and at least halved.
     """
 
     name: ClassVar[str] = "flatten"
-    reach: ClassVar[Reach] = Reach.GLOBAL
+    carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output(
-            "flat", "the image without its drift, in its own colour space and type; the other channels as they were"
+            "flat",
+            Kind.PIXELS,
+            "the image without its drift, in its own colour space and type; the other channels as they were",
         ),
     )
 
@@ -47,6 +49,9 @@ class Flatten(Op):
     )
     amount: float = param(1.0, ge=0, le=1, help="how much of the drift is taken out")
     contrast: float = param(1.0, ge=0, le=1, help="how far local contrast is evened out too; 0: it stays")
+    tile: str = param(
+        "none", choices=("none", "x", "y", "xy"), help="along which axes the image tiles, so that the result does, too"
+    )
     keep: str = param(
         "mean",
         choices=("mean", "none"),
@@ -54,16 +59,17 @@ class Flatten(Op):
     )
     data: bool = param(False, help="the channels are no colours: flatten them as they are")
 
-    def compute(self, session: Session) -> Image:
-        """The first part flattened, the others as they are."""
+    def compute(self, session: Session) -> dict[str, Part]:
+        """The first part flattened."""
         part = self.source.first
-        lens = lens_of(self.source, None if self.data else session.color, session.autocc)
+        lens = lens_of(self.source, session, self.working_space)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 16)
-        drift = drift_of(self.source, lens, sigma, session)
+        drift = drift_of(self.source, lens, sigma, session, wraps=("y" in self.tile, "x" in self.tile))
         spec = derived_spec(part.spec)
-        others = self.source.parts[1:]
+        if self.tile != "none":
+            spec.attribute("wrapmodes", ",".join("periodic" if axis in self.tile else "black" for axis in "xy"))
         if drift is None or self.amount == 0:  # nothing to see, or nothing to do: not even rounding
-            return Image((replace(part, spec=spec, levels=()), *others), self.source.source)
+            return {"flat": replace(part, spec=spec, levels=())}
         middle = np.array(_CENTRE if lens.space is not None else _CENTRE[:1] * 3)[: lens.count]
         target = drift.overall_mean if self.keep == "mean" else middle
         change = correction(drift, self.amount, self.contrast, target)
@@ -75,4 +81,4 @@ class Flatten(Op):
             change.apply(values, window)
             return lens.replaced(rows, values, opaque)
 
-        return Image((computed(part, spec, session, work), *others), self.source.source)
+        return {"flat": self.mapped(part, work, session, spec)}

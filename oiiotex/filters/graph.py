@@ -11,25 +11,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..color import as_float
+from ..charts.drawing import sampled, shown_pixels
+from ..charts.graph_chart import Node, drawn_graph
+from ..color.config import as_float
+from ..color.lab import in_type
+from ..core.access import Whole
+from ..core.demand import bands
+from ..core.image import Image, Part, cropped, derived_spec, dtype_of, from_pixels, resized
+from ..core.op import Kind, Output, Space
+from ..core.parameters import Numbers, Parameter, image, param
+from ..core.window import Window
+from ..deferred import np
 from ..errors import ImageError, ParameterError
-from ..files import read
-from ..images import Image, Part, cropped, derived_spec, dtype_of, from_pixels, resized
-from ..op import Op, Output, Reach, Space
-from ..params import Numbers, Parameter, image, param
+from ..io.reading import read
+from ..multiscale.graph import LOOP_R, Graph, parse_graph
+from ..multiscale.infinite_plane import graph_images
 from ..session import Session
-from ..synthesis.exemplars import LOOP_R, Graph, parse_graph
-from ..synthesis.planes import graph_images
-from ..tiles import bands
-from ..windows import Window
-from ..working import in_type
-from ..writing import write
-from .graphview import Node, drawn_graph
-from .label import write_json
-from .labelview import TAG, sampled, shown_pixels
 
 log = logging.getLogger("oiiotex")
 
@@ -39,7 +36,7 @@ _KEPT = (".exr", ".tif", ".tiff", ".png")  # formats that hold what they are giv
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExemplarGraph(Op):
+class ExemplarGraph(Whole):
     """Make a first exemplar graph from photos, coarsest first, or from one; draw a graph as a picture.
 
     Several photos become a chain: each is finer than the one before by `scale`. One photo gets an edge to itself, a
@@ -50,9 +47,12 @@ class ExemplarGraph(Op):
     """
 
     name: ClassVar[str] = "graph"
-    reach: ClassVar[Reach] = Reach.GLOBAL
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("picture", "8-bit sRGB: exemplars and edges"),)
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("picture", Kind.PICTURE, "exemplars and edges"),
+        Output("graph", Kind.TABLE, "the document for --texsynth and --texzoom", asked_by="json"),
+        Output("exemplar.N", Kind.PIXELS, "with scales: the photo N times reduced, beside it", asked_by="json"),
+    )
 
     photos: tuple[Image, ...] = image(help="the photos, coarsest first; none is taken where graph says them")
     graph: Path | None = param(None, help="draw this graph, JSON or YAML, instead of making one")
@@ -77,36 +77,32 @@ class ExemplarGraph(Op):
         """All there are, or none."""
         return max(1, depth) if cls.taken(values) else 0
 
-    def compute(self, session: Session) -> Image:
-        """The picture; the document is written."""
+    def files(self) -> dict[str, Path]:
+        """The document, and beside it the exemplars that are cut out of one photo."""
+        if self.json is None or self.graph is not None:
+            return {}
+        cut = self._factors() if self.scales > 1 else ()
+        return {"graph": self.json} | {f"exemplar.{factor}": self._file(factor) for factor in cut}
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The picture, the document, and the exemplars that it names where they are cut out of a photo."""
         if self.graph is not None:
             graph, images = graph_images(self.graph, session)
-            return self._picture(graph, images, str(self.graph), session)
+            return {"picture": self._picture(graph, images, session)}
         photos = self.photos or ()
         if not photos:
             raise ParameterError(f"{self.name}: takes an image or more, or graph=FILE")
-        self._require_free(photos)
-        if self.scales > 1:
-            photos = self._cut(photos, session)
+        _require_alike(photos)
+        cut = self._cut() if self.scales > 1 else {}
+        photos = tuple(cut.values()) or photos
         document = self._document(photos)
         graph = parse_graph(document, self.json or Path("graph"))
         graph.require_levels(_common_side(photos, graph.factors, self.side).bit_length() - 1, str(self.json or "graph"))
-        if self.json is not None:
+        if self.json is not None and not cut:
             for photo in photos:
                 _require_written(photo, session)
-            write_json(self.json, document, session)
-        return self._picture(graph, photos, photos[0].source, session)
-
-    def _require_free(self, photos: Sequence[Image]) -> None:
-        """Refuse to write over a photo; photos of one graph have the same channels."""
-        for photo in photos:
-            if self.json is not None and os.path.realpath(self.json) == os.path.realpath(photo.source):
-                raise ParameterError(f"json={self.json} would overwrite a photo")
-            mine, wanted = (",".join(p.first.spec.channelnames) for p in (photo, photos[0]))
-            if mine != wanted:
-                raise ImageError(
-                    f"{photo.source} has channels {mine}, {photos[0].source} has {wanted}: take alike ones"
-                )
+        exemplars = {f"exemplar.{factor}": exemplar.first for factor, exemplar in cut.items()}
+        return {"picture": self._picture(graph, photos, session), "graph": document, **exemplars}
 
     # --- the document ---
 
@@ -133,14 +129,26 @@ class ExemplarGraph(Op):
 
     # --- one photo at several scales ---
 
-    def _cut(self, photos: Sequence[Image], session: Session) -> tuple[Image, ...]:
-        """Exemplars around the photo's centre, from the whole of it, reduced, to a piece at full size."""
-        if len(photos) != 1:
-            raise ParameterError(f"scales={self.scales}: there are {len(photos)} photos; it cuts one")
+    def _factors(self) -> list[int]:
+        """How many times the photo is reduced for each exemplar."""
+        if len(self.photos or ()) != 1:
+            raise ParameterError(f"scales={self.scales}: there are {len(self.photos or ())} photos; it cuts one")
         step = (self.scale or Numbers([2.0]))[0]
         if len(self.scale or (2,)) != 1 or math.frexp(step)[0] != 0.5 or step < 2:
             raise ParameterError(f"scale={self.scale}: with scales allowed is one power of two >= 2")
-        (photo,), factors = photos, [int(step) ** n for n in range(self.scales - 1, -1, -1)]
+        return [int(step) ** n for n in range(self.scales - 1, -1, -1)]
+
+    def _file(self, factor: int) -> Path:
+        """Where the exemplar goes: beside the document, in the photo's format where that holds what it is given."""
+        photo = self.photos[0]
+        suffix = Path(photo.source).suffix.lower()
+        if suffix not in _KEPT:
+            suffix = ".png" if np.dtype(dtype_of(photo.first.spec)).kind in "ui" else ".exr"
+        return self.json.with_name(f"{self.json.stem}_{factor}{suffix}")
+
+    def _cut(self) -> dict[int, Image]:
+        """Exemplars around the photo's centre, from the whole of it, reduced, to a piece at full size."""
+        factors, photo = self._factors(), self.photos[0]
         shorter = min(photo.first.spec.width, photo.first.spec.height)
         side = min(self.side, 1 << max(0, (shorter // factors[0]).bit_length() - 1))
         if side < _LEAST:
@@ -148,34 +156,26 @@ class ExemplarGraph(Op):
                 f"scales={self.scales}: reduced {factors[0]} times {photo.source} is {shorter // factors[0]} px wide or"
                 f" high; an exemplar has {_LEAST} or more"
             )
-        if self.json is None:  # only to be looked at
-            return tuple(_reduced(photo, factor, side, "") for factor in factors)
-        suffix = Path(photo.source).suffix.lower()
-        if suffix not in _KEPT:
-            suffix = ".png" if np.dtype(dtype_of(photo.first.spec)).kind in "ui" else ".exr"
-        found = []
-        for factor in factors:
-            path = self.json.with_name(f"{self.json.stem}_{factor}{suffix}")
-            if os.path.realpath(path) == os.path.realpath(photo.source):
-                raise ParameterError(f"scales={self.scales}: {path} would overwrite the photo")
-            write(_reduced(photo, factor, side, str(path)), path)
-            session.written.add(os.path.realpath(path))
-            found.append(read(path, session.cache))
-        return tuple(found)
+        names = {factor: "" if self.json is None else str(self._file(factor)) for factor in factors}
+        return {factor: _reduced(photo, factor, side, name) for factor, name in names.items()}
 
     # --- the picture ---
 
-    def _picture(self, graph: Graph, images: Sequence[Image], name: str, session: Session) -> Image:
+    def _picture(self, graph: Graph, images: Sequence[Image], session: Session) -> np.ndarray:
         side = _common_side(images, graph.factors, self.side)
         nodes = [
             Node(label, octave, _thumbnail(given, round(side / factor), self.thumb, session))
             for label, octave, given, factor in zip(graph.names, graph.octaves(), images, graph.factors, strict=True)
         ]
-        sheet = drawn_graph(nodes, graph.edges, graph.root)
-        spec = oiio.ImageSpec(sheet.shape[1], sheet.shape[0], 3, oiio.UINT8)
-        spec.attribute(TAG, "srgb_rec709_scene")
-        spec.attribute("oiio:subimagename", "picture")
-        return Image((from_pixels("picture", sheet, spec, spec.format),), name)
+        return drawn_graph(nodes, graph.edges, graph.root)
+
+
+def _require_alike(photos: Sequence[Image]) -> None:
+    """Refuse photos of different channels: those of one graph are alike."""
+    for photo in photos:
+        mine, wanted = (",".join(p.first.spec.channelnames) for p in (photo, photos[0]))
+        if mine != wanted:
+            raise ImageError(f"{photo.source} has channels {mine}, {photos[0].source} has {wanted}: take alike ones")
 
 
 def _common_side(images: Sequence[Image], factors: Sequence[float], most: int) -> int:
@@ -192,11 +192,11 @@ def _common_side(images: Sequence[Image], factors: Sequence[float], most: int) -
 
 def _names(photos: Sequence[Image]) -> list[str]:
     """A name for each, after its file."""
-    found: list[str] = []
+    names: list[str] = []
     for photo in photos:
         stem = Path(photo.source).stem or "photo"
-        found.append(next(n for n in (stem, *(f"{stem}-{k}" for k in range(2, len(photos) + 2))) if n not in found))
-    return found
+        names.append(next(n for n in (stem, *(f"{stem}-{k}" for k in range(2, len(photos) + 2))) if n not in names))
+    return names
 
 
 def _relation(ratio: float) -> dict[str, Any]:
@@ -209,11 +209,11 @@ def _require_written(photo: Image, session: Session) -> None:
     """Refuse an image that is not what the file of its name holds: the graph will be read from there."""
     if not os.path.isfile(photo.source):
         raise ImageError(f"{photo.source} is no file, which the graph could name: write it first")
-    mine, held = photo.first, read(photo.source, session.cache).first
+    mine, stored = photo.first, read(photo.source, session.cache).first
     alike = (mine.window.width, mine.window.height, mine.spec.nchannels, str(mine.spec.format)) == (
-        held.window.width, held.window.height, held.spec.nchannels, str(held.spec.format))  # fmt: skip
-    x, y = held.window.left - mine.window.left, held.window.top - mine.window.top
-    if not alike or not all(np.array_equal(mine.read(b), held.read(b.shifted(x, y)), equal_nan=True)
+        stored.window.width, stored.window.height, stored.spec.nchannels, str(stored.spec.format))  # fmt: skip
+    x, y = stored.window.left - mine.window.left, stored.window.top - mine.window.top
+    if not alike or not all(np.array_equal(mine.read(b), stored.read(b.shifted(x, y)), equal_nan=True)
                             for b in bands(mine)):  # fmt: skip
         raise ImageError(f"{photo.source} was changed since it was read, and the graph names the file: write it first")
 

@@ -9,23 +9,24 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, ClassVar
 
-import numpy as np
-
+from ..core.access import ScanThenMap
+from ..core.demand import bands
+from ..core.image import Image, Part, derived_spec, dtype_of
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image
+from ..core.window import Window
+from ..deferred import np
 from ..errors import ImageError
-from ..images import Image, Part, derived_spec, dtype_of
-from ..op import Op, Output, Reach, Space
-from ..params import image
 from ..session import Session
-from ..tiles import bands
-from ..windows import Window
 from .synth import PLANE
 
-_APART = ("tiles", "window", "resume", "graph", "stmap")  # what shares of one image may be told differently
+# what shares of one image may be told differently
+_APART = ("tiles", "window", "resume", "graph", "stmap", "report", "fail")
 _SHARE = re.compile(r"(?:^|:)tiles=(\d+)/(\d+)(?:$|:)")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Join(Op):
+class Join(ScanThenMap):
     """Put the shares of an image together, as a farm has rendered them: the same pixels as of one run.
 
     Takes all images of the stack, in any order: crops in one display window, as --texsynth:tiles=1/8 to tiles=8/8
@@ -35,9 +36,8 @@ class Join(Op):
 
     name: ClassVar[str] = "join"
     copies: ClassVar[bool] = True
-    reach: ClassVar[Reach] = Reach.POINT
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("joined", "all parts of the shares, whole"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("joined", Kind.PIXELS, "all parts of the shares, whole"),)
 
     shares: tuple[Image, ...] = image(help="the shares, in any order")
 
@@ -58,10 +58,10 @@ class Join(Op):
 def _require_alike(share: Image, first: Image) -> None:
     """Refuse a share of another image."""
 
-    def differ(what: str, mine: object, wanted: object) -> None:
+    def differ(aspect: str, mine: object, wanted: object) -> None:
         if mine != wanted:
             raise ImageError(
-                f"{share.source} has {what} {mine}, {first.source} has {wanted}: shares of one image are alike"
+                f"{share.source} has {aspect} {mine}, {first.source} has {wanted}: shares of one image are alike"
             )
 
     differ("the parts", ",".join(p.name for p in share.parts), ",".join(p.name for p in first.parts))
@@ -69,7 +69,7 @@ def _require_alike(share: Image, first: Image) -> None:
         differ("channels", ",".join(part.spec.channelnames), ",".join(wanted.spec.channelnames))
         differ("pixels of type", str(part.spec.format), str(wanted.spec.format))
         differ("the display window", str(Window.display(part.spec)), str(Window.display(wanted.spec)))
-    mine, wanted_words = _said(share), _said(first)
+    mine, wanted_words = _parameters(share), _parameters(first)
     for name in mine.keys() & wanted_words.keys():
         differ("been made with", f"{name}={mine[name]}", f"{name}={wanted_words[name]}")
     if len({one.first.spec.get_string_attribute(PLANE) for one in (share, first)}) > 1:
@@ -79,7 +79,7 @@ def _require_alike(share: Image, first: Image) -> None:
         )
 
 
-def _said(share: Image) -> dict[str, str]:
+def _parameters(share: Image) -> dict[str, str]:
     """By which parameters a share says that it was made, less those in which shares may differ."""
     words = share.first.spec.get_string_attribute("oiiotex:parameters").split(":")
     given = dict(word.partition("=")[::2] for word in words if "=" in word)
@@ -155,8 +155,8 @@ def first_gap(whole: Window, windows: Sequence[Window]) -> Window | None:
 
 def _missing(shares: Sequence[Image]) -> str:
     """Which shares are missing, where those that are there say how many there should be."""
-    found = [_SHARE.search(share.first.spec.get_string_attribute("oiiotex:parameters")) for share in shares]
-    there = {(int(match[1]), int(match[2])) for match in found if match}
+    matches = [_SHARE.search(share.first.spec.get_string_attribute("oiiotex:parameters")) for share in shares]
+    there = {(int(match[1]), int(match[2])) for match in matches if match}
     counts = {count for _, count in there}
     if len(counts) != 1:
         return ""

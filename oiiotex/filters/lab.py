@@ -6,24 +6,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..color import TAG, as_float, colour_space
+from ..color.config import as_float, colour_space
+from ..color.lab import Lens, divisor, lens_for
+from ..core.access import Pointwise
+from ..core.attributes import TAG
+from ..core.image import Channels, Image, Part, channels_of, derived_spec
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ColorError, ImageError, ParameterError
-from ..images import Channels, Image, Part, channels_of, derived_spec
-from ..op import Op, Output, Reach, Space
-from ..params import image, param
 from ..session import Session
-from ..windows import Window
-from ..working import Lens, computed, divisor, lens_for
 
 FROM = "oiiotex:labFrom"  # the attribute that remembers which space became Lab
-_FLOAT = oiio.TypeDesc(oiio.FLOAT)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lab(Op):
+class Lab(Pointwise):
     """Turn colour into CIE Lab (D65), and back.
 
     L is 0 for black and 100 for diffuse white, a and b are 0 for gray; HDR values lie above 100, and negative ones
@@ -34,10 +33,11 @@ class Lab(Op):
     """
 
     name: ClassVar[str] = "lab"
-    reach: ClassVar[Reach] = Reach.POINT
+    carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("lab", "Lab as 32-bit floats; with inverse=1 colour, written in the type of the run's first file"),
+        Output("lab", Kind.MEASURE, "L, a and b in the channels R, G and B"),
+        Output("colour", Kind.PIXELS, "written in the type of the run's first file", asked_by="inverse", instead=True),
     )
 
     source: Image = image(help="the image")
@@ -46,29 +46,28 @@ class Lab(Op):
         None, help="with inverse=1: the colour space to go to; the one that the image came from when left out"
     )
 
-    def compute(self, session: Session) -> Image:
-        """The first part converted, the others as they are."""
+    def compute(self, session: Session) -> dict[str, Part]:
+        """The first part converted."""
         if self.to is not None and not self.inverse:
             raise ParameterError(f"{self.name}: to={self.to} is where inverse=1 goes; Lab is where it goes without")
-        made = self._colour(session) if self.inverse else self._lab(session)
-        return Image((made, *self.source.parts[1:]), self.source.source)
+        return {"colour": self._colour(session)} if self.inverse else {"lab": self._lab(session)}
 
     def _lab(self, session: Session) -> Part:
         part = self.source.first
-        remembered = part.spec.get_string_attribute(FROM)
-        if remembered:
-            raise ColorError(f"{self.source.source} is Lab already, from '{remembered}': :inverse=1 turns it back")
+        origin = part.spec.get_string_attribute(FROM)
+        if origin:
+            raise ColorError(f"{self.source.source} is Lab already, from '{origin}': :inverse=1 turns it back")
         space = colour_space(self.source, session.color, session.autocc)
         if space is None:
             raise ColorError(f"{self.source.source} is data, which has no Lab: say --iscolorspace NAME if it is colour")
-        lens = lens_for(self.source, session.color, space)
+        lens = lens_for(self.source, session, space)
         places = _places(lens.channels, part.spec.nchannels)
 
         def work(rows: np.ndarray, _: Window) -> np.ndarray:
             values, _opaque = lens.values(rows)
             return _merged(values, rows, places)
 
-        spec = _retagged(part.spec, "data")
+        spec = derived_spec(part.spec)
         names = [*part.spec.channelnames]
         if len(lens.channels.colour) == 1:
             names[lens.channels.colour[0] : lens.channels.colour[0] + 1] = ["R", "G", "B"]
@@ -77,7 +76,7 @@ class Lab(Op):
             spec.alpha_channel = -1 if alpha is None else names.index(part.spec.channelnames[alpha])
             spec.channelnames = tuple(names)
         spec.attribute(FROM, part.spec.get_string_attribute(TAG) or space)
-        return replace(computed(part, spec, session, work), stored=_FLOAT)
+        return self.mapped(part, work, session, spec)
 
     def _colour(self, session: Session) -> Part:
         part, name = self.source.first, self.source.source
@@ -92,7 +91,7 @@ class Lab(Op):
         if len(channels.colour) != 3:
             raise ImageError(f"{name} has {len(channels.colour)} channels beside alpha: Lab has three")
         from_lab = session.color.from_lab(space)
-        lens = Lens(name, Channels(channels.colour, None), None, None, None)  # Lab is not premultiplied
+        lens = Lens(name, Channels(channels.colour, None))  # Lab is not premultiplied
         places = _places(channels, part.spec.nchannels)
 
         def work(rows: np.ndarray, _: Window) -> np.ndarray:
@@ -102,9 +101,13 @@ class Lab(Op):
                 values *= divisor(as_float(rows[..., channels.alpha]))[..., None]
             return _merged(values, rows, places)
 
-        spec = _retagged(part.spec, space)
-        spec.erase_attribute(FROM)
-        return replace(computed(part, spec, session, work), stored=None)
+        spec = derived_spec(part.spec)
+        spec.set_format(oiio.TypeDesc(oiio.FLOAT))
+        spec.channelformats = ()
+        for stale in ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile", FROM):
+            spec.erase_attribute(stale)
+        spec.attribute(TAG, space)
+        return replace(self.mapped(part, work, session, spec), stored=None)
 
 
 def _places(channels: Channels, count: int) -> list[tuple[bool, int]]:
@@ -126,14 +129,3 @@ def _merged(values: np.ndarray, rows: np.ndarray, places: list[tuple[bool, int]]
     for n, (is_value, index) in enumerate(places):
         out[..., n] = values[..., index] if is_value else as_float(rows[..., index])
     return out
-
-
-def _retagged(spec: oiio.ImageSpec, tag: str) -> oiio.ImageSpec:
-    """A copy for floats under another colour tag, without what a file said in other words."""
-    new = derived_spec(spec)
-    new.set_format(_FLOAT)
-    new.channelformats = ()
-    for stale in ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile"):
-        new.erase_attribute(stale)
-    new.attribute(TAG, tag)
-    return new

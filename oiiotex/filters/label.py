@@ -3,37 +3,33 @@
 
 from __future__ import annotations
 
-import json
+import functools
+import itertools
 import logging
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..cryptomatte import Layer, cryptomatte_part
-from ..errors import ParameterError
-from ..images import Image, Part
-from ..op import Op, Output, Reach, Space
-from ..params import image, param
+from ..color.lab import lens_of
+from ..core.access import ScanThenMap
+from ..core.image import Image, Part
+from ..core.label_map import LabelMap
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..labels.legend import LabelNames
 from ..session import Session
-from ..temporary import temporary_beside
-from ..windows import Window
-from ..working import lens_of
+from .single_part import SINGLE, require_single
 
 if TYPE_CHECKING:
-    from ..analysis.labelmaps import LabelLevel, LabelMaps
+    from ..labels.scales import LabelLevel, LabelMaps
 
 log = logging.getLogger("oiiotex")
 
-RHO, COUNT, PARENTS = "oiiotex:rho", "oiiotex:labels", "oiiotex:parents"  # attributes of label parts
-LARGE = 1 << 20  # bytes of a manifest that should lie beside the image and not in it
-
 
 @dataclass(frozen=True, kw_only=True)
-class Label(Op):
+class Label(ScanThenMap):
     """Find what an image consists of, and label it at several scales.
 
     Superpixels that look alike get one label; how many there are follows from the image (LSA16: Lockerman, Sauvage,
@@ -45,10 +41,15 @@ class Label(Op):
     """
 
     name: ClassVar[str] = "label"
-    reach: ClassVar[Reach] = Reach.GLOBAL
+    carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("label.1", "32-bit ids at the finest scale; label.2 and so on follow, then what else is asked for"),
+        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
+        Output("label.N", Kind.IDS, "at scale N; 1 is the finest"),
+        Output("membership.N", Kind.MEASURE, "of level N: G, a channel for every label", asked_by="soft"),
+        Output("fit.N", Kind.MEASURE, "of level N: F / its largest, a channel for every label", asked_by="soft"),
+        Output("cryptomatte", Kind.CRYPTOMATTE, "all levels", asked_by="cryptomatte"),
+        Output("facts", Kind.TABLE, "scales, counts, areas and the tree of labels", asked_by="json"),
     )
 
     source: Image = image(help="the image")
@@ -71,7 +72,10 @@ class Label(Op):
     share: float = param(
         0.5, ge=0.01, le=1, help="of the superpixels of the next scale that must hold two labels; the paper: 1"
     )
-    coarsest: bool = param(True, help="label the coarsest scale too; the paper does not")
+    coarsest: bool = param(True, help="a coarsest level of subtextures, as --texdecompose finds them; not in the paper")
+    labels: int | None = param(
+        None, ge=1, le=50, help="how many subtextures that level has, at most; found when left out"
+    )
     neighbours: int = param(256, ge=8, le=4096, help="of a superpixel in the graph, at most")
     tries: int = param(0, ge=0, le=100, help="random starts that are joined with the first (boosting)")
     runs: int = param(1, ge=1, le=1000, help="of SLIC, the best is taken; the paper: 10")
@@ -79,109 +83,114 @@ class Label(Op):
         None, ge=1, unit="px", help="smaller superpixels join a neighbour; sigma^2 / 4 when left out, 25 in the paper"
     )
     seed: int = param(0, ge=0, le=2**32 - 1, help="of random starts; with tries=0 and runs=1 there are none")
+    paper: bool = param(
+        False,
+        help="LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest=0:neighbours=256:runs=10"
+        ":minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them",
+    )
     keep: bool = param(False, help="the photo stays the first part, the labels follow it")
     soft: bool = param(False, help="further parts: membership.N (G) and fit.N (F / its largest) of level N")
     cryptomatte: bool | Path = param(
         False, help="1: a further part with Cryptomatte 1.2 of all levels; a file name: its manifest goes there"
     )
+    names: Path | None = param(None, help=LabelNames.HELP)
+    single: bool = param(False, help=SINGLE)
     json: Path | None = param(None, help="scales, counts, areas and the tree of labels go to this file")
     data: bool = param(False, help="the channels are no colours: compare them as they are")
 
-    def compute(self, session: Session) -> Image:
-        """Label parts, finest first, and what else was asked for."""
-        from ..analysis.labelmaps import Settings, label_maps  # scipy is not loaded before it is needed
+    PAPER: ClassVar[dict[str, Any]] = {
+        "features": "moments",
+        "cluster": "nmf",
+        "persistence": 0.95,
+        "share": 1.0,
+        "coarsest": False,
+        "neighbours": 256,
+        "runs": 10,
+        "minsize": 25,
+    }
 
-        for path in (self.json, self.cryptomatte):
-            if isinstance(path, Path) and os.path.realpath(path) == os.path.realpath(self.source.source):
-                raise ParameterError(f"{path} would overwrite the photo")
-        lens = lens_of(self.source, None if self.data else session.color, session.autocc)
-        settings = Settings(
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.paper:
+            self.set_together("paper", self.PAPER)
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """Label parts, finest first, and what else can be asked for."""
+        require_single(self)
+        names = None if self.names is None else LabelNames(self.names)
+        from ..labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
+        from ..segmentation.superpixel_subtextures import superpixel_subtextures
+
+        lens = lens_of(self.source, session, self.working_space)
+        settings = LabelSettings(
             cluster=self.cluster,
             neighbours=self.neighbours,
             persistence=self.persistence,
             share=self.share,
-            coarsest=self.coarsest,
+            literal=self.paper,
             tries=self.tries,
             seed=self.seed,
         )
-        maps = label_maps(self.source, lens, session, self.features, settings, runs=self.runs, minsize=self.minsize)
+        subtextures = functools.partial(superpixel_subtextures, count=self.labels)
+        maps = label_maps(
+            self.source, lens, session, self.features, settings,
+            runs=self.runs, minsize=self.minsize, coarsest=subtextures if self.coarsest else None,
+        )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):
             log.info("%s: label.%d: %d labels at %.1f px", self.flag(), n, level.count, level.scale)
-        first, *others = self.source.parts
-        labels = [label_part(first, maps, n) for n in range(1, len(maps.levels) + 1)]
-        more = [part for n in range(1, len(labels) + 1) for part in soft_parts(first, maps, n)] if self.soft else []
-        if self.cryptomatte:
-            more.append(self._cryptomatte(labels, maps, session))
-        if self.json is not None:
-            write_json(self.json, summary(maps), session)
-        return Image((*((first,) if self.keep else ()), *labels, *more, *others), self.source.source)
+        first, levels = self.source.first, range(1, len(maps.levels) + 1)
+        labels = [label_map(first, maps, n) for n in levels]
+        if names is not None:
+            labels = names.of(labels)
+        parts: dict[str, Any] = {}
+        if not self.single:
+            soft = itertools.product(levels, ("membership", "fit"))
+            parts = {one.part.name: one.part for one in labels}
+            parts |= {f"{name}.{n}": functools.partial(_soft_part, first, maps, n, name) for n, name in soft}
+        return parts | {"cryptomatte": labels, "facts": lambda: _facts(maps)}
 
-    def _cryptomatte(self, labels: list[Part], maps: LabelMaps, session: Session) -> Part:
-        layers = [
-            Layer(f"label{n}_", part, [f"label.{n}/{i}" for i in range(1, level.count + 1)])
-            for n, (part, level) in enumerate(zip(labels, maps.levels, strict=True), 1)
-        ]
-        beside = self.cryptomatte if isinstance(self.cryptomatte, Path) else None
-        part, manifests = cryptomatte_part(layers, beside.name if beside else None)
-        if beside is not None:
-            write_json(beside, {name: bits for found in manifests.values() for name, bits in found.items()}, session)
-        elif sum(len(n) + 14 for found in manifests.values() for n in found) > LARGE:
-            log.warning("%s: the manifest is large: cryptomatte=FILE.json puts it beside the image", self.flag())
+    def asked(self, output: Output) -> bool | Path:
+        """Ids are in Cryptomatte's channels where one part holds all."""
+        return False if self.single and output.kind is Kind.IDS else super().asked(output)
 
-        def of_no_level(spec: oiio.ImageSpec) -> None:
-            for name in (RHO, COUNT, PARENTS):
-                spec.erase_attribute(name)
-
-        return part.respecced(of_no_level)
+    def carried(self) -> tuple[Part, ...]:
+        """None where one part holds all."""
+        return () if self.single else super().carried()
 
 
-def label_part(like: Part, maps: LabelMaps, n: int) -> Part:
-    """Level n as a part of uint32 ids."""
-    from ..analysis import superpixels
+def label_map(like: Part, maps: LabelMaps, n: int) -> LabelMap:
+    """Level n in the image's windows."""
+    from ..superpixels import superpixels
 
     level = maps.levels[n - 1]
-    part = superpixels.label_part(like, maps.superpixels.runs.relabelled(level.labels - 1), f"label.{n}")
-
-    def mark(spec: oiio.ImageSpec) -> None:
-        spec.attribute("oiio:subimagename", part.name)
-        spec.attribute(RHO, float(level.scale))
-        spec.attribute(COUNT, level.count)
-        spec.attribute(PARENTS, ",".join(map(str, level.parents.tolist())))
-
-    return part.respecced(mark)
+    part = superpixels.label_part(like, maps.superpixels.runs.relabelled(level.labels - 1))
+    return LabelMap.of(part, n, level.parents.tolist(), level.scale)
 
 
-def soft_parts(like: Part, maps: LabelMaps, n: int) -> tuple[Part, Part]:
-    """Membership G_ci and fit F_ic / max_j F_jc of level n, one channel per label (LSA16 section 4.2).
+def _soft_part(like: Part, maps: LabelMaps, n: int, quantity: str) -> Part:
+    """Membership G_ci or fit F_ic / max_j F_jc of level n, one channel per label (LSA16 section 4.2).
 
     They speak of the labels that the level has by itself, before it is intersected with coarser ones.
     """
-    from ..analysis import superpixels
+    from ..superpixels import superpixels
 
     level = maps.levels[n - 1]
-    runs = maps.superpixels.runs.relabelled(level.groups)
-    groups = superpixels.label_part(like, runs)
-    fit = (level.F / level.F.max(0)).T
-    return _soft(groups, f"membership.{n}", level.G), _soft(groups, f"fit.{n}", fit)
-
-
-def _soft(groups: Part, name: str, values: np.ndarray) -> Part:
-    """(r, m) values as a part of r channels; 0 where there is no superpixel."""
+    groups = superpixels.label_part(like, maps.superpixels.runs.relabelled(level.groups))
+    values = level.G if quantity == "membership" else (level.F / level.F.max(0)).T
+    # (r + 1) x m; 0 where there is no superpixel
     table = np.concatenate([np.zeros((1, len(values))), values.T]).astype(np.float32)
 
     def change(spec: oiio.ImageSpec) -> None:
-        spec.set_format(oiio.FLOAT)
         spec.nchannels = len(values)
         spec.channelnames = tuple(f"c{c}" for c in range(1, len(values) + 1))
-        spec.attribute("oiio:subimagename", name)
 
     def fetch(window: Window) -> np.ndarray:
         return table[groups.read(window)[..., 0]]
 
-    return replace(groups.respecced(change), name=name, fetch=fetch, stored=oiio.TypeDesc(oiio.FLOAT))
+    return replace(groups.respecced(change), name=f"{quantity}.{n}", fetch=fetch)
 
 
-def summary(maps: LabelMaps) -> dict[str, Any]:
+def _facts(maps: LabelMaps) -> dict[str, Any]:
     """What there is to say of the labels, for `json`."""
     sizes = maps.superpixels.sizes
 
@@ -198,10 +207,3 @@ def summary(maps: LabelMaps) -> dict[str, Any]:
         }
 
     return {"levels": [facts(n, level) for n, level in enumerate(maps.levels, 1)]}
-
-
-def write_json(path: Path, facts: dict[str, Any], session: Session) -> None:
-    """Facts into a file, whole or not at all."""
-    with temporary_beside(path) as temporary:
-        temporary.write_text(json.dumps(facts, indent=1))
-    session.written.add(os.path.realpath(path))

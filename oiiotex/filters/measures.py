@@ -26,11 +26,23 @@ def order_of(measure: str, order: int | None) -> int:
 
 
 def cost_text(cost: float, measure: str, order: int, before: float | None = None) -> str:
-    """A cost of MJH17 eq. 1 for people, and what it was before."""
-    what = {"histogram": "", "moments": f" of moments up to {order}", "steerable": " of steerable responses"}[measure]
+    """A cost of MJH17 eq. 1 for people, and what it was before.
+
+    Parameters
+    ----------
+    cost : float
+        >= 0; Lab units, squared ones of moments.
+    measure : str
+        One of `MEASURES`.
+    order : int
+        Of moments, 2 to 4.
+    before : float, optional
+        Of the photo, in the same units.
+    """
+    kind = {"histogram": "", "moments": f" of moments up to {order}", "steerable": " of steerable responses"}[measure]
     change = "" if before is None else f"{before:.2f} -> "
     unit = "Lab^2" if measure == "moments" else "Lab"
-    return f"stationarity cost{what} {change}{cost:.2f} {unit} (MJH17 eq. 1)"
+    return f"stationarity cost{kind} {change}{cost:.2f} {unit} (MJH17 eq. 1)"
 
 
 def scale_folder() -> Path:

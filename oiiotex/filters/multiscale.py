@@ -4,31 +4,34 @@
 from __future__ import annotations
 
 import logging
-import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-import OpenImageIO as oiio
-
+from ..core.access import AnyWindow
+from ..core.image import Image
+from ..core.op import Space
+from ..core.parameters import Parameter, Words, image, param
+from ..core.source_map import SourceMap, tile_spec
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..images import Image, derived_spec
-from ..op import Op, Reach, Space
-from ..params import Parameter, image, param
+from ..multiscale.graph import Graph
+from ..multiscale.infinite_plane import Plane, graph_images, opened
+from ..multiscale.synthesizer import MOST_LEVEL
 from ..session import Session
-from ..synthesis.exemplars import Graph
-from ..synthesis.multiscale import MOST_LEVEL
-from ..synthesis.planes import Plane, graph_images, opened
-from ..windows import Window
+from .tilereport import FAIL_HELP, REPORT_HELP, Look, Quality
 
 log = logging.getLogger("oiiotex")
 
+FARTHEST = 1 << 60  # px; places on the plane
+
 
 @dataclass(frozen=True, kw_only=True)
-class Multiscale(Op):
+class Multiscale(AnyWindow):
     """A texture without end, of one exemplar or of a graph of them."""
 
-    reach: ClassVar[Reach] = Reach.WINDOW
     space: ClassVar[Space] = Space.LAB
 
     exemplar: Image | None = image(help="the one exemplar; none is taken where graph says them")
@@ -44,8 +47,21 @@ class Multiscale(Op):
     side: int = param(
         256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="of an exemplar's square, at most"
     )
+    paper: bool = param(
+        False,
+        help="HRRG08 by the letter: dims=6, and zooms without end turn anywhere, to anything, and lose their contrast",
+    )
     seed: int | None = param(None, ge=0, le=2**32 - 1, help="same seed, same pixels; the graph's, or 0, when left out")
     data: bool = param(False, help="the channels are no colours: compare them as they are")
+    report: Path | None = param(None, help=REPORT_HELP)
+    fail: Words | None = param(None, help=FAIL_HELP)
+
+    PAPER: ClassVar[dict[str, Any]] = {"dims": 6, "correct": True}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.paper:
+            self.set_together("paper", self.PAPER)
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
@@ -75,20 +91,48 @@ class Multiscale(Op):
             for part in given.parts[1:]:
                 log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, given.source)
         return opened(
-            session, graph, images, self.source, side=self.side, dims=self.dims, correct=self.correct, data=self.data
-        )
+            session, graph, images, self.source, side=self.side, dims=self.dims, correct=self.correct,
+            literal=self.paper, space=self.working_space,
+        )  # fmt: skip
 
-    def refuse_overwriting(self, **named: Any) -> None:
-        """Refuse a file of ours that is what it is made from; it is called by its modifier."""
-        for name, path in named.items():
-            if isinstance(path, Path) and os.path.realpath(path) == os.path.realpath(self.source or os.devnull):
-                raise ParameterError(f"{name}={path} would overwrite what it is made from")
+
+def with_report(
+    quality: Quality, plane: Plane, results: dict[str, Any], source: Callable[[Window], SourceMap] | None = None
+) -> dict[str, Any]:
+    """The op's results with the measures of its image beside the root.
+
+    Parameters
+    ----------
+    quality : Quality
+    plane : Plane
+    results : dict
+        As the op's `compute` gives them, its main image among them.
+    source : callable, optional
+        window -> the pixels of the root that are shown there, where all are copies of these.
+    """
+    main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
+    size = root.side**2, main.spec.width * main.spec.height
+
+    def seen() -> tuple[np.ndarray, list[Look]]:
+        lab = plane.lens.values(main.pixels())[0][..., :3]
+        return root.values[..., :3], [Look(main.name, lab, None if source is None else source(main.window))]
+
+    return replace(quality, size=size, copies=source is not None).add_to(results, seen)
 
 
 def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool = False) -> oiio.ImageSpec:
-    """Of a window of a texture whose root has that spec."""
-    new = derived_spec(spec, display.width, display.height)
+    """The spec of a window of a texture.
+
+    Parameters
+    ----------
+    spec : ImageSpec
+        Of the root exemplar.
+    display, place : Window
+        Display and data window on the plane, px.
+    toroidal : bool
+        The display window goes on in itself along both axes.
+    """
+    new = tile_spec(spec, "xy" if toroidal else "none", (display.width, display.height))
     new.full_x, new.full_y = display.left, display.top
     new.x, new.y, new.width, new.height = place.left, place.top, place.width, place.height
-    new.attribute("wrapmodes", "periodic,periodic" if toroidal else "black,black")
     return new

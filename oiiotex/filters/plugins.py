@@ -4,19 +4,23 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable
 from importlib.metadata import EntryPoint, entry_points
 
-from ..op import Op
+from ..core.op import Op
 
 log = logging.getLogger("oiiotex")
 
 GROUP = "oiiotex.filters"
 
 
-def installed(taken: tuple[type[Op], ...]) -> tuple[type[Op], ...]:
-    """The filter classes of all installed packages, by name; one that is broken is passed over with a warning."""
-    names = {op.name for op in taken}
-    found: list[type[Op]] = []
+def installed(taken: Iterable[str]) -> tuple[type[Op], ...]:
+    """The filter classes of all installed packages, by name; one that is broken is passed over with a warning.
+
+    `taken` are names of filters that there are already.
+    """
+    names = set(taken)
+    ops: list[type[Op]] = []
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
         try:
             op = _loaded(entry, names)
@@ -24,14 +28,14 @@ def installed(taken: tuple[type[Op], ...]) -> tuple[type[Op], ...]:
             log.warning("filter %s of %s is left out: %s", entry.name, entry.value, " ".join(str(error).split()))
             continue
         names.add(op.name)
-        found.append(op)
-    return tuple(found)
+        ops.append(op)
+    return tuple(ops)
 
 
 def _loaded(entry: EntryPoint, names: set[str]) -> type[Op]:
     op = entry.load()
     if not (isinstance(op, type) and issubclass(op, Op)):
-        raise TypeError("it is no subclass of oiiotex.op.Op")
+        raise TypeError("it is no subclass of oiiotex.core.op.Op")
     if not getattr(op, "name", "").isidentifier():
         raise TypeError("it declares no name that is a Python identifier")
     if op.name in names:

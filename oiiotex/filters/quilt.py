@@ -5,22 +5,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from ..core.image import Image, Part
+from ..core.op import Kind, Output
+from ..core.parameters import Words, image, param
+from ..core.source_map import COPIED, ST
 from ..errors import ImageError, ParameterError
-from ..images import Image
-from ..op import Op, Output, Reach, Space
-from ..params import Size, image, param
+from ..exemplar.exemplar_op import LABEL, MASK
+from ..exemplar.photo_lattice import Structured
+from ..quilting.guide_map import SOFT, meaning_of, read_table
+from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
+from ..quilting.quilt_plan import MOST_PATCH, Plan, Renderer
 from ..session import Session
-from ..synthesis.plans import MOST_PATCH, Plan, Renderer
-from .guides import meaning_of
-from .sewing import LEAST_PATCH, Sewing, sewn_image, sewn_whole
-from .sources import LABEL, LABELS, LEVEL, MASK
-from .stationarize import refuse_overwriting
+from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quilting(Op):
+class Quilting(Quilted, Structured):
     """Sew a texture of any size together from patches of a photo, as a stream.
 
     Image quilting (Efros & Freeman, SIGGRAPH 2001): square patches on a regular grid, each the one that fits what is
@@ -32,82 +34,70 @@ class Quilting(Op):
     """
 
     name: ClassVar[str] = "quilt"
-    copies: ClassVar[bool] = True
-    reach: ClassVar[Reach] = Reach.CAUSAL
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("quilt", "pixels copied from the photo, all channels together, in its own colour space and type"),
-        Output(
-            "st", "where every pixel comes from: 32-bit float source coordinates, as --texwarp and --st_warp read them"
-        ),
+        Output("quilt", Kind.PIXELS, COPIED),
+        ST,
+        CARRIED,
+        Output("plan", Kind.ARRAYS, "offsets and cuts", asked_by="plan"),
+        REPORT,
     )
 
-    exemplar: Image = image(help="the photo")
     mask: Image | None = image(None, help=MASK)
-    labels: Image | None = image(None, help=LABELS)
+    label: int | None = param(None, ge=1, help=LABEL)
     guide: Image | None = image(
         None, help="what is to be where: ids of labels, or ids or colours that table gives a meaning; of any size"
     )
-    label: int | None = param(None, ge=1, help=LABEL)
-    level: int | None = param(None, ge=1, help=f"{LEVEL}; of guides, too")
     table: Path | None = param(
         None, help='JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colours of the guide mean'
     )
-    size: Size | None = param(
-        None, ge=1, le=1 << 22, unit="px", help="of the result; the guide's or else the exemplar's when left out"
-    )
-    tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the result tiles")
-    patch: int | None = param(
-        None,
-        ge=LEAST_PATCH,
-        le=MOST_PATCH,
-        unit="px",
-        help="side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less"
-        " where a guide's labels are found in too few places)",
-    )
+    soft: float = param(0.2, ge=0, le=1, help=SOFT)
     overlap: int | None = param(
         None, ge=4, le=MOST_PATCH // 3, unit="px", help="of neighbours, at most patch / 3; patch / 4 when left out"
     )
-    candidates: int = param(256, ge=1, le=65536, help="patches that are tried in a place, at most")
-    reuse: float = param(
-        2.0, ge=1, le=1e9, help="no region of the exemplar is used more often than this times its fair share"
-    )
-    finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
-    guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside colour")
     plan: Path | None = param(None, help="the plan goes to this file (.npz): offsets and cuts")
     render: bool = param(
         False, help="make the result from the plan in that file, of the photo or of any map of its size"
     )
-    stmap: bool | Path = param(False, help="1: source coordinates as part 'st' of the result; a file name: there")
-    keep: bool = param(False, help="label parts of the exemplar follow, made from the same sources")
-    seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
+    report: Path | None = param(None, help=REPORT_HELP)
+    fail: Words | None = param(None, help=FAIL_HELP)
 
-    def compute(self, session: Session) -> Image:
-        """The quilt, followed by what else is asked for."""
-        refuse_overwriting(self.exemplar, self.stmap, self.plan)
-        return self._rendered(session) if self.render else sewn_whole(self, self._sewing(), session)
+    def files(self) -> dict[str, Path]:
+        """With render=1 the plan is read."""
+        return {name: path for name, path in super().files().items() if name != "plan" or not self.render}
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The quilt, and what else can be asked for."""
+        quality = Quality.of_copies(self, session, self.size or (self.guide or self.exemplar).first.window.size)
+        if self.render:
+            return quality.add_to_copies(self._rendered(session))
+        sewing = self._sewing()
+        sewing.require_memory(session)
+        return quality.add_to_copies(sewn_whole(sewing, self.read(session), session))
 
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:
             raise ParameterError("guide and label both say what patches contain: give one of them")
         if self.table is not None and self.guide is None:
             raise ParameterError("table says what a guide means: say guide, too")
-        return Sewing.of(self, meaning=lambda there: meaning_of(self.guide.first, self.table, there))
+        table = None if self.table is None else read_table(self.table, self.soft)
+        return Sewing(
+            op=self, guide=self.guide, level=self.level, size=self.size, patch=self.patch, overlap=self.overlap,
+            structured=self, meaning=lambda there: meaning_of(self.guide.first, table, there),
+        )  # fmt: skip
 
-    def _rendered(self, session: Session) -> Image:
+    def _rendered(self, session: Session) -> dict[str, Part]:
         """From a plan."""
         if self.plan is None:
             raise ParameterError("render=1 makes the result from a plan: plan=FILE says which")
-        said = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap
-        if any(value is not None for value in said):
+        planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap
+        if any(value is not None for value in planned):
             raise ParameterError("render=1 takes everything from the plan; say none of size, patch, mask, label, guide")
-        plan, size = Plan.load(self.plan)
+        plan, size = Plan.load(self.plan, session.budget)
         spec = self.exemplar.first.spec
         if size != (spec.width, spec.height):
             raise ImageError(
                 f"{self.plan} is of an exemplar of {size[0]}x{size[1]}, {self.exemplar.source} is"
                 f" {spec.width}x{spec.height}"
             )
-        made = Renderer.of(session.device, plan, size[0], session.budget)
-        return sewn_image(self, made.sources, plan.grid, session)
+        renderer = Renderer.of(session.device, plan, session.budget)
+        return sewn_parts(self, renderer.sources, plan.grid, session)

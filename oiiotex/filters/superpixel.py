@@ -7,39 +7,38 @@ import logging
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
-from ..analysis.hierarchy import Hierarchy, hierarchy
-from ..analysis.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Superpixels, label_part, superpixels
+from ..color.lab import lens_of
+from ..core.access import ScanThenMap
+from ..core.attributes import SIGMA, SUPERPIXELS
+from ..core.image import Image, Part
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..images import Image
-from ..op import Op, Output, Reach, Space
-from ..params import image, param
 from ..session import Session
-from ..working import lens_of
+from ..superpixels.hierarchy import Hierarchy, hierarchy
+from ..superpixels.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Superpixels, label_part, superpixels
 
 log = logging.getLogger("oiiotex")
 
-SCALE, COUNT = "oiiotex:sigma", "oiiotex:superpixels"  # attributes of the result
-
 
 @dataclass(frozen=True, kw_only=True)
-class Superpixel(Op):
+class Superpixel(ScanThenMap):
     """Cut an image into superpixels: small connected regions of one look.
 
     Fine superpixels are found by SLIC in Lab and merged into coarser ones, guided by a Gaussian stack, so that coarse
     borders are a choice of fine ones (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale
     Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 3). The result is a label map: ids from 1 on,
-    numbered by their first pixel in reading order, 0 where alpha is 0. It streams, and is the same for any tile size
-    or memory budget.
+    numbered by their first pixel in reading order, 0 where alpha is 0, and the same for any tile size or memory
+    budget.
     """
 
     name: ClassVar[str] = "superpixel"
-    reach: ClassVar[Reach] = Reach.GLOBAL
+    carries: ClassVar[bool] = True
     space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("superpixels", "one channel of 32-bit ids, of the image's windows: write it to EXR or TIFF"),
+        Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
+        Output("superpixels", Kind.IDS, "one channel, of the image's windows: write it to EXR or TIFF"),
     )
 
     source: Image = image(help="the image")
@@ -69,55 +68,39 @@ class Superpixel(Op):
     keep: bool = param(False, help="the image stays as first part, the label map follows it")
     data: bool = param(False, help="the channels are no colours: compare them as they are")
 
-    def compute(self, session: Session) -> Image:
-        """The label map, behind the photo where that is kept; the other parts as they are."""
+    def compute(self, session: Session) -> dict[str, Part]:
+        """The label map."""
         if self.sigma is not None and self.count is not None:
             raise ParameterError("sigma and count both choose a level: give one of them")
-        lens = lens_of(self.source, None if self.data else session.color, session.autocc)
-        found = superpixels(
-            self.source,
-            lens,
-            session,
-            sigma=self.finest,
-            compactness=self.compactness,
-            iterations=self.iterations,
-            runs=self.runs,
-            minsize=self.minsize,
-            seed=self.seed,
-            advance=session.advance,
-        )
-        sigma, partition = found.sigma, np.arange(found.count)
+        lens = lens_of(self.source, session, self.working_space)
+        finest = superpixels(
+            self.source, lens, session, sigma=self.finest, compactness=self.compactness, iterations=self.iterations,
+            runs=self.runs, minsize=self.minsize, seed=self.seed, advance=session.advance,
+        )  # fmt: skip
+        sigma, partition = finest.sigma, np.arange(finest.count)
         if self.sigma is not None or self.count is not None:
-            sigma, partition = self._level(found, hierarchy(found, session))
+            sigma, partition = self._level(finest, hierarchy(finest, session))
         count = int(partition.max(initial=-1)) + 1
         log.info("%s: %d superpixels of scale %.1f px", self.flag(), count, sigma)
-        runs = found.runs.relabelled(partition)
-
-        part = label_part(self.source.first, runs)
+        part = label_part(self.source.first, finest.runs.relabelled(partition))
 
         def mark(spec: oiio.ImageSpec) -> None:
-            spec.attribute(SCALE, float(sigma))
-            spec.attribute(COUNT, count)
-            if self.keep:  # else it takes the photo's place, and name
-                spec.attribute("oiio:subimagename", part.name)
+            spec.attribute(SIGMA, float(sigma))
+            spec.attribute(SUPERPIXELS, count)
 
-        part = part.respecced(mark)
-        first, *others = self.source.parts
-        parts = (first, part) if self.keep else (replace(part, name=first.name),)
-        return Image((*parts, *others), self.source.source)
+        # without the photo it takes its place, and name
+        name = part.name if self.keep else self.source.first.name
+        return {"superpixels": replace(part.respecced(mark), name=name)}
 
-    def _level(self, found: Superpixels, levels: Hierarchy) -> tuple[float, np.ndarray]:
+    def _level(self, finest: Superpixels, levels: Hierarchy) -> tuple[float, np.ndarray]:
         """Scale and partition that were asked for, or the nearest there are."""
         if self.count is None:
             level = levels.level_of(self.sigma)
             return float(levels.sigmas[level]), levels.partition(level)
-        count = min(max(self.count, int(levels.counts[-1])), found.count)
+        count = min(max(self.count, int(levels.counts[-1])), finest.count)
         if count != self.count:
             log.warning(
                 "%s: count=%d is not to be had: levels go from %d down to %d",
-                self.flag(),
-                self.count,
-                found.count,
-                levels.counts[-1],
-            )
-        return float(np.sqrt(found.sizes.sum() / count)), levels.partition_of(count)
+                self.flag(), self.count, finest.count, levels.counts[-1],
+            )  # fmt: skip
+        return float(np.sqrt(finest.sizes.sum() / count)), levels.partition_of(count)

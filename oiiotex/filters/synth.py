@@ -3,38 +3,37 @@
 
 from __future__ import annotations
 
-import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
+from ..color.lab_grid import FINE_STEPS
+from ..core.attributes import WINDOW, note
+from ..core.image import Part, spec_beside
+from ..core.op import Kind, Output
+from ..core.parameters import Size, param
+from ..core.source_map import ST, SourceMap
+from ..core.window import Domain, Window
+from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..images import Image, Part
-from ..op import Output
-from ..params import Size, param
+from ..exemplar.photo_lattice import Structured, fitting_size
+from ..multiscale.graph import Graph
+from ..multiscale.infinite_plane import Plane, States
+from ..multiscale.synthesizer import MOST_LEVEL, Synthesizer
+from ..regularity.offset_prices import InStep
 from ..session import Session
-from ..synthesis.exemplars import Graph
-from ..synthesis.multiscale import MOST_LEVEL, Synthesizer
-from ..synthesis.planes import Plane, States
-from ..synthesis.stacks import STEPS
-from ..windows import Window
-from ..writing import write
-from .multiscale import Multiscale, texture_spec
-from .stationarize import source_coordinates
+from .multiscale import FARTHEST, Multiscale, texture_spec, with_report
+from .tilereport import REPORT, Quality
 
 PLANE = "oiiotex:plane"  # the attribute that says of a share what its pixels follow from
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 _SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)
-_FARTHEST = 1 << 60  # px; places of windows
 
 
 @dataclass(frozen=True, kw_only=True)
-class Synth(Multiscale):
+class Synth(Multiscale, Structured):
     """Synthesize a texture without end from one exemplar, or from a graph of exemplars at different scales.
 
     Without `graph` the top image is the one exemplar: a texture of any size grows from it (Lefebvre & Hoppe, Parallel
@@ -48,12 +47,19 @@ class Synth(Multiscale):
     name: ClassVar[str] = "synth"
     copies: ClassVar[bool] = True  # of its source, the one exemplar; with a graph it has no source
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("texture", "pixels copied from the exemplars, all channels, in the root's colour space and type"),
-        Output("st", "32-bit float source coordinates as --texwarp reads them; with graph also the exemplar's number"),
+        Output(
+            "texture",
+            Kind.PIXELS,
+            "pixels copied from the exemplars, all channels, in the root's colour space and type",
+        ),
+        replace(ST, help="where every pixel comes from, as --texwarp reads it; with graph also the exemplar's number"),
         Output(
             "transfer",
+            Kind.COORDINATES,
             "with graph: the offset that was added to each copied pixel, L, a and b of CIE Lab as R, G and B",
+            asked_by="stmap",
         ),
+        REPORT,
     )
 
     size: Size | None = param(
@@ -76,55 +82,67 @@ class Synth(Multiscale):
         """One exemplar without scale edges."""
         return Graph.single(name)
 
-    def compute(self, session: Session) -> Image:
-        """The texture, followed by its source coordinates where they are asked for."""
-        self.refuse_overwriting(stmap=self.stmap)
+    def files(self) -> dict[str, Path]:
+        """One exemplar agrees with itself: there is no transfer."""
+        return {name: path for name, path in super().files().items() if self.graph or name != "transfer"}
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The texture, and its source coordinates."""
+        asked, wrap = self._asked_window(), (self.toroidal, self.toroidal)
+        quality = Quality(op=self, session=session, wrap=wrap, copies=self.graph is None)  # limits are looked at now
         plane = self.opened(session)
         first = plane.root.first
         level = plane.finest + plane.graph.depth() if self.level is None else self.level
-        display, window = self._windows(first.spec)
+        display, window = self._windows(first.spec, asked)
         around = self._around(level, display)
-        settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level)
+        in_step = self._in_step(plane, level, around, session)
+        settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level, in_step=in_step)
         maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
         session.device.collect(session.stats)
         key = plane.key(settings, level) if self.resume or self.tiles else ""
         states = States(session, maker, level, window, display or window, key if self.resume else "")
         spec = texture_spec(first.spec, states.display, states.place, self.toroidal)
         spec.attribute("oiiotex:level", level)
-        spec.attribute("oiiotex:window", str(window))
-        spec.attribute("oiiotex:seed", settings.seed)
+        spec.attribute(WINDOW, str(window))
+        note(spec, "oiiotex:seed", settings.seed)
         if self.tiles:
             spec.attribute(PLANE, key)
-        texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.spec.format)
-        maps = self._maps(plane, states)
-        if isinstance(self.stmap, Path):
-            with session.keeping(self.stmap):
-                write(Image(maps, str(self.stmap)), self.stmap, oiio.TypeDesc(oiio.FLOAT))
-            session.written.add(os.path.realpath(self.stmap))
-        return Image((texture, *(maps if self.stmap is True else ())), self.source)
+        texture = Part(first.name, spec, lambda w: plane.pixels(states.read(w)), first.stored)
+        results = {"texture": texture, **self._maps(plane, states, spec)}
 
-    def _windows(self, spec: oiio.ImageSpec) -> tuple[Window | None, Window]:
-        """(what `size` says, the pixels that are made), both on the plane of the level."""
-        display = None if self.size is None else Window(0, 0, *self.size)
+        def source(window: Window) -> SourceMap:
+            return SourceMap.of(*plane.source(states.read(window)).yx)
+
+        copies = self.graph is None and level >= plane.finest  # of the one exemplar, as it is
+        return with_report(quality, plane, results, source if copies else None)
+
+    def _asked_window(self) -> Window | None:
+        """What `window` says, inside of what `size` says; None where it says nothing."""
+        if self.tiles and not _SHARE.fullmatch(self.tiles):
+            raise ParameterError(f"tiles={self.tiles}: allowed is I/N, I from 1 to N")
         if not self.window:
-            return self._share(display, display or Window(0, 0, spec.width, spec.height))
-        found = _WINDOW.fullmatch(self.window)
-        if not found:
+            return None
+        match = _WINDOW.fullmatch(self.window)
+        if not match:
             raise ParameterError(f"window={self.window}: allowed is WxH+X+Y, such as 1920x1080+0-400")
-        width, height, left, top = map(int, found.groups())
-        if max(width, height) > 1 << 30 or max(abs(left), abs(top)) > _FARTHEST:
+        width, height, left, top = map(int, match.groups())
+        if max(width, height) > 1 << 30 or max(abs(left), abs(top)) > FARTHEST:
             raise ParameterError(f"window={self.window}: allowed are sides up to 2^30 px, places up to 2^60 px away")
         window = Window.sized(left, top, width, height)
-        if display is not None and window & display != window:
+        if self.size is not None and window & Window(0, 0, *self.size) != window:
             raise ParameterError(f"window={self.window} is not inside size={self.size}")
-        return self._share(display, window)
+        return window
 
-    def _share(self, display: Window | None, window: Window) -> tuple[Window | None, Window]:
-        """(display, window) of the share that `tiles` asks for: rows, so that shares are put together by pasting."""
+    def _windows(self, spec: oiio.ImageSpec, asked: Window | None) -> tuple[Window | None, Window]:
+        """(what `size` says, the pixels that are made), both on the plane of the level.
+
+        The share that `tiles` asks for is rows, so that shares are put together by pasting.
+        """
+        display = None if self.size is None else Window(0, 0, *self.size)
+        window = asked or display or Window(0, 0, spec.width, spec.height)
         if not self.tiles:
             return display, window
-        found = _SHARE.fullmatch(self.tiles)
-        share, count = map(int, found.groups()) if found else (0, 0)
+        share, count = map(int, self.tiles.split("/"))
         if not 1 <= share <= count <= window.height:
             raise ParameterError(f"tiles={self.tiles}: allowed is I/N, I from 1 to N, N at most {window.height} rows")
         rows = (window.top + window.height * n // count for n in (share - 1, share))
@@ -142,40 +160,48 @@ class Synth(Multiscale):
             )
         return display.width, display.height
 
-    def _maps(self, plane: Plane, states: States) -> tuple[Part, ...]:
+    def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:
+        """What is kept of the lattice of the one exemplar, in px of its square; with lock or paper nothing."""
+        if self.graph is not None or self.lock or self.paper:
+            return None
+        root = plane.exemplars[0]
+        lattice = self.lattice_of(root.values, root.opaque, session)
+        if lattice is None or around is None:
+            return self.in_step(lattice, Domain(root.side, root.side))
+        zoom = 2.0 ** (level - plane.finest)  # pixels of the level in one of the square
+        fitting_size(self.flag(), lattice.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
+        sides = (max(1, round(n / zoom)) for n in around)
+        return self.in_step(lattice, Domain(*sides, True, True))
+
+    def _maps(self, plane: Plane, states: States, texture: oiio.ImageSpec) -> dict[str, Part]:
         """The parts 'st' and, with a graph, 'transfer'."""
         of = np.array([exemplar for exemplar, _ in plane.analysis.stacks.levels.stacks])
         several = self.graph is not None
 
         def coordinates(window: Window) -> np.ndarray:
-            number, y, x = plane.places(states.read(window))
+            source = plane.source(states.read(window))
+            number = of[source.number]
             out = np.empty((*number.shape, 3 if several else 2), np.float32)
             for n, (given, exemplar) in enumerate(zip(plane.images, plane.exemplars, strict=True)):
-                mine = of[number] == n
-                v, u = ((at[mine] + begin + 0.5) / exemplar.factor - 0.5 for at, begin in (
-                    (y, exemplar.place.top), (x, exemplar.place.left)))  # fmt: skip
-                out[mine, :2] = source_coordinates(v, u, given.first.spec)
+                mine = number == n
+                out[mine, :2] = source[mine].coordinates(given.first.spec, exemplar.place[:2], exemplar.factor)
             if several:
-                out[..., 2] = of[number]
+                out[..., 2] = number
             return out
 
         def transfers(window: Window) -> np.ndarray:
-            return states.read(window).offset[..., :3] * np.float32(1 / STEPS)
+            offset = states.read(window).offset
+            if offset is None:
+                return np.zeros((window.height, window.width, 3), np.float32)
+            return offset[..., :3] * np.float32(1 / FINE_STEPS)
 
-        names = ("R", "G", "id") if several else ("R", "G")
-        found = [("st", names, coordinates)] + ([("transfer", ("R", "G", "B"), transfers)] if several else [])
-        kind = oiio.TypeDesc(oiio.FLOAT)
-        return tuple(
-            Part(name, _map_spec(states, channels), fetch, kind, exact=True) for name, channels, fetch in found
-        )
+        st = Part("st", _spec_of_map(texture, ("R", "G", "id") if several else ("R", "G")), coordinates)
+        transfer = Part("transfer", _spec_of_map(texture, ("R", "G", "B")), transfers)
+        return {"st": st, "transfer": transfer} if several else {"st": st}
 
 
-def _map_spec(states: States, channels: tuple[str, ...]) -> oiio.ImageSpec:
-    """Of a part beside the texture, in the same windows: files of several parts want that."""
-    spec = oiio.ImageSpec(states.place.width, states.place.height, len(channels), oiio.FLOAT)
-    spec.x, spec.y = states.place[:2]
-    spec.full_x, spec.full_y = states.display[:2]
-    spec.full_width, spec.full_height = states.display.width, states.display.height
-    spec.channelnames = channels
-    spec.attribute("oiio:ColorSpace", "data")
+def _spec_of_map(texture: oiio.ImageSpec, channels: tuple[str, ...]) -> oiio.ImageSpec:
+    """Of floats where the texture lies."""
+    spec = spec_beside(texture, channels)
+    spec.attribute(WINDOW, texture.get_string_attribute(WINDOW))
     return spec

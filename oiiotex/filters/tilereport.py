@@ -1,50 +1,375 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What -v says of a texture: how stationary, faithful, seamless, sharp and new it is, by numbers alone."""
+"""How stationary, faithful, seamless, sharp and new a texture is, by numbers alone.
+
+What -v says, report= writes and fail= judges, of every op that synthesizes.
+"""
 
 from __future__ import annotations
 
+import functools
 import logging
+import operator
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
-import numpy as np
-
-from ..analysis.copies import copies_by_source
-from ..analysis.quality import low_frequency, seam_ratio, sharpness, wrap_percentile
-from ..analysis.stationarity import stationarity_cost, texture_cost
+from .. import __version__
+from ..color.lab import working_values
+from ..core.op import Kind, Op, Output
+from ..core.parameters import nearest
+from ..core.source_map import SourceMap
+from ..core.window import Domain
+from ..deferred import np
+from ..errors import ImageError, ParameterError
+from ..patchmatch.matcher import match_patches
+from ..patchmatch.optimization import Recipe
+from ..patchmatch.use_prices import Lost
+from ..regularity.regularity import peaks_over_floor
 from ..session import Session
-from ..synthesis.patchmatch import match_patches, unpack
-from ..synthesis.stationarize import Recipe, Synthesis
+from ..stationarity.costs import stationarity_cost, texture_cost
+from ..stationarity.seam_measures import low_frequency, seam_ratio, sharpness, wrap_percentile
 from .measures import cost_text
 
 log = logging.getLogger("oiiotex")
 
+SCHEMA = "oiiotex.report/1"
+REPORT_MEASURES = {
+    "cost": "how differently it looks from place to place (MJH17 eq. 1): Lab, of moments squared Lab; 0 is stationary",
+    "cost_photo": "the same of the photo",
+    "texture": "squared Lab distance a pixel between its patches and the photo's (MJH17 eq. 5, upper bound)",
+    "seam": "the larger of seam_x and seam_y",
+    "seam_x": "mean jump across the wrap along x over the mean jump inside; 1 is invisible",
+    "seam_x_photo": "the same of the photo",
+    "seam_y": "as seam_x, along y",
+    "seam_y_photo": "the same of the photo",
+    "quieter_x": "per cent of the lines inside that are quieter than the wrap along x; 50 is invisible",
+    "quieter_y": "the same along y",
+    "slow": "standard deviation of L blurred with sigma 16 px, Lab: what repeats visibly when it is tiled",
+    "slow_photo": "the same of the photo",
+    "loss": "share of the photo's sharpness, mean |L - blurred L|, that is gone; below 0: it is sharper",
+    "copied": "share of the pixels that lie in verbatim copies of 8x8 px",
+    "shown": "how often the most repeated region of 32x32 px of the photo is shown",
+    "repeat": "the same over its fair share",
+    "regular": "the least autocorrelation over its floor at the first three steps of the lattice; 1 is perfect",
+    "regular_photo": "the same of the photo",
+    "textured": "share of the patches that are not flat",
+    "textured_photo": "the same of the photo",
+}
+REPORT = Output("report", Kind.TABLE, "measures of the result, for machines", asked_by="report", judged_by="fail")
+REPORT_HELP = "measures of the result go to this file, JSON (docs/report.md)"
+FAIL_HELP = "limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3"
+_OF_COPIES = ("texture", "copied", "shown", "repeat")
+_OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
+_LIMIT = re.compile(r"([a-z_]+)([<>])([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
+_BEYOND = {">": operator.gt, "<": operator.lt}
+_BYTES = 200  # of a pixel of photo or result, held while they are measured
+_MUCH = 0.08  # of a tile: texture that is lost
+_LEAST = 16  # px; a photo or a result that is smaller has nothing to be measured
 
-def report(name: str, photo: np.ndarray, made: Synthesis, recipe: Recipe, session: Session) -> None:
-    """Log the measures of a synthesis from a photo, (height, width, 3) Lab, before and after where both have them."""
-    y, x = unpack(made.source)
-    tile = photo[y, x]
-    sigma, measure, order = recipe.sigma or max(recipe.width, recipe.height) / 32, recipe.measure, recipe.order
-    before = stationarity_cost(photo, sigma, False, False, measure, order)
-    after = stationarity_cost(tile, sigma, recipe.wrap_x, recipe.wrap_y, measure, order, like=photo)
-    log.info("%s: %s at sigma %g px", name, cost_text(after, measure, order, before), sigma)
-    wrap = recipe.wrap_x, recipe.wrap_y
-    field = match_patches(session.device, tile, photo, made.field, recipe.patch, wrap, recipe.seed, session.budget)
-    cost = texture_cost(tile, photo, *unpack(field), recipe.patch)
-    log.info("%s: texture cost %.2f Lab^2 per pixel (MJH17 eq. 5, upper bound by PatchMatch)", name, cost)
-    light, light_before = tile[..., 0], photo[..., 0]
-    for axis, letter, wraps in ((1, "x", recipe.wrap_x), (0, "y", recipe.wrap_y)):
-        if wraps:
-            ratios = seam_ratio(light_before, axis), seam_ratio(light, axis)
-            rank = wrap_percentile(light, axis)
-            log.info(
-                "%s: seam ratio %s %.2f -> %.2f (1 is invisible); %.0f %% of the lines inside are quieter",
-                name, letter, *ratios, rank,
-            )  # fmt: skip
-    slow = low_frequency(light_before), low_frequency(light)
-    log.info("%s: low-frequency energy %.2f -> %.2f Lab (L blurred with sigma 16 px)", name, *slow)
-    loss = 1.0 - sharpness(light) / max(sharpness(light_before), 1e-12)
-    log.info("%s: sharpness loss %.1f %% (mean |L - blurred L|, negative: sharper than the photo)", name, 100 * loss)
-    found = copies_by_source(y, x, photo.shape[:2])
-    log.info(
-        "%s: %.0f %% of the pixels lie in verbatim copies of 8x8 px; the most repeated region of 32x32 is shown %.1f"
-        " times, %.1f times its share", name, 100 * found.exact, found.shown, found.over_fair,
-    )  # fmt: skip
+
+def regularity_of(photo: np.ndarray, source: SourceMap, recipe: Recipe) -> dict[str, float]:
+    """How regular a photo, (height, width, 3) Lab, and its tile are, by the lattice that the recipe keeps."""
+    own = recipe.in_step.lattice
+    lattice, torus = replace(own, frequencies=recipe.in_step.wanted), recipe.wrap_x and recipe.wrap_y
+    tile = source.gather(photo)
+    return {
+        "regular_photo": float(min(peaks_over_floor(photo, own, False))),
+        "regular": float(min(peaks_over_floor(tile, lattice, torus))),
+    }
+
+
+def say_what_was_lost(flag: str, lost: Lost, left_out: bool) -> None:
+    """Log how much of a photo's texture its tile lacks, and warn where that is much.
+
+    Parameters
+    ----------
+    flag : str
+        Of the op.
+    lost : Lost
+    left_out : bool
+        Structures beside the photo's main texture were to be left out, and may be what is lost.
+
+    Raises
+    ------
+    ImageError
+        Most of it is gone where some of the photo is flat.
+    """
+    shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
+    log.info("%s: %s; the rest is flat (an eighth as active as texture, or less)", flag, shares)
+    if lost.share <= _MUCH:
+        return
+    if left_out:
+        log.warning("%s: %s: structures are left out: contrast=0.7 spreads them, preset=keep keeps them", flag, shares)
+        return
+    if lost.own >= 1 - _MUCH:  # no flat part is to blame
+        log.warning("%s: texture is lost: %s: more iterations= keep more", flag, shares)
+        return
+    offer = "leave flat parts out by mask=1 with the mask that --texdominant makes"
+    if lost.shown < 0.5 * lost.own:
+        raise ImageError(f"too much of the texture is lost: {shares}: {offer}")
+    log.warning("%s: texture is lost: %s: %s", flag, shares, offer)
+
+
+class Limit(NamedTuple):
+    """A measure, and beyond what it fails."""
+
+    measure: str
+    relation: str
+    limit: float
+
+    def __str__(self) -> str:
+        return f"{self.measure}{self.relation}{self.limit:g}"
+
+
+@dataclass(frozen=True)
+class Look:
+    """A result as it is measured.
+
+    Attributes
+    ----------
+    name : str
+    lab : (height, width, 3) float32
+    source : SourceMap or None
+        Of the photo, where its pixels are copies.
+    """
+
+    name: str
+    lab: np.ndarray
+    source: SourceMap | None = None
+
+    @classmethod
+    def of_copies(cls, name: str, photo: np.ndarray, source: SourceMap) -> Look:
+        """A result that is made of those pixels of the photo."""
+        return cls(name, source.gather(photo), source)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality:
+    """What is measured of an op's results, and held to which limits; made before the work.
+
+    Attributes
+    ----------
+    op : Op
+        With the parameters `report` and `fail`.
+    session : Session
+    wrap : (bool, bool)
+        The results tile along x, along y.
+    size : (int, int)
+        Pixels of the photo, and of the largest result.
+    copies : bool
+        It is known of which place of the photo every pixel is a copy.
+    losses : bool
+        It is known how much of the photo's texture is lost.
+    sigma : float or None
+        Scale of the stationarity cost, px; longer side / 32 where it is None.
+    contrast : float or None
+        How strongly the overall histogram was held, 0 to 1; None: it was not looked at.
+    measure, order, patch
+        As of --texstationarize.
+    """
+
+    op: Op
+    session: Session
+    wrap: tuple[bool, bool] = (False, False)
+    size: tuple[int, int] = (0, 0)
+    copies: bool = True
+    losses: bool = False
+    sigma: float | None = None
+    contrast: float | None = None
+    measure: str = "histogram"
+    order: int = 2
+    patch: int = 11
+    limits: tuple[Limit, ...] = field(init=False)
+
+    @classmethod
+    def of_copies(
+        cls, op: Op, session: Session, size: tuple[int, int], tile: str | None = None, **more: Any
+    ) -> Quality:
+        """Of results whose pixels are copied from the op's exemplar.
+
+        Parameters
+        ----------
+        op : Op
+            With the parameters `exemplar`, `report` and `fail`.
+        session : Session
+        size : (int, int)
+            Width and height of a result, px.
+        tile : str, optional
+            Along which axes results tile: xy, x, y or none; as the op says when left out.
+        more
+            Further fields.
+        """
+        spec, tile = op.exemplar.first.spec, tile or op.tile
+        sizes = spec.width * spec.height, size[0] * size[1]
+        return cls(op=op, session=session, wrap=("x" in tile, "y" in tile), size=sizes, **more)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "limits", tuple(map(self._limit, self.op.fail or ())))
+        if self.op.report or self.limits:
+            self.session.require(self._memory(), "measuring the result", "leave out report and fail")
+
+    def add_to(
+        self, results: dict[str, Any], seen: Callable[[], tuple[np.ndarray, Iterable[Look]]], **more: float
+    ) -> dict[str, Any]:
+        """The op's results with its report, made where it is asked for; -v logs it now.
+
+        Parameters
+        ----------
+        results : dict
+        seen : callable
+            Gives the photo, (height, width, 3) float32 Lab, and the results as they are measured.
+        more : float
+            Measures that the op has taken.
+        """
+
+        @functools.cache
+        def report() -> dict[str, Any]:
+            with self.session.stats.time("measure"):
+                photo, looks = seen()
+                return self._document([(look, self._measures(photo, look) | more) for look in looks])
+
+        if self.session.measure:
+            need = self._memory()
+            if need > self.session.budget:
+                log.info("%s: not measured: that would need %d MB of memory", self.op.flag(), -(-need >> 20))
+            else:
+                for line in self._lines(report()):
+                    log.info("%s: %s", self.op.flag(), line)
+        return results | {"report": report}
+
+    def add_to_copies(self, results: dict[str, Any]) -> dict[str, Any]:
+        """The same of an op with one exemplar, whose part 'st' says where its pixels come from."""
+        exemplar, main = self.op.exemplar, results[self.op.main().name]
+
+        def seen() -> tuple[np.ndarray, list[Look]]:
+            photo, _ = working_values(exemplar, self.session, self.op.working_space)
+            source = SourceMap.of_coordinates(results["st"].pixels(), exemplar.first.spec, "st")
+            return photo, [Look.of_copies(main.name, photo, source)]
+
+        return self.add_to(results, seen)
+
+    @property
+    def is_asked_for(self) -> bool:
+        """By -v, report or fail."""
+        return bool(self.session.measure or self.op.report or self.limits)
+
+    def _memory(self) -> int:
+        return _BYTES * sum(self.size)
+
+    def _limit(self, text: str) -> Limit:
+        match = _LIMIT.fullmatch(text)
+        if not match:
+            raise ParameterError(f"fail={text}: allowed is NAME>NUMBER or NAME<NUMBER, such as seam>1.3")
+        name, relation, number = match.groups()
+        if name not in REPORT_MEASURES:
+            names = ", ".join(REPORT_MEASURES)
+            raise ParameterError(f"fail={text}: no measure '{name}'{nearest(name, REPORT_MEASURES)}; there is {names}")
+        axes = [axis for axis, wraps in zip("xy", self.wrap, strict=True) if wraps]
+        absent = not self.copies and name in _OF_COPIES
+        absent |= not self.losses and name in _OF_LOSSES
+        absent |= name == "seam" and not axes
+        absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
+        if absent:
+            raise ParameterError(f"fail={text}: {name} is not measured of this result")
+        return Limit(name, relation, float(number))
+
+    # --- measures ---
+
+    def _measures(self, photo: np.ndarray, look: Look) -> dict[str, float]:
+        """By name, those of `REPORT_MEASURES` that this result has."""
+        height, width = look.lab.shape[:2]
+        if min(height, width, *photo.shape[:2]) < _LEAST:
+            raise ImageError(
+                f"{look.name} is {width}x{height}, too small to be measured: {_LEAST} px a side are the least"
+            )
+        sigma = self.sigma or max(height, width) / 32
+        cost = functools.partial(stationarity_cost, sigma=sigma, measure=self.measure, order=self.order)
+        measures = {
+            "cost_photo": cost(photo, domain=Domain(photo.shape[1], photo.shape[0])),
+            "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
+        }
+        light, before = look.lab[..., 0], photo[..., 0]
+        for axis, letter, wraps in ((1, "x", self.wrap[0]), (0, "y", self.wrap[1])):
+            if wraps:
+                measures[f"seam_{letter}_photo"] = seam_ratio(before, axis)
+                measures[f"seam_{letter}"] = seam_ratio(light, axis)
+                measures[f"quieter_{letter}"] = wrap_percentile(light, axis)
+        if any(self.wrap):
+            measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)
+        measures |= {"slow_photo": low_frequency(before), "slow": low_frequency(light)}
+        measures["loss"] = 1.0 - sharpness(light) / max(sharpness(before), 1e-12)
+        if look.source is not None:
+            measures |= self._of_copies(photo, look)
+        return measures
+
+    def _of_copies(self, photo: np.ndarray, look: Look) -> dict[str, float]:
+        from ..stationarity.copy_detection import copies_by_source  # scipy is not loaded before it is needed
+
+        y, x = look.source.yx
+        rows, columns = (
+            n if wraps else n - self.patch + 1 for n, wraps in zip(y.shape, reversed(self.wrap), strict=True)
+        )
+        measures = {}
+        if min(rows, columns, *(n - self.patch + 1 for n in (*y.shape, *photo.shape[:2]))) > 0:
+            last = (n - self.patch for n in photo.shape[:2])
+            start = SourceMap.of(
+                *(np.minimum(at[:rows, :columns], most) for at, most in zip((y, x), last, strict=True))
+            )
+            domain = Domain(y.shape[1], y.shape[0], *self.wrap)
+            matches = match_patches(
+                self.session.device, look.lab, photo, start, self.patch, domain, 0, self.session.budget
+            )
+            measures["texture"] = texture_cost(look.lab, photo, matches, self.patch)
+        copies = copies_by_source(look.source, photo.shape[:2])
+        measures["copied"] = copies.exact
+        repeated = {} if copies.shown is None else {"shown": copies.shown, "repeat": copies.over_fair}
+        return measures | repeated
+
+    # --- what is said of them ---
+
+    def _document(self, measured: list[tuple[Look, dict[str, float]]]) -> dict[str, Any]:
+        """What report= writes; `failed` says in words which limits are passed."""
+        results = [
+            {"name": look.name, "width": look.lab.shape[1], "height": look.lab.shape[0], "measures": measures}
+            for look, measures in measured
+        ]
+        limits, failed = [], []
+        for result in results:
+            for limit in self.limits:
+                value = result["measures"].get(limit.measure)
+                passed = value is not None and not _BEYOND[limit.relation](value, limit.limit)
+                limits.append({"result": result["name"], "limit": str(limit), "value": value, "passed": passed})
+                if not passed:
+                    shown = "not measured" if value is None else f"{value:.4g}"
+                    failed.append(f"{result['name']}: {limit.measure} is {shown}: fail={limit}")
+        header = {"schema": SCHEMA, "version": __version__, "filter": self.op.name}
+        header["parameters"] = self.op.provenance()["oiiotex:parameters"]
+        header |= {"measure": self.measure, "sigma": self.sigma, "contrast": self.contrast}
+        return {**header, "results": results, "limits": limits, "passed": not failed, "failed": failed}
+
+    def _lines(self, report: dict[str, Any]) -> Iterator[str]:
+        """The measures for people."""
+        for result in report["results"]:
+            m, side = result["measures"], max(result["width"], result["height"])
+            cost = cost_text(m["cost"], self.measure, self.order, m["cost_photo"])
+            yield f"{cost} at sigma {self.sigma or side / 32:g} px"
+            if "texture" in m:
+                text = "(MJH17 eq. 5, upper bound by PatchMatch)"
+                yield f"texture cost {m['texture']:.2f} Lab^2 per pixel {text}"
+            for axis in "xy":
+                if f"seam_{axis}" in m:
+                    change = f"{m[f'seam_{axis}_photo']:.2f} -> {m[f'seam_{axis}']:.2f} (1 is invisible)"
+                    yield f"seam ratio {axis} {change}; {m[f'quieter_{axis}']:.0f} % of the lines inside are quieter"
+            slow = f"{m['slow_photo']:.2f} -> {m['slow']:.2f} Lab (L blurred with sigma 16 px)"
+            yield f"low-frequency energy {slow}"
+            yield f"sharpness loss {100 * m['loss']:.1f} % (mean |L - blurred L|, negative: sharper than the photo)"
+            if "regular" in m:
+                change = f"{m['regular_photo']:.2f} -> {m['regular']:.2f}"
+                yield f"regularity {change} (autocorrelation over its floor, the least of three steps of the lattice)"
+            if "copied" in m:
+                copied = f"{100 * m['copied']:.0f} % of the pixels lie in verbatim copies of 8x8 px"
+                if "shown" in m:
+                    shown = f"is shown {m['shown']:.1f} times, {m['repeat']:.1f} times its share"
+                    copied += f"; the most repeated region of 32x32 {shown}"
+                yield copied

@@ -5,25 +5,28 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
+from ..charts.drawing import shown_pixels
+from ..core.image import Part
+from ..core.op import Kind, Output
+from ..core.parameters import Numbers, Size, param
+from ..core.window import Window
+from ..deferred import np
 from ..errors import ParameterError
-from ..images import Image, Part
-from ..op import Output
-from ..params import Numbers, Size, param
+from ..multiscale.graph import LOOP_R, Graph
+from ..multiscale.infinite_plane import Plane
+from ..multiscale.synthesizer import MOST_LEVEL, Synthesizer
+from ..multiscale.zoom import Zoomed, views
 from ..session import Session
-from ..synthesis.exemplars import LOOP_R, Graph
-from ..synthesis.multiscale import MOST_LEVEL, Synthesizer
-from ..synthesis.planes import Plane
-from ..synthesis.zooming import Zoomed, views
-from ..windows import Window
-from .multiscale import Multiscale, texture_spec
+from .multiscale import FARTHEST, Multiscale, texture_spec, with_report
+from .tilereport import REPORT, Quality
 
 log = logging.getLogger("oiiotex")
-
-_FARTHEST = 1 << 60  # px; places of pixels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +41,11 @@ class Zoom(Multiscale):
 
     name: ClassVar[str] = "zoom"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("frame", "all channels, in the root's colour space and type; its display window begins at 0"),
+        Output(
+            "frame", Kind.PIXELS, "all channels, in the root's colour space and type; its display window begins at 0"
+        ),
+        Output("movie", Kind.MOVIE, "the zoom from this frame on, in sRGB", asked_by="movie"),
+        REPORT,
     )
 
     frame: int | None = param(None, frame=True, help="the frame's number; that of --frames, or first, when left out")
@@ -49,36 +56,57 @@ class Zoom(Multiscale):
     )
     at: Numbers | None = param(None, unit="px", help="X,Y: what is zoomed into, in pixels of the root; its middle")
     size: Size | None = param(None, ge=1, le=1 << 16, unit="px", help="of the frame; the root's own when left out")
+    movie: Path | None = param(
+        None, help="a movie to look at goes to this file: .gif by Pillow, .mp4 by ffmpeg where it is in $PATH"
+    )
+    count: int = param(48, ge=2, le=1 << 16, help="frames of the movie, from this one on")
+    rate: float = param(24.0, ge=0.1, le=240, help="frames of the movie in a second")
 
     def single(self, name: str) -> Graph:
         """One exemplar with an edge to itself."""
         return Graph.loop(name, LOOP_R)
 
-    def compute(self, session: Session) -> Image:
+    def compute(self, session: Session) -> dict[str, Any]:
         """The frame."""
         if self.at is not None and len(self.at) != 2:
             raise ParameterError(f"at={self.at}: allowed are two numbers, X,Y")
+        quality = Quality(op=self, session=session, copies=False)  # what is wrong with its limits is said now
         plane = self.opened(session)
         first = plane.root.first
         width, height = self.size or Size(first.spec.width, first.spec.height)
-        zoom = self._zoom(plane)
+        number = self.first if self.frame is None else self.frame
+        zoom = self._zoom(plane, number)
         side = 1 << plane.finest
         at = tuple(Fraction(n) / side for n in self.at or (side / 2, side / 2))
-        if max(map(abs, at)) * 2 ** math.ceil(zoom) > _FARTHEST:
-            raise ParameterError(f"at={self.at}: at {zoom:.6g} octaves it is more than 2^60 px away from 0,0")
+        last = self._zoom(plane, number + self.count - 1) if self.movie else zoom
+        farthest = max(zoom, last)
+        if max(map(abs, at)) * 2 ** math.ceil(farthest) > FARTHEST:
+            raise ParameterError(f"at={self.at}: at {farthest:.6g} octaves it is more than 2^60 px away from 0,0")
+        if self.movie and self.movie.suffix.lower() == ".gif":
+            session.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "take fewer: count=")
         maker = Synthesizer(
             session.device, plane.analysis, plane.settings(seed=self.seed, lock=self.lock), session.budget
         )
         session.device.collect(session.stats)
-        shown = Zoomed(session, plane, maker, views(zoom, at, width, height), width, height)
         whole = Window(0, 0, width, height)
-        spec = texture_spec(first.spec, whole, whole)
-        spec.attribute("oiiotex:zoom", zoom)
-        return Image((Part(first.name, spec, shown.pixels, first.spec.format),), self.source)
 
-    def _zoom(self, plane: Plane) -> float:
-        """How many octaves a pixel of the frame is below one as large as the root."""
-        number = self.first if self.frame is None else self.frame
+        def frame_at(zoom: float) -> Part:
+            shown = Zoomed(session, plane, maker, views(zoom, at, width, height), width, height)
+            spec = texture_spec(first.spec, whole, whole)
+            spec.attribute("oiiotex:zoom", zoom)
+            return Part(first.name, spec, shown.pixels, first.stored)
+
+        def frames() -> Iterator[np.ndarray]:
+            for n in range(self.count):
+                part = frame_at(self._zoom(plane, number + n))
+                yield np.rint(255 * shown_pixels(part.pixels(), part, session)).astype(np.uint8)
+                session.advance(n + 1, self.count)
+
+        results = {"frame": frame_at(zoom), "movie": lambda: (frames(), self.rate)}
+        return with_report(quality, plane, results)
+
+    def _zoom(self, plane: Plane, number: int) -> float:
+        """How many octaves a pixel of the frame of that number is below one as large as the root."""
         begin = plane.finest if self.level is None else self.level
         zoom = begin + self.speed * (number - self.first)
         if not 0 <= zoom <= MOST_LEVEL:
@@ -87,7 +115,8 @@ class Zoom(Multiscale):
                 f" it begins at {begin:.6g} with frame {self.first}, speed={self.speed:.6g}"
             )
         deepest = plane.finest + plane.graph.depth()
-        if zoom > deepest and not any(map(plane.graph.in_loop, range(len(plane.graph.names)))):
+        asked = self.first if self.frame is None else self.frame
+        if number == asked and zoom > deepest and not any(map(plane.graph.in_loop, range(len(plane.graph.names)))):
             log.warning(
                 "%s: frame %d is at %.6g octaves, the finest exemplar ends at %d: its pixels repeat (a graph with an"
                 " edge from an exemplar to itself goes on)", self.name, number, zoom, deepest,

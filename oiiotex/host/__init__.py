@@ -1,37 +1,94 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The host's own ops, through ImageBufAlgo: `OPS` lists them. In Python, ImageBufAlgo itself serves as well."""
+"""The host's own ops, through ImageBufAlgo: `OPS` has them all. In Python, ImageBufAlgo itself serves as well."""
 
-from ..op import Op
-from . import (
-    arithmetic,
-    channels,
-    color,
-    compositing,
-    cropping,
-    cryptomatte,
-    drawing,
-    filtering,
-    metadata,
-    patterns,
-    ranges,
-    scaling,
-    turning,
-    warping,
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+from ..deferred import Shelf
+
+SHELVES = tuple(
+    Shelf(heading, f"{__name__}.{module}", tuple(f"--{name}" for name in names.split()), "OPS")
+    for module, heading, names in (
+        (
+            "arithmetic",
+            "Arithmetic on pixels",
+            "add sub mul div scale absdiff min max mad addc cadd subc csub mulc cmul divc absdiffc powc cpow maxc"
+            " minc abs invert polar unpolar",
+        ),
+        (
+            "ranges",
+            "Ranges of values: contrast, clamping, noise, repair",
+            "clamp contrast saturate rangecompress rangeexpand normalize noise fixnan",
+        ),
+        (
+            "compositing",
+            "Compositing, and colours by alpha",
+            "over zover premult unpremult repremult",
+        ),
+        (
+            "channels",
+            "Channels: choosing, naming, summing, mapping",
+            "ch nchannels chappend chnames chsum maxchan minchan colormap",
+        ),
+        (
+            "color",
+            "Colour management, by OpenColorIO inside OpenImageIO",
+            "iscolorspace tocolorspace colorconvert ccmatrix ociolook ociodisplay ociofiletransform ocionamedtransform",
+        ),
+        (
+            "cryptomatte",
+            "Cryptomatte",
+            "cryptomatte-colors",
+        ),
+        (
+            "metadata",
+            "Metadata, and windows without pixels",
+            "attrib sattrib eraseattrib caption keyword clear-keywords orientation orientcw rotcw orientccw"
+            " rotccw orient180 rot180 origin originoffset fullsize fullpixels cicp iccread pastemeta",
+        ),
+        (
+            "cropping",
+            "Ops on windows: crops, cuts, pastes, mosaics",
+            "crop croptofull cut trim paste mosaic",
+        ),
+        (
+            "turning",
+            "Ops that turn the image over or move its pixels round",
+            "flip flop rotate180 flipflop rotate90 rotate270 transpose reorient cshift",
+        ),
+        (
+            "scaling",
+            "Ops that change the size",
+            "resize resample fit pixelaspect",
+        ),
+        (
+            "warping",
+            "Ops that resample at slanted or arbitrary places, and what they share with the scalings",
+            "warp rotate st_warp",
+        ),
+        (
+            "filtering",
+            "Filters that look at a neighbourhood, or at all of the image",
+            "blur convolve median dilate erode unsharp laplacian fillholes fft ifft decorrstretch demosaic",
+        ),
+        (
+            "drawing",
+            "Ops that draw on a copy of the image",
+            "box line point text fill",
+        ),
+        (
+            "patterns",
+            "Images out of nothing",
+            "create pattern kernel",
+        ),
+    )
 )
 
-OPS: tuple[type[Op], ...] = (
-    *arithmetic.OPS,
-    *ranges.OPS,
-    *compositing.OPS,
-    *channels.OPS,
-    *color.OPS,
-    *cryptomatte.OPS,
-    *metadata.OPS,
-    *cropping.OPS,
-    *turning.OPS,
-    *scaling.OPS,
-    *warping.OPS,
-    *filtering.OPS,
-    *drawing.OPS,
-    *patterns.OPS,
-)
+
+def __getattr__(name: str) -> Any:
+    """`OPS`: all of them, in the order of help."""
+    if name == "OPS":
+        return tuple(itertools.chain.from_iterable(shelf.declarations for shelf in SHELVES))
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -3,19 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.image import Image
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, image, param
+from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
-from ..images import Image
-from ..op import Op
-from ..params import Numbers, argument, image, param
-from .kinds import Point
+from .kinds import PointOp
 
 
 def per_channel(given: Sequence[float], count: int, neutral: float) -> tuple[float, ...]:
@@ -25,14 +22,14 @@ def per_channel(given: Sequence[float], count: int, neutral: float) -> tuple[flo
 
 
 @dataclass(frozen=True, kw_only=True)
-class OneImage(Point):
+class OneImage(PointOp):
     """One image, pixel by pixel."""
 
     source: Image = image(help="the image")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwoImages(Point):
+class TwoImages(PointOp):
     """Two images, pixel by pixel."""
 
     a: Image = image(help="the first image")
@@ -43,14 +40,13 @@ class TwoImages(Point):
 class ImageAndValues(OneImage):
     """An image and a value for all channels, or one for each."""
 
-    function: ClassVar[Callable[..., oiio.ImageBuf]]
     neutral: ClassVar[float] = 0.0  # for channels that get no value
 
     value: Numbers = argument(help="one value for all channels, or one for each")
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The function of the image and a value for every channel."""
-        return type(self).function(*buffers, per_channel(self.value, buffers[0].nchannels, self.neutral))
+        return self.of_buffers(*buffers, per_channel(self.value, buffers[0].nchannels, self.neutral))
 
 
 # --- two images ---
@@ -61,10 +57,7 @@ class Add(TwoImages):
     """Add two images."""
 
     name: ClassVar[str] = "add"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A + B."""
-        return ImageBufAlgo.add(*buffers)
+    function = "add"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,10 +65,7 @@ class Subtract(TwoImages):
     """Subtract the second image from the first."""
 
     name: ClassVar[str] = "sub"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A - B."""
-        return ImageBufAlgo.sub(*buffers)
+    function = "sub"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,10 +73,7 @@ class Multiply(TwoImages):
     """Multiply two images."""
 
     name: ClassVar[str] = "mul"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A * B."""
-        return ImageBufAlgo.mul(*buffers)
+    function = "mul"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,10 +81,7 @@ class Divide(TwoImages):
     """Divide the first image by the second; what is divided by 0 becomes 0."""
 
     name: ClassVar[str] = "div"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A / B."""
-        return ImageBufAlgo.div(*buffers)
+    function = "div"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,10 +89,7 @@ class Scale(TwoImages):
     """Scale all channels of one image by the single channel of the other."""
 
     name: ClassVar[str] = "scale"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A * B, one of which has a single channel."""
-        return ImageBufAlgo.scale(*buffers)
+    function = "scale"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,10 +97,7 @@ class AbsoluteDifference(TwoImages):
     """Take the absolute difference of two images."""
 
     name: ClassVar[str] = "absdiff"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """|A - B|."""
-        return ImageBufAlgo.absdiff(*buffers)
+    function = "absdiff"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,10 +105,7 @@ class Minimum(TwoImages):
     """Take the smaller value of two images; channels that only one of them has are its own."""
 
     name: ClassVar[str] = "min"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The smaller of A and B."""
-        return ImageBufAlgo.min(*buffers)
+    function = "min"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +118,7 @@ class Maximum(TwoImages):
         """The larger of A and B."""
         a, b = buffers
         # OpenImageIO's max reads past the pixel of the image that has fewer channels
-        return ImageBufAlgo.max(_widened(a, b), _widened(b, a))
+        return oiio.ImageBufAlgo.max(_widened(a, b), _widened(b, a))
 
 
 def _widened(buffer: oiio.ImageBuf, other: oiio.ImageBuf) -> oiio.ImageBuf:
@@ -166,7 +141,7 @@ def _widened(buffer: oiio.ImageBuf, other: oiio.ImageBuf) -> oiio.ImageBuf:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MultiplyAdd(Point):
+class MultiplyAdd(PointOp):
     """Multiply two images and add a third."""
 
     name: ClassVar[str] = "mad"
@@ -182,7 +157,7 @@ class MultiplyAdd(Point):
             raise ImageError(
                 f"the images must have the same number of channels; they have {counts[0]}, {counts[1]} and {counts[2]}"
             )
-        return ImageBufAlgo.mad(*buffers)
+        return oiio.ImageBufAlgo.mad(*buffers)
 
 
 # --- an image and values ---
@@ -194,7 +169,7 @@ class AddValues(ImageAndValues):
 
     name: ClassVar[str] = "addc"
     aliases: ClassVar[tuple[str, ...]] = ("--cadd",)
-    function = ImageBufAlgo.add
+    function = "add"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,7 +178,7 @@ class SubtractValues(ImageAndValues):
 
     name: ClassVar[str] = "subc"
     aliases: ClassVar[tuple[str, ...]] = ("--csub",)
-    function = ImageBufAlgo.sub
+    function = "sub"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +187,7 @@ class MultiplyValues(ImageAndValues):
 
     name: ClassVar[str] = "mulc"
     aliases: ClassVar[tuple[str, ...]] = ("--cmul",)
-    function = ImageBufAlgo.mul
+    function = "mul"
     neutral = 1.0
 
 
@@ -221,7 +196,7 @@ class DivideValues(ImageAndValues):
     """Divide all channels by a value, or each by its own; what is divided by 0 becomes 0."""
 
     name: ClassVar[str] = "divc"
-    function = ImageBufAlgo.div
+    function = "div"
     neutral = 1.0
 
 
@@ -230,7 +205,7 @@ class AbsoluteDifferenceValues(ImageAndValues):
     """Take the absolute difference from a value, or for each channel from its own."""
 
     name: ClassVar[str] = "absdiffc"
-    function = ImageBufAlgo.absdiff
+    function = "absdiff"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,7 +214,7 @@ class Power(ImageAndValues):
 
     name: ClassVar[str] = "powc"
     aliases: ClassVar[tuple[str, ...]] = ("--cpow",)
-    function = ImageBufAlgo.pow
+    function = "pow"
     neutral = 1.0
 
 
@@ -248,7 +223,7 @@ class MaximumValues(ImageAndValues):
     """Raise what is smaller to a value, or in each channel to its own."""
 
     name: ClassVar[str] = "maxc"
-    function = ImageBufAlgo.max
+    function = "max"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,7 +231,7 @@ class MinimumValues(ImageAndValues):
     """Lower what is larger to a value, or in each channel to its own."""
 
     name: ClassVar[str] = "minc"
-    function = ImageBufAlgo.min
+    function = "min"
 
 
 # --- one image ---
@@ -267,10 +242,7 @@ class Absolute(OneImage):
     """Take the absolute value."""
 
     name: ClassVar[str] = "abs"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """|A|."""
-        return ImageBufAlgo.abs(*buffers)
+    function = "abs"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,8 +264,8 @@ class Invert(OneImage):
             )
         roi = source.roi
         roi.chbegin, roi.chend = self.chbegin, end
-        result = ImageBufAlgo.copy(source)
-        ImageBufAlgo.invert(result, source, roi)
+        result = oiio.ImageBufAlgo.copy(source)
+        oiio.ImageBufAlgo.invert(result, source, roi)
         return result
 
 
@@ -302,10 +274,7 @@ class ComplexToPolar(OneImage):
     """Turn two channels (real, imaginary) into (amplitude, phase)."""
 
     name: ClassVar[str] = "polar"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Amplitude and phase."""
-        return ImageBufAlgo.complex_to_polar(*buffers)
+    function = "complex_to_polar"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,10 +282,7 @@ class PolarToComplex(OneImage):
     """Turn two channels (amplitude, phase) into (real, imaginary)."""
 
     name: ClassVar[str] = "unpolar"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Real and imaginary."""
-        return ImageBufAlgo.polar_to_complex(*buffers)
+    function = "polar_to_complex"
 
 
 OPS: tuple[type[Op], ...] = (

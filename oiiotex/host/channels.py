@@ -11,34 +11,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.image import Image, Part
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, image, param
+from ..deferred import oiio
 from ..errors import ParameterError
-from ..images import Image, Part
-from ..op import Op
-from ..params import Numbers, argument, image, param
 from ..session import Session
 from .arithmetic import OneImage, per_channel
-from .kinds import Point, Respec, pointwise
+from .kinds import PointOp, Respec, pointwise
 
 log = logging.getLogger("oiiotex")
 
 _DEFAULT_NAMES = ("R", "G", "B", "A", "Z")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _MAPS = (
-    "inferno",
-    "viridis",
-    "magma",
-    "turbo",
-    "plasma",
-    "blue-red",
-    "red-blue",
-    "bluered",
-    "redblue",
-    "spectrum",
-    "heat",
-)
+    "inferno", "viridis", "magma", "turbo", "plasma", "blue-red", "red-blue", "bluered", "redblue", "spectrum", "heat",
+)  # fmt: skip
 
 
 class Chosen(NamedTuple):
@@ -84,11 +72,11 @@ def _chosen(word: str, place: int, names: Sequence[str]) -> Chosen:
         return Chosen(float(old), new or default)
     if not old:
         return Chosen(0.0, new or default)
-    found = _index(old, names)
-    if found is None:
+    source = _index(old, names)
+    if source is None:
         log.warning("there is no channel '%s', it is filled with 0; there is %s", old, ", ".join(names))
         return Chosen(0.0, new or default)
-    return Chosen(found, new or names[found])
+    return Chosen(source, new or names[source])
 
 
 def _index(name: str, names: Sequence[str]) -> int | None:
@@ -118,7 +106,7 @@ class ChosenChannels(OneImage):
         """The result, not yet computed."""
         chosen = self.chosen(parts[0].spec)
         order, names = tuple(c.source for c in chosen), tuple(c.name for c in chosen)
-        return pointwise(parts, parts[0].window, lambda source: ImageBufAlgo.channels(source, order, names))
+        return pointwise(parts, parts[0].window, lambda source: oiio.ImageBufAlgo.channels(source, order, names))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +136,7 @@ class ChannelCount(ChosenChannels):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AppendChannels(Point):
+class AppendChannels(PointOp):
     """Append the channels of the last images to each other."""
 
     name: ClassVar[str] = "chappend"
@@ -163,7 +151,9 @@ class AppendChannels(Point):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """All channels; appended from the top of the stack down, on which the names of equal ones depend."""
-        return functools.reduce(lambda appended, below: ImageBufAlgo.channel_append(below, appended), reversed(buffers))
+        return functools.reduce(
+            lambda appended, below: oiio.ImageBufAlgo.channel_append(below, appended), reversed(buffers)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,10 +183,10 @@ class FromChannels(OneImage):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
-        made = super().result(parts, session)
-        spec = oiio.ImageSpec(made.spec)
+        part = super().result(parts, session)
+        spec = oiio.ImageSpec(part.spec)
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = spec.x, spec.y, spec.width, spec.height
-        return dataclasses.replace(made, spec=spec)
+        return dataclasses.replace(part, spec=spec)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,7 +199,7 @@ class ChannelSum(FromChannels):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The weighted sum."""
-        return ImageBufAlgo.channel_sum(*buffers, per_channel(self.weight, buffers[0].nchannels, 1.0))
+        return oiio.ImageBufAlgo.channel_sum(*buffers, per_channel(self.weight, buffers[0].nchannels, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,10 +207,7 @@ class ChannelMaximum(FromChannels):
     """Take the largest of the channels."""
 
     name: ClassVar[str] = "maxchan"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The largest value of each pixel."""
-        return ImageBufAlgo.maxchan(*buffers)
+    function = "maxchan"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,10 +215,7 @@ class ChannelMinimum(FromChannels):
     """Take the smallest of the channels."""
 
     name: ClassVar[str] = "minchan"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The smallest value of each pixel."""
-        return ImageBufAlgo.minchan(*buffers)
+    function = "minchan"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,8 +243,8 @@ class ColorMap(FromChannels):
         """The colours of the map."""
         knots = self._knots()
         if knots is None:
-            return ImageBufAlgo.color_map(*buffers, -1, self.map)
-        return ImageBufAlgo.color_map(*buffers, -1, len(knots) // 3, 3, knots)
+            return oiio.ImageBufAlgo.color_map(*buffers, -1, self.map)
+        return oiio.ImageBufAlgo.color_map(*buffers, -1, len(knots) // 3, 3, knots)
 
 
 OPS: tuple[type[Op], ...] = (

@@ -5,18 +5,17 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
-from ..color import TAG
+from ..core.access import Pointwise
+from ..core.attributes import TAG
+from ..core.image import Image, Part, channels_of
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, image, param
+from ..deferred import np, oiio
 from ..errors import ColorError, ImageError, ParameterError
-from ..images import Image, Part, channels_of
-from ..op import Op, Reach
-from ..params import Numbers, argument, image, param
+from ..io.documents import require_regular
 from ..session import Session
 from .kinds import HostOp, Respec, checked, pointwise, worked
 
@@ -41,16 +40,15 @@ class IsColorSpace(Respec):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The part under its new spec."""
-        if self.space:
-            session.color.resolve(self.space)
-        return super().result(parts, session)
+        if not self.space:
+            return super().result(parts, session)
+        session.color.resolve(self.space)
+        return super(IsColorSpace, replace(self, space=session.color.known_name(self.space))).result(parts, session)
 
 
 @dataclass(frozen=True, kw_only=True)
-class OnColor(HostOp):
+class OnColor(HostOp, Pointwise):
     """Works on colour alone: on R, G, B (by name, else the first three) and alpha; further channels are copied."""
-
-    reach: ClassVar[Reach] = Reach.POINT
 
     source: Image = image(help="the image")
     unpremult: bool = param(False, help=_UNPREMULT)
@@ -70,7 +68,7 @@ class OnColor(HostOp):
         def convert(colour: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
                 return checked(self.convert(colour, path))
-            except ImageError as error:
+            except (ImageError, RuntimeError) as error:  # OpenImageIO may take braces in names for its own
                 known = ", ".join(self.known(session.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
@@ -95,13 +93,13 @@ def converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.Ima
     narrow.alpha_channel, narrow.z_channel = -1 if channels.alpha is None else 3, -1
     buffer = oiio.ImageBuf(narrow)
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(colour))
-    done = convert(buffer)
-    colour = done.get_pixels(spec.format, done.roi)
+    output = convert(buffer)
+    colour = output.get_pixels(spec.format, output.roi)
     pixels = pixels.copy()
     pixels[..., list(channels.colour)] = colour[..., :count]
     if channels.alpha is not None:
         pixels[..., channels.alpha] = colour[..., 3]
-    wide = oiio.ImageSpec(done.spec())
+    wide = oiio.ImageSpec(output.spec())
     wide.nchannels, wide.channelnames = spec.nchannels, spec.channelnames
     wide.alpha_channel, wide.z_channel = spec.alpha_channel, spec.z_channel
     result = oiio.ImageBuf(wide)
@@ -138,14 +136,17 @@ class Converting(OnColor):
         """In the other space."""
         source, target = self.spaces()
         source = _space(source, colour.spec())
-        return ImageBufAlgo.colorconvert(colour, source, target, self.unpremult, self.key, self.value, config)
+        return oiio.ImageBufAlgo.colorconvert(colour, source, target, self.unpremult, self.key, self.value, config)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
+        names = {n: session.color.known_name(s) for n, s in vars(self).items() if n in ("from_space", "to_space")}
         try:
-            return super().result(parts, session)
+            return super(Converting, replace(self, **names)).result(parts, session)
         except ColorError as error:
             if self.strict:
+                for name in {*self.spaces()} - {"", "current"}:
+                    session.color.resolve(name)  # it says more
                 raise
             log.warning("%s: %s; the image stays as it is", self.flag(), error)
             return worked(parts[0])
@@ -218,7 +219,7 @@ class ColorMatrix(OnColor):
 
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """Multiplied."""
-        return ImageBufAlgo.colormatrixtransform(colour, tuple(self._matrix().ravel()), self.unpremult)
+        return oiio.ImageBufAlgo.colormatrixtransform(colour, tuple(self._matrix().ravel()), self.unpremult)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,7 +242,7 @@ class Look(OnColor):
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """With the look."""
         source, target = _space(self.from_, colour.spec()), _space(self.to, colour.spec())
-        return ImageBufAlgo.ociolook(
+        return oiio.ImageBufAlgo.ociolook(
             colour, self.look, source, target, self.unpremult, self.inverse, self.key, self.value, config
         )
 
@@ -271,7 +272,7 @@ class Display(OnColor):
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """As displayed."""
         source = _space(self.from_, colour.spec())
-        return ImageBufAlgo.ociodisplay(
+        return oiio.ImageBufAlgo.ociodisplay(
             colour,
             self.display,
             self.view,
@@ -294,9 +295,13 @@ class FileTransform(OnColor):
     file: str = argument(help="the file, where it lies or in the config's search path")
     inverse: bool = param(False, help="undo it")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_regular(self.file)
+
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """Transformed."""
-        return ImageBufAlgo.ociofiletransform(colour, self.file, self.unpremult, self.inverse, config)
+        return oiio.ImageBufAlgo.ociofiletransform(colour, self.file, self.unpremult, self.inverse, config)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,7 +321,7 @@ class NamedTransform(OnColor):
 
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """Transformed."""
-        return ImageBufAlgo.ocionamedtransform(
+        return oiio.ImageBufAlgo.ocionamedtransform(
             colour, self.transform, self.unpremult, self.inverse, self.key, self.value, config
         )
 

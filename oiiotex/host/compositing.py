@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
-from ..images import Part
-from ..op import Op
-from ..params import param
+from ..core.image import Part
+from ..core.op import Op
+from ..core.parameters import param
+from ..deferred import oiio
 from ..session import Session
 from .arithmetic import OneImage, TwoImages
 from .kinds import worked
@@ -32,10 +30,7 @@ class Over(TwoImages):
     """Put the first image over the second, by its alpha."""
 
     name: ClassVar[str] = "over"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A over B."""
-        return ImageBufAlgo.over(*buffers)
+    function = "over"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +43,7 @@ class DepthOver(TwoImages):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The nearer over the farther."""
-        return ImageBufAlgo.zover(*buffers, self.zeroisinf)
+        return oiio.ImageBufAlgo.zover(*buffers, self.zeroisinf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +60,7 @@ class Premultiply(ByAlpha):
     """Multiply the colour by alpha."""
 
     name: ClassVar[str] = "premult"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Premultiplied."""
-        return ImageBufAlgo.premult(*buffers)
+    function = "premult"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,10 +68,7 @@ class Unpremultiply(ByAlpha):
     """Divide the colour by alpha."""
 
     name: ClassVar[str] = "unpremult"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Unpremultiplied."""
-        return ImageBufAlgo.unpremult(*buffers)
+    function = "unpremult"
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
@@ -92,10 +81,7 @@ class Repremultiply(ByAlpha):
     """Multiply the colour by alpha, but leave it where alpha is 0."""
 
     name: ClassVar[str] = "repremult"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Premultiplied once more."""
-        return ImageBufAlgo.repremult(*buffers)
+    function = "repremult"
 
 
 OPS: tuple[type[Op], ...] = (Over, DepthOver, Premultiply, Unpremultiply, Repremultiply)

@@ -7,16 +7,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.access import Gather, ScanThenMap
+from ..core.demand import bands
+from ..core.image import Image, Part, derived_spec
+from ..core.op import Op
+from ..core.parameters import Size, argument, image, param
+from ..core.window import Window
+from ..deferred import oiio
 from ..errors import ParameterError
-from ..images import Image, Part, derived_spec
-from ..op import Op, Reach
-from ..params import Size, argument, image, param
 from ..session import Session
-from ..tiles import bands
-from ..windows import Window
 from .geometry_text import box_of, parse_box, parse_offset
 from .kinds import Hosted, Remap, remapped
 from .scaling import Fit
@@ -48,7 +47,7 @@ class Cropped(Remap):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Cropped or padded."""
-        return ImageBufAlgo.crop(*buffers, roi=Window.data(target).roi(target.nchannels))
+        return oiio.ImageBufAlgo.crop(*buffers, roi=Window.data(target).roi(target.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +104,7 @@ class Cut(Crop):
 
         def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
             there = Window.data(spec).shifted(origin.left, origin.top)
-            result = ImageBufAlgo.crop(buffer, roi=there.roi(spec.nchannels))
+            result = oiio.ImageBufAlgo.crop(buffer, roi=there.roi(spec.nchannels))
             changed = result.specmod()
             changed.x, changed.y = spec.x, spec.y
             result.set_full(target.full_x, target.full_width, target.full_y, target.full_height, 0, 1)
@@ -115,58 +114,51 @@ class Cut(Crop):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trim(Hosted):
+class Trim(Hosted, ScanThenMap):
     """Crop all parts to the smallest window around all that is not zero in any of them."""
 
     name: ClassVar[str] = "trim"
-    reach: ClassVar[Reach] = Reach.GLOBAL
 
     source: Image = image(help="the image")
 
     def compute(self, session: Session) -> Image:
         """One data window for all parts, as many programs expect of a file."""
-        found: Window | None = None
+        window: Window | None = None
         for part in self.source.parts:
             nonzero = _nonzero(part)
             if nonzero is not None:
-                found = nonzero if found is None else found | nonzero
-        if found is None:  # all is zero: one such pixel is left
+                window = nonzero if window is None else window | nonzero
+        if window is None:  # all is zero: one such pixel is left
             whole = self.source.first.window
-            found = Window.sized(whole.left, whole.top, 1, 1)
-        crop = Crop(source=self.source, size=str(found), allsubimages=True)
-        return crop.compute(session)
+            window = Window.sized(whole.left, whole.top, 1, 1)
+        return Crop(source=self.source, size=str(window), allsubimages=True).compute(session)
 
 
 def _nonzero(part: Part) -> Window | None:
-    found: Window | None = None
+    window: Window | None = None
     for band in bands(part):
-        roi = ImageBufAlgo.nonzero_region(part.buffer(band))
+        roi = oiio.ImageBufAlgo.nonzero_region(part.buffer(band))
         if roi.npixels:
-            there = Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend)
-            found = there if found is None else found | there
-    return found
+            nonzero = Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend)
+            window = nonzero if window is None else window | nonzero
+    return window
 
 
-def pasted(
-    spec: oiio.ImageSpec,
-    window: Window,
-    placed: Iterable[tuple[Part, int, int]],
-) -> oiio.ImageBuf:
+def pasted(spec: oiio.ImageSpec, window: Window, placed: Iterable[tuple[Part, int, int]]) -> oiio.ImageBuf:
     """A window of an image put together from others, the later ones over the earlier, each moved by (x, y)."""
     buffer = oiio.ImageBuf(window.apply_to(spec))
     for part, x, y in placed:
         seen = window.shifted(-x, -y) & part.window
         if not seen.empty:
-            ImageBufAlgo.paste(buffer, x, y, 0, 0, part.buffer(seen))
+            oiio.ImageBufAlgo.paste(buffer, x, y, 0, 0, part.buffer(seen))
     return buffer
 
 
 @dataclass(frozen=True, kw_only=True)
-class Paste(Hosted):
+class Paste(Hosted, Gather):
     """Paste the image below the top over the top one, or all over the top one."""
 
     name: ClassVar[str] = "paste"
-    reach: ClassVar[Reach] = Reach.POINT
 
     sources: tuple[Image, ...] = image(help="the background last, what is pasted before it, the nearest first")
     position: str = argument(help="+X+Y: how far what is pasted moves; - or auto: it stays where it is")
@@ -195,11 +187,10 @@ class Paste(Hosted):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mosaic(Hosted):
+class Mosaic(Hosted, Gather):
     """Put images together in rows and columns; where they are too few, the rest stays black."""
 
     name: ClassVar[str] = "mosaic"
-    reach: ClassVar[Reach] = Reach.POINT
 
     sources: tuple[Image, ...] = image(help="the images, row by row")
     size: Size = argument(ge=1, help="columns x rows")

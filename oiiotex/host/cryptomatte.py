@@ -7,18 +7,16 @@ import re
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
+from ..core.image import Image
+from ..core.op import Op
+from ..core.parameters import argument, image
+from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..images import Image
-from ..op import Op
-from ..params import argument, image
-from .kinds import Point
+from .kinds import PointOp
 
 
 @dataclass(frozen=True, kw_only=True)
-class CryptomatteColors(Point):
+class CryptomatteColors(PointOp):
     """Show the ids of a Cryptomatte layer as colours."""
 
     name: ClassVar[str] = "cryptomatte-colors"

@@ -7,27 +7,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.access import Pointwise
+from ..core.image import Image, Part, derived_spec
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, image, param
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..images import Image, Part, derived_spec
-from ..op import Op, Reach
-from ..params import Numbers, argument, image, param
 from ..session import Session
-from ..windows import Window
+from .arithmetic import per_channel
 from .geometry_text import box_of, parse_box
 from .kinds import HostOp, checked, worked
 
 _FAR = 1 << 28  # coordinates beyond it overflow where lines are drawn
-_F = np.float32
 
 
 def colour_of(given: Numbers | None, count: int) -> tuple[float, ...]:
     """One value for all channels, or one for each; 1 for those that get none."""
-    values = tuple(given or ())[:count]
-    return values * count if given is not None and len(given) == 1 else values + (1.0,) * (count - len(values))
+    return per_channel(given or (), count, 1.0)
 
 
 def gradient(corners: Sequence[Sequence[float]], region: Window, window: Window) -> np.ndarray:
@@ -42,17 +39,17 @@ def gradient(corners: Sequence[Sequence[float]], region: Window, window: Window)
     -------
     array of float32, (height, width, channels)
     """
-    colours = [np.array(colour, _F) for colour in corners]
-    y = np.arange(window.top - region.top, window.bottom - region.top).astype(_F)
-    v = (y / _F(max(1, region.height - 1)))[:, None, None]
+    colours = [np.array(colour, np.float32) for colour in corners]
+    y = np.arange(window.top - region.top, window.bottom - region.top).astype(np.float32)
+    v = (y / np.float32(max(1, region.height - 1)))[:, None, None]
     if len(colours) == 2:
-        rows = colours[0] * (_F(1) - v) + colours[1] * v
+        rows = colours[0] * (np.float32(1) - v) + colours[1] * v
         return np.broadcast_to(rows, (window.height, window.width, rows.shape[2]))
-    x = np.arange(window.left - region.left, window.right - region.left).astype(_F)
-    u = (x / _F(max(1, region.width - 1)))[None, :, None]
-    above = colours[0] * (_F(1) - u) + colours[1] * u
-    below = colours[2] * (_F(1) - u) + colours[3] * u
-    return (_F(1) - v) * above + v * below
+    x = np.arange(window.left - region.left, window.right - region.left).astype(np.float32)
+    u = (x / np.float32(max(1, region.width - 1)))[None, :, None]
+    above = colours[0] * (np.float32(1) - u) + colours[1] * u
+    below = colours[2] * (np.float32(1) - u) + colours[3] * u
+    return (np.float32(1) - v) * above + v * below
 
 
 def corners_of(count: int, given: Mapping[str, Numbers | None]) -> tuple[tuple[float, ...], ...]:
@@ -66,10 +63,10 @@ def corners_of(count: int, given: Mapping[str, Numbers | None]) -> tuple[tuple[f
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn(HostOp):
+class Drawn(HostOp, Pointwise):
     """The image with something drawn on it, at absolute coordinates."""
 
-    reach: ClassVar[Reach] = Reach.POINT
+    keeps: ClassVar[bool] = True
 
     source: Image = image(help="the image")
 
@@ -90,20 +87,15 @@ class Drawn(HostOp):
         self.draw(oiio.ImageBuf(Window.sized(spec.x, spec.y, 1, 1).apply_to(spec)), spec)  # what is wrong shows now
         return Part(part.name, spec, fetch)
 
-    def compute(self, session: Session) -> Image:
-        """The image with all its parts; those not worked on stay as they are."""
-        drawn = super().compute(session).parts
-        return Image((*drawn, *self.source.parts[len(drawn) :]), self.source.source)
-
 
 def _coordinates(text: str, least: int, step: int) -> list[int]:
     try:
-        found = [int(word) for word in text.split(",")]
+        coordinates = [int(word) for word in text.split(",")]
     except ValueError:
-        found = []
-    if len(found) < least or len(found) % step or any(abs(n) > _FAR for n in found):
+        coordinates = []
+    if len(coordinates) < least or len(coordinates) % step or any(abs(n) > _FAR for n in coordinates):
         raise ParameterError(f"'{text}': whole numbers with commas between them are wanted, X,Y for each point")
-    return found
+    return coordinates
 
 
 def _with_alpha(buffer: oiio.ImageBuf, alpha: float, draw: Callable[[oiio.ImageBuf], object]) -> None:
@@ -117,9 +109,9 @@ def _with_alpha(buffer: oiio.ImageBuf, alpha: float, draw: Callable[[oiio.ImageB
     wider.channelnames = (*spec.channelnames, "A" if "A" not in spec.channelnames else "alpha.A")
     wider.alpha_channel = spec.nchannels
     copy = oiio.ImageBuf(wider)
-    ImageBufAlgo.paste(copy, 0, 0, 0, 0, buffer)
+    oiio.ImageBufAlgo.paste(copy, 0, 0, 0, 0, buffer)
     draw(copy)
-    ImageBufAlgo.paste(buffer, 0, 0, 0, 0, checked(copy))
+    oiio.ImageBufAlgo.paste(buffer, 0, 0, 0, 0, checked(copy))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +136,7 @@ class Box(Coloured):
         colour = colour_of(self.color, spec.nchannels + 1)
         if self.fill and (Window(x1, y1, x2 + 1, y2 + 1) & Window.data(buffer.spec())).empty:
             return
-        _with_alpha(buffer, colour[-1], lambda b: ImageBufAlgo.render_box(b, x1, y1, x2, y2, colour, self.fill))
+        _with_alpha(buffer, colour[-1], lambda b: oiio.ImageBufAlgo.render_box(b, x1, y1, x2, y2, colour, self.fill))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +155,7 @@ class Line(Coloured):
 
         def lines(b: oiio.ImageBuf) -> None:
             for n in range(0, len(points) - 3, 2):
-                ImageBufAlgo.render_line(b, *points[n : n + 4], colour, closed or n > 0)
+                oiio.ImageBufAlgo.render_line(b, *points[n : n + 4], colour, closed or n > 0)
 
         _with_alpha(buffer, colour[-1], lines)
 
@@ -184,7 +176,7 @@ class Point(Drawn):
         seen = Window.data(buffer.spec())
         for x, y in zip(points[::2], points[1::2], strict=True):
             if seen.left <= x < seen.right and seen.top <= y < seen.bottom:
-                ImageBufAlgo.render_point(buffer, x, y, colour)
+                oiio.ImageBufAlgo.render_point(buffer, x, y, colour)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,11 +198,17 @@ class Text(Coloured):
     render: bool = param(True, help="draw it; else nothing happens")
     measure: bool = param(False, help="set the variables TEXT_X, TEXT_Y, TEXT_WIDTH and TEXT_HEIGHT to its box")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        trial = oiio.ImageBuf(oiio.ImageSpec(1, 1, 1, oiio.UINT8))
+        oiio.ImageBufAlgo.render_text(trial, 0, 0, "", self.size, self.font)
+        checked(trial)  # `text_size` would print of its own accord what is wrong with a font
+
     def facts(self) -> dict[str, int | float | str]:
         """The box of the text around (0, 0), where it is asked for."""
         if not self.measure:
             return {}
-        roi = ImageBufAlgo.text_size(self.text, self.size, self.font)
+        roi = oiio.ImageBufAlgo.text_size(self.text, self.size, self.font)
         return {"TEXT_X": roi.xbegin, "TEXT_Y": roi.ybegin, "TEXT_WIDTH": roi.width, "TEXT_HEIGHT": roi.height}
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
@@ -228,7 +226,7 @@ class Text(Coloured):
             colours = (*colour[:4], 1.0)
 
         def write(b: oiio.ImageBuf) -> None:
-            ImageBufAlgo.render_text(
+            oiio.ImageBufAlgo.render_text(
                 b, x, y, self.text, self.size, self.font, colours, self.xalign, self.yalign, self.shadow
             )
 
@@ -236,9 +234,7 @@ class Text(Coloured):
 
     def _there(self, x: int, y: int) -> Window:
         """What the text covers."""
-        roi = ImageBufAlgo.text_size(self.text, self.size, self.font)
-        if not roi.defined:
-            return Window.sized(-_FAR, -_FAR, 2 * _FAR, 2 * _FAR)  # no such font: drawing says so
+        roi = oiio.ImageBufAlgo.text_size(self.text, self.size, self.font)
         if roi.xbegin > roi.xend:
             return Window(0, 0, 0, 0)
         x -= {"r": roi.width, "c": roi.width // 2 + roi.xbegin}.get(self.xalign[0], 0)
@@ -248,13 +244,12 @@ class Text(Coloured):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fill(HostOp):
+class Fill(Drawn):
     """Fill a window with a colour, or between colours."""
 
     name: ClassVar[str] = "fill"
-    reach: ClassVar[Reach] = Reach.POINT
+    keeps: ClassVar[bool] = False
 
-    source: Image = image(help="the image")
     size: str = argument(help="what is filled: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y")
     color: Numbers | None = param(None, help="of all; white when no colour is given")
     top: Numbers | None = param(None, help="with bottom")
@@ -266,19 +261,11 @@ class Fill(HostOp):
     bottomleft: Numbers | None = param(None, help="with the other corners")
     bottomright: Numbers | None = param(None, help="with the other corners")
 
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The filled part, not yet computed."""
-        part = worked(parts[0])
-        region = parse_box(self.size, box_of(part.window), scaling=True).window() & part.window
-        spec = part.window.apply_to(derived_spec(part.spec))
-        colours = corners_of(spec.nchannels, self.values()) or ((1.0,) * spec.nchannels,)
-
-        def fetch(window: Window) -> oiio.ImageBuf:
-            buffer = part.buffer(window).copy()
-            fill(buffer, colours, region)
-            return checked(buffer)
-
-        return Part(part.name, spec, fetch)
+    def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
+        """What is seen of the window."""
+        whole = Window.data(spec)
+        region = parse_box(self.size, box_of(whole), scaling=True).window() & whole
+        fill(buffer, corners_of(spec.nchannels, self.values()) or ((1.0,) * spec.nchannels,), region)
 
 
 def fill(buffer: oiio.ImageBuf, colours: Sequence[Sequence[float]], region: Window) -> None:
@@ -288,7 +275,7 @@ def fill(buffer: oiio.ImageBuf, colours: Sequence[Sequence[float]], region: Wind
         return
     roi = seen.roi(buffer.nchannels)
     if len(colours) == 1:
-        ImageBufAlgo.fill(buffer, colours[0], roi)
+        oiio.ImageBufAlgo.fill(buffer, colours[0], roi)
     else:
         buffer.set_pixels(roi, np.ascontiguousarray(gradient(colours, region, seen)))
 

@@ -8,17 +8,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.access import Whole
+from ..core.image import Image, Part, in_memory
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, image, nearest, param
+from ..core.window import Window
+from ..deferred import oiio
 from ..errors import ImageError, ParameterError
-from ..images import Image, Part, in_memory
-from ..op import Op, Reach
-from ..params import Numbers, argument, image, nearest, param
 from ..session import Session
-from ..windows import Window
 from .geometry_text import parse_size
-from .kinds import Area, Hosted, HostOp, Whole, checked, remapped, with_edges
+from .kinds import Area, AtOnce, Hosted, checked, remapped, with_edges
 from .turning import moved
 from .warping import FILTERS
 
@@ -43,16 +42,13 @@ def kernel_of(name: str, width: float, height: float) -> oiio.ImageBuf:
         raise ParameterError(f"kernel {width:g}x{height:g}: a binomial kernel has odd whole sizes")
     if name == "laplacian" and (width, height) != (3, 3):
         raise ParameterError(f"kernel {width:g}x{height:g}: a laplacian kernel is 3x3")
-    return checked(ImageBufAlgo.make_kernel(name, width, height))
+    return checked(oiio.ImageBufAlgo.make_kernel(name, width, height))
 
 
-def _reach(kernel: oiio.ImageBuf) -> tuple[int, int]:
+def _reach(kernel: oiio.ImageBuf | Part) -> tuple[int, int]:
     """How far a kernel looks to the side it looks farther to, each way."""
-    window = Window.data(kernel.spec())
-    return (
-        max(abs(window.left), abs(window.right - 1)),
-        max(abs(window.top), abs(window.bottom - 1)),
-    )
+    window = kernel.window if isinstance(kernel, Part) else Window.data(kernel.spec())
+    return max(abs(window.left), abs(window.right - 1)), max(abs(window.top), abs(window.bottom - 1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,40 +68,33 @@ class Blur(Area):
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Convolved."""
         kernel = kernel_of(self.kernel, *parse_size(self.size))
-        return ImageBufAlgo.convolve(*buffers, kernel, True, Window.data(target).roi(target.nchannels))
+        return oiio.ImageBufAlgo.convolve(*buffers, kernel, True, Window.data(target).roi(target.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Convolve(HostOp):
+class Convolve(Area):
     """Convolve with an image, the kernel; its origin is its middle."""
 
     name: ClassVar[str] = "convolve"
-    reach: ClassVar[Reach] = Reach.AREA
 
     source: Image = image(help="the image")
     kernel: Image = image(help="the kernel; its first channel counts")
+
+    def halo(self) -> tuple[int, int]:
+        """As far as any of the kernel's parts goes."""
+        across, down = zip(*map(_reach, self.kernel.parts), strict=True)
+        return max(across), max(down)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The convolved part, not yet computed; the kernel is held whole."""
         kernel = parts[1]
         session.require(kernel.spec.width * kernel.spec.height * kernel.pixel_bytes, "a kernel")
         weights = kernel.buffer(kernel.window)
-        window = kernel.window
-
-        def needs(wanted: Window) -> Sequence[Window]:
-            return [
-                Window(
-                    wanted.left + window.left,
-                    wanted.top + window.top,
-                    wanted.right + window.right,
-                    wanted.bottom + window.bottom,
-                )
-            ]
 
         def apply(target: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-            return ImageBufAlgo.convolve(buffer, weights, True, Window.data(target).roi(target.nchannels))
+            return oiio.ImageBufAlgo.convolve(buffer, weights, True, Window.data(target).roi(target.nchannels))
 
-        return remapped(self, parts[:1], parts[0].spec, needs, apply, session)
+        return remapped(self, parts[:1], parts[0].spec, lambda wanted: self.needs(wanted, ()), apply, session)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +132,7 @@ class Median(Ranked):
         width, height = self.sizes()
         if width * height * target.nchannels * 4 > _STACK:
             raise ParameterError(f"size={self.size}: too large for {target.nchannels} channels")
-        return ImageBufAlgo.median_filter(*buffers, width, height, self.roi(target))
+        return oiio.ImageBufAlgo.median_filter(*buffers, width, height, self.roi(target))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +143,7 @@ class Dilate(Ranked):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Dilated."""
-        return ImageBufAlgo.dilate(*buffers, *self.sizes(), self.roi(target))
+        return oiio.ImageBufAlgo.dilate(*buffers, *self.sizes(), self.roi(target))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,7 +154,7 @@ class Erode(Ranked):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Eroded."""
-        return ImageBufAlgo.erode(*buffers, *self.sizes(), self.roi(target))
+        return oiio.ImageBufAlgo.erode(*buffers, *self.sizes(), self.roi(target))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,28 +169,32 @@ class Unsharp(Area):
     contrast: float = param(1.0, help="how much of the difference is added")
     threshold: float = param(0.0, help="differences below it are left alone")
 
-    def halo(self) -> tuple[int, int]:
-        """Half the kernel."""
+    def half(self) -> int:
+        """How far each of its blurs looks."""
         if self.kernel == "median":
-            half = max(1, math.ceil(self.width) // 2)
-        elif self.width > 3:  # ImageBufAlgo::unsharp_mask blurs the columns, then the rows
-            half = _reach(kernel_of(self.kernel, 1, self.width))[1]
-        else:
-            half = _reach(kernel_of(self.kernel, self.width, self.width))[0]
-        return half, half
+            return max(1, math.ceil(self.width) // 2)
+        if self.width > 3:  # ImageBufAlgo::unsharp_mask blurs the columns, then the rows
+            return _reach(kernel_of(self.kernel, 1, self.width))[1]
+        return _reach(kernel_of(self.kernel, self.width, self.width))[0]
+
+    def halo(self) -> tuple[int, int]:
+        """One blur's behind the other."""
+        return 2 * self.half(), 2 * self.half()
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """The second blur's halo with what it repeats at the edges, and around these the first one's."""
-        halo = self.halo()
-        return [with_edges(window.grown(*halo), specs[0]).grown(*halo)]
+        half = self.half()
+        return [with_edges(window.grown(half), specs[0]).grown(half)]
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Sharpened, over all that there is: the second blur looks at what the first left beside the window."""
         width = math.ceil(self.width)
         if self.kernel == "median" and width * width * target.nchannels * 4 > _STACK:
             raise ParameterError(f"width={self.width:g}: too large for {target.nchannels} channels")
-        result = checked(ImageBufAlgo.unsharp_mask(*buffers, self.kernel, self.width, self.contrast, self.threshold))
-        return ImageBufAlgo.crop(result, roi=Window.data(target).roi(target.nchannels))
+        result = checked(
+            oiio.ImageBufAlgo.unsharp_mask(*buffers, self.kernel, self.width, self.contrast, self.threshold)
+        )
+        return oiio.ImageBufAlgo.crop(result, roi=Window.data(target).roi(target.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,15 +211,14 @@ class Laplacian(Area):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Laplacian."""
-        return ImageBufAlgo.laplacian(*buffers, Window.data(target).roi(target.nchannels))
+        return oiio.ImageBufAlgo.laplacian(*buffers, Window.data(target).roi(target.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
-class FillHoles(Hosted):
+class FillHoles(Hosted, Whole):
     """Fill what is transparent from around it."""
 
     name: ClassVar[str] = "fillholes"
-    reach: ClassVar[Reach] = Reach.GLOBAL
 
     source: Image = image(help="the image, with alpha")
 
@@ -239,12 +231,12 @@ class FillHoles(Hosted):
         spec = whole.apply_to(part.spec)
         spec.set_format(part.working_type)
         result = oiio.ImageBuf(spec)
-        ImageBufAlgo.fillholes_pushpull(result, part.buffer(part.window))
+        oiio.ImageBufAlgo.fillholes_pushpull(result, part.buffer(part.window))
         return Image((in_memory(part.name, checked(result)),), self.source.source)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FFT(Whole):
+class FFT(AtOnce):
     """Fourier transform of the first channel, to real and imaginary."""
 
     name: ClassVar[str] = "fft"
@@ -258,7 +250,7 @@ class FFT(Whole):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Transformed."""
-        return ImageBufAlgo.fft(*buffers)
+        return oiio.ImageBufAlgo.fft(*buffers)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -274,12 +266,12 @@ class IFFT(FFT):
             # with other windows ImageBufAlgo::ifft ends the program
             raise ImageError("an image as --fft leaves it is wanted: two channels, data and display window the same")
         if spec.format != oiio.TypeDesc(oiio.FLOAT):
-            return ImageBufAlgo.ifft(ImageBufAlgo.copy(buffers[0], oiio.FLOAT))
-        return ImageBufAlgo.ifft(*buffers)
+            return oiio.ImageBufAlgo.ifft(oiio.ImageBufAlgo.copy(buffers[0], oiio.FLOAT))
+        return oiio.ImageBufAlgo.ifft(*buffers)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DecorrStretch(Whole):
+class DecorrStretch(AtOnce):
     """Stretch colours along their principal axes, so that slight differences show."""
 
     name: ClassVar[str] = "decorrstretch"
@@ -295,7 +287,7 @@ class DecorrStretch(Whole):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Stretched; in one thread, as sums depend on their order."""
-        return ImageBufAlgo.decorr_stretch(
+        return oiio.ImageBufAlgo.decorr_stretch(
             *buffers, self.firstchannel, self.nchannels, self.scale, self.sigma, self.mean, self.percentile, self.mode,
             nthreads=1,
         )  # fmt: skip
@@ -328,7 +320,7 @@ class Demosaic(Area):
         # ImageBufAlgo takes the remainder of coordinates, which fails for negative ones
         x, y = (-(min(0, edge) // self.period) * self.period for edge in (spec.x, spec.y))
         result = checked(
-            ImageBufAlgo.demosaic(
+            oiio.ImageBufAlgo.demosaic(
                 moved(buffers[0], x, y),
                 self.pattern,
                 self.algorithm,

@@ -7,12 +7,10 @@ import math
 import re
 from typing import NamedTuple
 
-import numpy as np
-
+from ..core.window import Window
+from ..deferred import np
 from ..errors import ParameterError
-from ..windows import Window
 
-_F = np.float32  # oiiotool computes in it: 30% of 15 is 4
 _N = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SIGNED = r"[+-](?:\d+\.?\d*|\.\d+)"
 _FORMS = {
@@ -123,9 +121,9 @@ def parse_offset(text: str) -> tuple[int, int]:
 
 def _match(text: str) -> tuple[str, list[float]]:
     for form, pattern in _FORMS.items():
-        found = pattern.fullmatch(text.strip())
-        if found:
-            numbers = [float(n) for n in found.groups()]
+        match = pattern.fullmatch(text.strip())
+        if match:
+            numbers = [float(n) for n in match.groups()]
             if any(abs(n) >= 1 << 31 for n in numbers):
                 raise ParameterError(f"'{text}': a number in it is too large for a picture")
             return form, numbers
@@ -134,17 +132,20 @@ def _match(text: str) -> tuple[str, list[float]]:
 
 def _proportional(width: float, height: float, base: Box, whole: bool) -> tuple[float, float]:
     if width == 0 and base.height:
-        width = _rounded(_F(height) * _F(base.width) / _F(base.height), whole)
+        width = _rounded(np.float32(height) * np.float32(base.width) / np.float32(base.height), whole)
     if height == 0 and base.width:
-        height = _rounded(_F(width) * _F(base.height) / _F(base.width), whole)
+        height = _rounded(np.float32(width) * np.float32(base.height) / np.float32(base.width), whole)
     return width, height
 
 
 def _scaled(form: str, numbers: list[float], base: Box, whole: bool) -> tuple[float, float]:
-    x, y = [_F(n) if form == "factor" else max(_F(0), _F(n) * _F(0.01)) for n in (numbers * 2)[:2]]
+    x, y = [
+        np.float32(n) if form == "factor" else max(np.float32(0), np.float32(n) * np.float32(0.01))
+        for n in (numbers * 2)[:2]
+    ]
     x, y = x or y, y or x
-    return _rounded(_F(base.width) * x, whole), _rounded(_F(base.height) * y, whole)
+    return _rounded(np.float32(base.width) * x, whole), _rounded(np.float32(base.height) * y, whole)
 
 
 def _rounded(value: np.float32, whole: bool) -> float:
-    return math.floor(value + _F(0.5)) if whole else float(value)
+    return math.floor(value + np.float32(0.5)) if whole else float(value)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The kinds of host ops: how an ImageBufAlgo function is computed window by window.
+"""The access kinds over ImageBufs: how an ImageBufAlgo function is computed window by window.
 
 An op of the host declares its parameters as any `Op` and says in `apply` which ImageBufAlgo function computes it. The
-kinds differ in what `apply` is given: pixel for pixel (`Point`), with a halo (`Area`), from elsewhere (`Remap`), or the
-whole image (`Whole`); `Respec` changes no pixel at all, and a plain `Hosted` op makes its image its own way.
+kinds differ in what `apply` is given: pixel for pixel (`PointOp`), with a halo (`Area`), from elsewhere (`Remap`), or
+the whole image (`AtOnce`); `Respec` changes no pixel, and what makes its image its own way says only its kind.
 OpenImageIO's functions give a window the same pixels whatever lies around it, as long as what they look at is there
 (tests/test_streaming.py holds every op to it).
 """
@@ -15,16 +15,16 @@ import functools
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import OpenImageIO as oiio
-
-from ..errors import ImageError, ParameterError
-from ..images import Image, Part, Pixels, cropped, in_memory, one_line
-from ..op import Op, Output, Reach, Space
-from ..params import Parameter, declared, image, param
-from ..tiles import remembered, settled
-from ..windows import Window
+from ..core.access import Gather, Neighbourhood, Pointwise, Whole
+from ..core.demand import cached, materialized
+from ..core.image import Image, Part, Pixels, cropped, in_memory
+from ..core.op import Kind, Op, Output, Space
+from ..core.parameters import Parameter, declared, image, param
+from ..core.window import Window
+from ..deferred import oiio
+from ..errors import ImageError, ParameterError, one_line
 from .subimages import chosen
 
 if TYPE_CHECKING:
@@ -37,8 +37,10 @@ class HostOp(Op):
 
     prefix: ClassVar[str] = "--"
     mixes: ClassVar[bool] = True  # its pixels are other values than those of its source, not the same elsewhere
+    keeps: ClassVar[bool] = False  # parts that it does not work on stay
     space: ClassVar[Space] = Space.ANY
-    outputs: ClassVar[tuple[Output, ...]] = (Output("image", "the result"),)
+    outputs: ClassVar[tuple[Output, ...]] = (Output("image", Kind.PIXELS, "the result"),)
+    function: ClassVar[str]  # of ImageBufAlgo, where one makes the pixels
 
     subimages: str | None = param(
         None, help="parts to work on, by number or name with commas between them, or all; -N leaves one out"
@@ -49,8 +51,13 @@ class HostOp(Op):
         """The op's result from one part of each input."""
         raise NotImplementedError
 
-    def facts(self) -> dict[str, int | float | str]:
-        """User variables that the op sets for expressions that follow."""
+    def of_buffers(self, *arguments: Any) -> oiio.ImageBuf:
+        """What its `function` makes of buffers and values."""
+        result: oiio.ImageBuf = getattr(oiio.ImageBufAlgo, self.function)(*arguments)
+        return result
+
+    def provenance(self) -> dict[str, Any]:
+        """Nothing: files made by oiiotool's ops say what oiiotool says."""
         return {}
 
     def idle(self, parts: Sequence[Part]) -> bool:
@@ -58,7 +65,7 @@ class HostOp(Op):
         return False
 
     def compute(self, session: Session) -> Image:
-        """The result for each part worked on; without `allsubimages` the others are dropped, as oiiotool does."""
+        """The result for each part worked on; unless it keeps them, the others are dropped, as oiiotool does."""
         inputs = self.inputs()
         first = inputs[0]
         wanted = chosen(self.subimages, first)
@@ -70,7 +77,7 @@ class HostOp(Op):
         for n, part in enumerate(first.parts[:count]):
             operands = [given.parts[min(n, len(given.parts) - 1)] for given in inputs]
             parts.append(self._worked(operands, session) if wanted is None or n in wanted else part)
-        return Image(tuple(parts), first.source)
+        return Image((*parts, *(first.parts[count:] if self.keeps else ())), first.source)
 
     def _worked(self, parts: Sequence[Part], session: Session) -> Part:
         """The op's result; ids and coordinates stay what they are, and are refused where they would be mixed."""
@@ -79,18 +86,14 @@ class HostOp(Op):
             return self.result(parts, session)
         if self.mixes:
             raise ImageError(
-                f"part '{part.name}' holds {_held(part)}, which the op would change: leave it out, with"
+                f"part '{part.name}' holds {_content(part)}, which the op would change: leave it out, with"
                 f" :subimages=-{part.name} or without -a"
             )
         return dataclasses.replace(self.result(parts, session), stored=part.stored, exact=True)
 
     def inputs(self) -> list[Image]:
         """The images that it was given, in the order of declaration."""
-        given: list[Image] = []
-        for slot in self.images():
-            value = getattr(self, slot.name)
-            given += value if slot.many else [value]
-        return given
+        return [given for _, given in self.given()]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +114,7 @@ class Hosted(HostOp):
         return tuple(p for p in declared(cls)[1] if p.name not in cls._OF_PARTS)
 
 
-def _held(part: Part) -> str:
+def _content(part: Part) -> str:
     """What a part holds that must stay as it is."""
     return "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
 
@@ -137,14 +140,12 @@ def _blank(part: Part, window: Window) -> oiio.ImageBuf:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point(HostOp):
-    """A pixel of the result follows from the pixels at its place."""
-
-    reach: ClassVar[Reach] = Reach.POINT
+class PointOp(HostOp, Pointwise):
+    """What it makes of buffers, pixel for pixel."""
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The result over the data window that all buffers have."""
-        raise NotImplementedError
+        return self.of_buffers(*buffers)
 
     def window(self, parts: Sequence[Part]) -> Window:
         """The result's data window: that of all inputs together."""
@@ -177,10 +178,9 @@ def _padded(part: Part, window: Window) -> oiio.ImageBuf:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Remap(HostOp):
-    """A pixel of the result follows from pixels elsewhere."""
+class _Resampled(HostOp):
+    """What it makes of buffers that hold what a window looks at."""
 
-    reach: ClassVar[Reach] = Reach.AREA
     scattered: ClassVar[bool] = False  # it reads columns or slanted strips, which no file gives quickly
 
     def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
@@ -200,6 +200,20 @@ class Remap(HostOp):
         specs = [part.spec for part in parts]
         needs = functools.partial(self.needs, specs=specs)
         return remapped(self, parts, self.target(specs), needs, self.apply, session, scattered=self.scattered)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remap(_Resampled, Gather):
+    """A window follows from another window of its source."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Area(_Resampled, Neighbourhood):
+    """A window follows from the same window with a halo."""
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """The window with its halo."""
+        return [window.grown(*self.halo())]
 
 
 _CELL = 256  # side of the squares in which slanted reads are done: a band of rows would need all of its source
@@ -225,7 +239,7 @@ def remapped(
     target : oiio.ImageSpec
         The result's windows.
     needs, apply : callable
-        As `Remap` declares them.
+        As `Remap` and `Area` have them.
     session : Session
     scattered : bool
         Sources are brought where any window can be read, when the first is asked for.
@@ -240,7 +254,8 @@ def remapped(
         raise ImageError(
             f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least"
         )
-    near = [once_settled(part, session) if scattered else remembered(part, session.cache) for part in parts]
+    bring = functools.partial(materialized, budget=session.budget)
+    near = [once(part, bring) if scattered else cached(part, session.cache) for part in parts]
 
     def at(window: Window) -> oiio.ImageBuf:
         pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
@@ -249,7 +264,7 @@ def remapped(
         return checked(apply(window.apply_to(target), *buffers))
 
     corner = Window.sized(whole.left, whole.top, 1, 1)
-    samples = [_blank(part, _sample(part.window)) for part in parts]
+    samples = [_blank(part, Window.sized(*part.window[:2], 16, 16) & part.window) for part in parts]
     spec = whole.apply_to(checked(apply(corner.apply_to(target), *samples)).spec())
     part = Part(parts[0].name, spec, at)
     return dataclasses.replace(part, fetch=_in_cells(part)) if scattered else part
@@ -274,11 +289,6 @@ def _seen(wanted: Window, part: Part) -> Window:
     return _nearest(wanted, part.window) if seen.empty else seen
 
 
-def _sample(whole: Window) -> Window:
-    """A few pixels at the corner."""
-    return Window.sized(whole.left, whole.top, 16, 16) & whole
-
-
 def _in_cells(part: Part) -> Callable[[Window], Pixels]:
     def fetch(window: Window) -> Pixels:
         if window.width <= _CELL and window.height <= _CELL:
@@ -291,8 +301,8 @@ def _in_cells(part: Part) -> Callable[[Window], Pixels]:
     return fetch
 
 
-def once_settled(part: Part, session: Session) -> Part:
-    """The part where any window can be read in any order; its pixels are brought there when the first is asked for."""
+def once(part: Part, bring: Callable[[Part], Part]) -> Part:
+    """The part where `bring` leaves its pixels, where any can be read in any order, when the first is asked for."""
     if part.ready:
         return part
     lock = threading.Lock()
@@ -301,7 +311,7 @@ def once_settled(part: Part, session: Session) -> Part:
     def fetch(window: Window) -> Pixels:
         with lock:
             if not kept:
-                kept.append(settled(part, session.budget))
+                kept.append(bring(part))
         return kept[0].fetch(window)
 
     return dataclasses.replace(part, fetch=fetch, ready=True)
@@ -322,23 +332,8 @@ def _nearest(wanted: Window, whole: Window) -> Window:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Area(Remap):
-    """A pixel of the result follows from a neighbourhood in one image."""
-
-    def halo(self) -> tuple[int, int]:
-        """How many pixels it looks to each side: (x, y)."""
-        raise NotImplementedError
-
-    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """The window with its halo."""
-        return [window.grown(*self.halo())]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Whole(HostOp):
-    """The result follows from all pixels together: it is computed at once, and held."""
-
-    reach: ClassVar[Reach] = Reach.GLOBAL
+class AtOnce(HostOp, Whole):
+    """What it makes of whole buffers, held."""
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The result from whole images."""
@@ -359,11 +354,11 @@ def _bytes(part: Part) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Respec(HostOp):
+class Respec(HostOp, Pointwise):
     """Pixels stay; windows, channel names or metadata change."""
 
     mixes: ClassVar[bool] = False
-    reach: ClassVar[Reach] = Reach.POINT
+    keeps: ClassVar[bool] = True
 
     source: Image = image(help="the image")
 
@@ -374,13 +369,3 @@ class Respec(HostOp):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The part under its new spec, written in its own type as before."""
         return parts[0].respecced(self.change)
-
-    def compute(self, session: Session) -> Image:
-        """The image with all its parts; those not worked on stay as they are."""
-        changed = super().compute(session).parts
-        return Image((*changed, *self.source.parts[len(changed) :]), self.source.source)
-
-
-def renamed(part: Part, name: str) -> Part:
-    """The part under another name."""
-    return dataclasses.replace(part, name=name)

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-
+from ..core.access import Pointwise
+from ..core.attributes import set_attribute
+from ..core.image import Image, Part
+from ..core.op import Op
+from ..core.parameters import argument, image, param
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
-from ..images import Image, Part
-from ..op import Op
-from ..params import argument, image, param
+from ..io.documents import require_regular
 from ..session import Session
-from ..text_values import set_attribute
-from ..windows import Window
 from .geometry_text import box_of, parse_box, parse_offset
 from .kinds import HostOp, Respec, worked
 
@@ -166,6 +166,7 @@ class ReadProfile(Respec):
 
     def change(self, spec: oiio.ImageSpec) -> None:
         """Set it."""
+        require_regular(self.file)
         try:
             profile = Path(self.file).read_bytes()
         except OSError as error:
@@ -176,11 +177,10 @@ class ReadProfile(Respec):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PasteMetadata(HostOp):
+class PasteMetadata(HostOp, Pointwise):
     """Give the second image the metadata of the first."""
 
     name: ClassVar[str] = "pastemeta"
-    reach = Respec.reach
 
     metadata: Image = image(help="whose metadata is taken")
     pixels: Image = image(help="whose pixels are taken")
@@ -318,12 +318,7 @@ class SetDisplayWindow(Respec):
         window = parse_box(self.size, box_of(Window.display(spec))).window()
         if window.empty:
             raise ParameterError(f"size={self.size}: the display window would have no pixel")
-        spec.full_x, spec.full_y, spec.full_width, spec.full_height = (
-            window.left,
-            window.top,
-            window.width,
-            window.height,
-        )
+        spec.full_x, spec.full_y, spec.full_width, spec.full_height = (*window[:2], *window.size)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,30 +5,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.access import AnyWindow
+from ..core.image import Image, Part, in_memory, type_named
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, nearest, param, parse_modifiers
+from ..core.window import Window
+from ..deferred import oiio
 from ..errors import ParameterError
-from ..images import Image, Part, in_memory, type_named
-from ..op import Op, Reach
-from ..params import Numbers, argument, nearest, param, parse_modifiers
 from ..session import Session
-from ..windows import Window
 from .drawing import colour_of, corners_of, fill
 from .filtering import kernel_of
 from .geometry_text import Box, parse_box, parse_size
 from .kinds import Hosted, checked
 
-Painter = Callable[[oiio.ImageBuf], Any]
+Painter: TypeAlias = "Callable[[oiio.ImageBuf], Any]"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Made(Hosted):
+class NewImage(Hosted, AnyWindow):
     """A new image."""
-
-    reach: ClassVar[Reach] = Reach.POINT
 
     size: str = argument(help="WxH or WxH+X+Y")
     channels: int = argument(ge=1, le=1024, help="how many channels")
@@ -61,7 +58,7 @@ class Made(Hosted):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Create(Made):
+class Create(NewImage):
     """Create a black image."""
 
     name: ClassVar[str] = "create"
@@ -128,7 +125,7 @@ _PATTERNS = {"black": Black, "constant": Constant, "fill": Filled, "checker": Ch
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pattern(Made):
+class Pattern(NewImage):
     """Create an image with a pattern."""
 
     name: ClassVar[str] = "pattern"
@@ -137,48 +134,41 @@ class Pattern(Made):
     size: str = argument(help="WxH or WxH+X+Y")
     channels: int = argument(ge=1, le=1024, help="how many channels")
 
-    @classmethod
-    def arguments(cls) -> tuple[Any, ...]:
-        """The pattern comes first."""
-        by_name = {p.name: p for p in super().arguments()}
-        return tuple(by_name[name] for name in ("pattern", "size", "channels"))
-
     def options(self) -> Any:
         """The options in the pattern's word."""
         name, *words = self.pattern.split(":")
-        found = _PATTERNS.get(name.lower())
-        if found is None:
+        kind = _PATTERNS.get(name.lower())
+        if kind is None:
             raise ParameterError(f"no pattern '{name}'{nearest(name, _PATTERNS)}; there is {', '.join(_PATTERNS)}")
         pairs = [word.partition("=") for word in words]
         if not all(equals for _, equals, _ in pairs):
             raise ParameterError(f"'{self.pattern}': an option is NAME=VALUE")
-        return found(**parse_modifiers(found, {key: value.strip("\"'") for key, _, value in pairs}))
+        return kind(**parse_modifiers(kind, {key: value.strip("\"'") for key, _, value in pairs}))
 
     def painter(self, spec: oiio.ImageSpec) -> Painter:
         """By the pattern."""
         options, count, whole = self.options(), spec.nchannels, Window.data(spec)
         if isinstance(options, Constant):
-            return lambda buffer: ImageBufAlgo.fill(buffer, colour_of(options.color, count))
+            return lambda buffer: oiio.ImageBufAlgo.fill(buffer, colour_of(options.color, count))
         if isinstance(options, Filled):
             colours = corners_of(count, {field.name: getattr(options, field.name) for field in fields(options)})
             return lambda buffer: fill(buffer, colours, whole) if colours else None
         if isinstance(options, Checker):
             dark = colour_of(options.color1, count) if options.color1 is not None else (0.0,) * count
             size = (options.width, options.height or options.width, options.depth)
-            return lambda buffer: ImageBufAlgo.checker(buffer, *size, dark, colour_of(options.color2, count))
+            return lambda buffer: oiio.ImageBufAlgo.checker(buffer, *size, dark, colour_of(options.color2, count))
         if isinstance(options, Noise):
             values = {"gaussian": (options.mean, options.stddev), "salt": (options.value, options.portion)}
             a, b = values.get(options.type, (options.min, options.max))
-            return lambda buffer: ImageBufAlgo.noise(buffer, options.type, a, b, options.mono, options.seed)
+            return lambda buffer: oiio.ImageBufAlgo.noise(buffer, options.type, a, b, options.mono, options.seed)
         return lambda buffer: None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kernel(Hosted):
+class Kernel(Hosted, AnyWindow):
     """Create a filter kernel, its middle at the origin."""
 
     name: ClassVar[str] = "kernel"
-    reach: ClassVar[Reach] = Reach.POINT
 
     kernel: str = argument(help="name of the kernel: gaussian, box, binomial, laplacian ...")
     size: str = argument(help="width x height: 5x5, 3.5x1")

@@ -7,21 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.demand import bands, cached
+from ..core.image import Image, Part
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, image, param
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ImageError
-from ..images import Image, Part
-from ..op import Op
-from ..params import Numbers, argument, image, param
 from ..session import Session
-from ..tiles import bands, remembered
-from ..windows import Window
 from .arithmetic import OneImage, per_channel
 from .kinds import Area
 
-_LARGEST = float(np.finfo(np.float32).max)
+_LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +36,7 @@ class Clamp(OneImage):
         count = buffers[0].nchannels
         low = per_channel(self.min or (-_LARGEST,), count, -_LARGEST)
         high = per_channel(self.max or (_LARGEST,), count, _LARGEST)
-        return ImageBufAlgo.clamp(*buffers, low, high, self.clampalpha)
+        return oiio.ImageBufAlgo.clamp(*buffers, low, high, self.clampalpha)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +56,9 @@ class Contrast(OneImage):
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Remapped; the last value given holds for further channels."""
         lists = (self.black, self.white, self.min, self.max, self.scontrast, self.sthresh)
-        result = ImageBufAlgo.contrast_remap(*buffers, *map(tuple, lists))
+        result = oiio.ImageBufAlgo.contrast_remap(*buffers, *map(tuple, lists))
         if self.clamp:
-            ImageBufAlgo.clamp(result, result, tuple(self.min), tuple(self.max))
+            oiio.ImageBufAlgo.clamp(result, result, tuple(self.min), tuple(self.max))
         return result
 
 
@@ -75,7 +72,7 @@ class Saturate(OneImage):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Between luma and colour, or beyond."""
-        return ImageBufAlgo.saturate(*buffers, self.scale)
+        return oiio.ImageBufAlgo.saturate(*buffers, self.scale)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +85,7 @@ class RangeCompress(OneImage):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Compressed."""
-        return ImageBufAlgo.rangecompress(*buffers, self.luma)
+        return oiio.ImageBufAlgo.rangecompress(*buffers, self.luma)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +98,7 @@ class RangeExpand(OneImage):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Expanded."""
-        return ImageBufAlgo.rangeexpand(*buffers, self.luma)
+        return oiio.ImageBufAlgo.rangeexpand(*buffers, self.luma)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +115,7 @@ class Normalize(OneImage):
         """Normalized; a fourth channel stays."""
         if buffers[0].nchannels not in (3, 4):
             raise ImageError(f"takes images of 3 or 4 channels; this one has {buffers[0].nchannels}")
-        return ImageBufAlgo.normalize(*buffers, self.incenter, self.outcenter, self.scale)
+        return oiio.ImageBufAlgo.normalize(*buffers, self.incenter, self.outcenter, self.scale)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,10 +140,10 @@ class Noise(OneImage):
         low, high = {"gaussian": (self.mean, self.stddev), "salt": (self.value, self.portion)}.get(
             self.type, (self.min, self.max)
         )
-        result = ImageBufAlgo.copy(*buffers)
+        result = oiio.ImageBufAlgo.copy(*buffers)
         roi = result.roi
         roi.chend = min(roi.chend, self.nchannels or roi.chend)
-        ImageBufAlgo.noise(result, self.type, low, high, self.mono, self.seed, roi)
+        oiio.ImageBufAlgo.noise(result, self.type, low, high, self.mono, self.seed, roi)
         return result
 
 
@@ -187,7 +184,7 @@ class FixNonFinite(Area):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed; to refuse an image, its pixels are read now."""
         if self.strategy == "error":
-            near = remembered(parts[0], session.cache)
+            near = cached(parts[0], session.cache)
             count = sum(int((~np.isfinite(near.read(w))).any(axis=2).sum()) for w in bands(near))
             if count:
                 raise ImageError(f"{count} pixel(s) have NaN or Inf values")

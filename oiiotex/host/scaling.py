@@ -9,26 +9,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.access import Gather
+from ..core.image import Image, Part, cropped, in_memory
+from ..core.op import Op
+from ..core.parameters import argument, image, param
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..images import Image, Part, cropped, in_memory
-from ..op import Op, Reach
-from ..params import argument, image, param
 from ..session import Session
-from ..windows import Window
 from .geometry_text import Box, box_of, parse_box
 from .kinds import Hosted, HostOp, Remap, checked, remapped, worked
 from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter, warp_needs
 
-_F = np.float32  # in which oiiotool computes windows: a size on the verge of a pixel must fall on the same side
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 
 
-def scaled(op: Hosted, part: Part, target: oiio.ImageSpec, filter: str, highlights: bool, session: Session) -> Part:
-    """The part with its display window mapped onto that of `target`, over the data window of `target`."""
+def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highlights: bool, session: Session) -> Part:
+    """The part with its display window mapped onto that of `target`, over the data window of `target`.
+
+    Parameters
+    ----------
+    op : HostOp
+        Named in messages.
+    part : Part
+    target : oiio.ImageSpec
+        The result's windows and metadata; the pixel type stays the part's.
+    filter : str
+        One of `FILTERS`; '' leaves the choice to OpenImageIO.
+    highlights : bool
+        Compress bright values meanwhile, so that they do not ring.
+    session : Session
+
+    Raises
+    ------
+    ParameterError
+        No such filter, or a display window without a pixel.
+    """
     source, box = Window.display(part.spec), Window.display(target)
     if box.empty:
         raise ParameterError(f"the result would be {box.width}x{box.height} pixels: it needs one at least")
@@ -45,7 +61,7 @@ def scaled(op: Hosted, part: Part, target: oiio.ImageSpec, filter: str, highligh
     def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
         def resize(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
             result = blank(spec, buffer)
-            ImageBufAlgo.resize(result, buffer, filter)
+            oiio.ImageBufAlgo.resize(result, buffer, filter)
             return result
 
         return compressed(resize, buffer) if highlights else resize(buffer)
@@ -69,12 +85,15 @@ def _sized(spec: oiio.ImageSpec, size: str) -> oiio.ImageSpec:
     box = parse_box(size, box_of(Window.display(spec)), scaling=True).window()
     data = box
     if (box.width, box.height) != (spec.full_width, spec.full_height):
-        across, down = _F(box.width) / _F(spec.full_width), _F(box.height) / _F(spec.full_height)
+        across, down = (
+            np.float32(box.width) / np.float32(spec.full_width),
+            np.float32(box.height) / np.float32(spec.full_height),
+        )
         data = Window.sized(
-            box.left + math.floor(_F(spec.x - spec.full_x) * across),
-            box.top + math.floor(_F(spec.y - spec.full_y) * down),
-            math.ceil(_F(spec.width) * across),
-            math.ceil(_F(spec.height) * down),
+            box.left + math.floor(np.float32(spec.x - spec.full_x) * across),
+            box.top + math.floor(np.float32(spec.y - spec.full_y) * down),
+            math.ceil(np.float32(spec.width) * across),
+            math.ceil(np.float32(spec.height) * down),
         )
     new = data.apply_to(spec)
     new.full_x, new.full_y, new.full_width, new.full_height = box.left, box.top, box.width, box.height
@@ -87,11 +106,10 @@ def _same_size(spec: oiio.ImageSpec, size: str) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Resize(HostOp):
+class Resize(HostOp, Gather):
     """Resize, with a filter as wide as the scale asks for."""
 
     name: ClassVar[str] = "resize"
-    reach: ClassVar[Reach] = Reach.AREA
 
     source: Image = image(help="the image")
     size: str = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")
@@ -134,7 +152,7 @@ class Resize(HostOp):
         def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
             def warp(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
                 result = blank(spec, buffer)
-                ImageBufAlgo.warp(result, buffer, values, self.filter, 0.0, False, "default")
+                oiio.ImageBufAlgo.warp(result, buffer, values, self.filter, 0.0, False, "default")
                 return clamped_at_edges(result, buffer, part.window, matrix, self.filter) if self.edgeclamp else result
 
             return compressed(warp, buffer) if self.highlightcomp else warp(buffer)
@@ -146,10 +164,10 @@ class Resize(HostOp):
 
 def _mapping(begin: Box, end: Box) -> np.ndarray:
     """The matrix that maps one box on another, in float, as Imath's translate and scale build it."""
-    across, down = _F(end.width) / _F(begin.width), _F(end.height) / _F(begin.height)
-    x = -_F(begin.x) * across + _F(end.x)
-    y = -_F(begin.y) * down + _F(end.y)
-    return np.array([[across, 0, 0], [0, down, 0], [x, y, 1]], _F)
+    across, down = np.float32(end.width) / np.float32(begin.width), np.float32(end.height) / np.float32(begin.height)
+    x = -np.float32(begin.x) * across + np.float32(end.x)
+    y = -np.float32(begin.y) * down + np.float32(end.y)
+    return np.array([[across, 0, 0], [0, down, 0], [x, y, 1]], np.float32)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,16 +198,15 @@ class Resample(Remap):
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Resampled."""
         result = blank(target, *buffers)
-        ImageBufAlgo.resample(result, *buffers, self.interp)
+        oiio.ImageBufAlgo.resample(result, *buffers, self.interp)
         return result
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit(HostOp):
+class Fit(HostOp, Gather):
     """Resize to fit in a size, in proportion."""
 
     name: ClassVar[str] = "fit"
-    reach: ClassVar[Reach] = Reach.AREA
 
     source: Image = image(help="the image")
     size: str = argument(help="WxH or WxH+X+Y: the new display window")
@@ -212,11 +229,11 @@ class Fit(HostOp):
 
     def _fitted(self, part: Part, box: Window, session: Session) -> Part:
         spec, wide, high = part.spec, box.width, box.height
-        shape = _F(spec.full_width) / _F(spec.full_height)
+        shape = np.float32(spec.full_width) / np.float32(spec.full_height)
         if self._fills_height(spec, box):
-            wide = int(_F(high) * shape + _F(0.5))
+            wide = int(np.float32(high) * shape + np.float32(0.5))
         else:
-            high = int(_F(wide) / shape + _F(0.5))
+            high = int(np.float32(wide) / shape + np.float32(0.5))
         x, y = int((box.width - wide) / 2), int((box.height - high) / 2)  # towards zero, negative ones too
 
         def place(new: oiio.ImageSpec) -> None:
@@ -232,7 +249,9 @@ class Fit(HostOp):
     def _fills_height(self, spec: oiio.ImageSpec, box: Window) -> bool:
         if self.fillmode != "letterbox":
             return self.fillmode == "height"
-        return bool(_F(box.width) / _F(box.height) >= _F(spec.full_width) / _F(spec.full_height))
+        return bool(
+            np.float32(box.width) / np.float32(box.height) >= np.float32(spec.full_width) / np.float32(spec.full_height)
+        )
 
     def _exactly(self, part: Part, box: Window, session: Session) -> Part:
         """At once: ImageBufAlgo::fit gives its filter a width and a height that no other function takes."""
@@ -241,7 +260,7 @@ class Fit(HostOp):
 
         def fit(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
             result = blank(box.apply_to(part.spec), buffer)
-            ImageBufAlgo.fit(result, buffer, self.filter, 0.0, self.fillmode, True)
+            oiio.ImageBufAlgo.fit(result, buffer, self.filter, 0.0, self.fillmode, True)
             return result
 
         whole = part.buffer(part.window)
@@ -249,11 +268,10 @@ class Fit(HostOp):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PixelAspect(Hosted):
+class PixelAspect(Hosted, Gather):
     """Scale width or height up to a pixel aspect ratio."""
 
     name: ClassVar[str] = "pixelaspect"
-    reach: ClassVar[Reach] = Reach.AREA
 
     source: Image = image(help="the image")
     aspect: float = argument(help="width of a pixel, as a multiple of its height")
@@ -265,23 +283,23 @@ class PixelAspect(Hosted):
         spec = self.source.first.spec
         old = spec.get_float_attribute("PixelAspectRatio", 1.0)
         for ratio, whose in ((self.aspect, "asked for"), (old, "of the image")):
-            if ratio <= 0:
-                raise ParameterError(f"{ratio:g}, the ratio {whose}, is not above 0")
-        factor = _F(old) / _F(self.aspect)
-        across = factor if factor > 1 else _F(1)
-        down = _F(1 / float(factor)) if factor < 1 else _F(1)
-        wide = int(_F(spec.full_width) * across + _F(0.5))
-        high = int(_F(spec.full_height) * down + _F(0.5))
+            if not 1e-9 < ratio < 1e9:
+                raise ParameterError(f"{ratio:g}, the ratio {whose}, is no ratio of width and height: 1e-9 to 1e9")
+        factor = np.float32(old) / np.float32(self.aspect)
+        across = factor if factor > 1 else np.float32(1)
+        down = np.float32(1 / float(factor)) if factor < 1 else np.float32(1)
+        wide = int(np.float32(spec.full_width) * across + np.float32(0.5))
+        high = int(np.float32(spec.full_height) * down + np.float32(0.5))
         if (wide, high) == (spec.full_width, spec.full_height):
             return self.source
         resize = Resize(source=self.source, size=f"{wide}x{high}", filter=self.filter, highlightcomp=self.highlightcomp)
 
         def change(new: oiio.ImageSpec) -> None:
-            new.attribute("PixelAspectRatio", float(_F(self.aspect)))
+            new.attribute("PixelAspectRatio", float(np.float32(self.aspect)))
             for name, scale in (("XResolution", across), ("YResolution", down)):
                 density = new.get_float_attribute(name, 0.0)
                 if density:
-                    new.attribute(name, float(_F(density) * scale))
+                    new.attribute(name, float(np.float32(density) * scale))
 
         first, *others = resize.compute(session).parts
         return Image((first.respecced(change), *others), self.source.source)

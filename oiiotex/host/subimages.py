@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from ..core.image import Image
 from ..errors import ParameterError
-from ..images import Image
 
 
 def chosen(subimages: str | None, first: Image) -> set[int] | None:

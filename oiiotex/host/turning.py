@@ -8,15 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
-from ..images import Image, Part
-from ..op import Op, Reach
-from ..params import argument, image
+from ..core.access import Gather
+from ..core.demand import cached, on_a_torus
+from ..core.image import Image, Part
+from ..core.op import Op
+from ..core.parameters import argument, image
+from ..core.window import Window
+from ..deferred import oiio
 from ..session import Session
-from ..tiles import remembered, with_halo
-from ..windows import Window
 from .geometry_text import parse_offset
 from .kinds import Hosted, HostOp, Remap, worked
 
@@ -27,6 +26,7 @@ class Flip(Remap):
 
     name: ClassVar[str] = "flip"
     mixes: ClassVar[bool] = False
+    function = "flip"
 
     source: Image = image(help="the image")
 
@@ -40,8 +40,8 @@ class Flip(Remap):
         return [Window(window.left, middle - window.bottom, window.right, middle - window.top)]
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Flipped."""
-        return ImageBufAlgo.flip(*buffers)
+        """Turned over."""
+        return self.of_buffers(*buffers)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,15 +49,12 @@ class Flop(Flip):
     """Swap left and right."""
 
     name: ClassVar[str] = "flop"
+    function = "flop"
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """Columns counted from the other end of the display window."""
         middle = 2 * specs[0].full_x + specs[0].full_width
         return [Window(middle - window.right, window.top, middle - window.left, window.bottom)]
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Flopped."""
-        return ImageBufAlgo.flop(*buffers)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,15 +63,12 @@ class Rotate180(Flip):
 
     name: ClassVar[str] = "rotate180"
     aliases: ClassVar[tuple[str, ...]] = ("--flipflop",)
+    function = "rotate180"
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
         """Rows and columns counted from the other ends of the display window."""
         x, y = 2 * specs[0].full_x + specs[0].full_width, 2 * specs[0].full_y + specs[0].full_height
         return [Window(x - window.right, y - window.bottom, x - window.left, y - window.top)]
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Rotated."""
-        return ImageBufAlgo.rotate180(*buffers)
 
 
 def _swapped(window: Window) -> Window:
@@ -104,7 +98,7 @@ class Transpose(Remap):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Transposed."""
-        return ImageBufAlgo.transpose(*buffers)
+        return oiio.ImageBufAlgo.transpose(*buffers)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +108,7 @@ class Rotate90(Remap):
     name: ClassVar[str] = "rotate90"
     mixes: ClassVar[bool] = False
     scattered: ClassVar[bool] = True
+    function = "rotate90"
 
     source: Image = image(help="the image")
 
@@ -144,11 +139,7 @@ class Rotate90(Remap):
         spec = buffers[0].spec()
         x, y = spec.full_x, spec.full_y
         # ImageBufAlgo turns around the display window's corner only where that is the origin
-        return moved(self.turned(moved(buffers[0], -x, -y)), x, y)
-
-    def turned(self, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-        """An image whose display window is at the origin, rotated."""
-        return ImageBufAlgo.rotate90(buffer)
+        return moved(self.of_buffers(moved(buffers[0], -x, -y)), x, y)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,6 +147,7 @@ class Rotate270(Rotate90):
     """Rotate by 270 degrees clockwise."""
 
     name: ClassVar[str] = "rotate270"
+    function = "rotate270"
 
     def forward(self, window: Window, width: int, height: int) -> Window:
         """Where a window of an image of that size comes to lie."""
@@ -164,10 +156,6 @@ class Rotate270(Rotate90):
     def back(self, window: Window, width: int, height: int) -> Window:
         """Where a window of the result comes from."""
         return Window(width - window.bottom, window.left, width - window.top, window.right)
-
-    def turned(self, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-        """An image whose display window is at the origin, rotated."""
-        return ImageBufAlgo.rotate270(buffer)
 
 
 def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
@@ -181,11 +169,10 @@ def moved(buffer: oiio.ImageBuf, x: int, y: int) -> oiio.ImageBuf:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reorient(Hosted):
+class Reorient(Hosted, Gather):
     """Turn the pixels as the Orientation metadata says."""
 
     name: ClassVar[str] = "reorient"
-    reach: ClassVar[Reach] = Reach.AREA
     steps: ClassVar[dict[int, tuple[type[HostOp], ...]]] = {
         2: (Flop,), 3: (Rotate180,), 4: (Flip,), 5: (Rotate90, Flop), 6: (Rotate90,), 7: (Flop, Rotate90),
         8: (Rotate270,),
@@ -215,12 +202,11 @@ def _orientation(part: Part) -> int:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CircularShift(HostOp):
+class CircularShift(HostOp, Gather):
     """Shift the image; what leaves at one side of the data window comes in at the other."""
 
     name: ClassVar[str] = "cshift"
     mixes: ClassVar[bool] = False
-    reach: ClassVar[Reach] = Reach.AREA
 
     source: Image = image(help="the image")
     shift: str = argument(help="+X+Y, to the right and down")
@@ -228,14 +214,11 @@ class CircularShift(HostOp):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """Windows of the shifted image are pieces of the image."""
         x, y = parse_offset(self.shift)
-        source = worked(remembered(parts[0], session.cache))
+        source = worked(cached(parts[0], session.cache))
         corner = Window.sized(source.window.left, source.window.top, 1, 1)
-        spec = ImageBufAlgo.circular_shift(oiio.ImageBuf(corner.apply_to(source.spec)), 0, 0).spec()
-        return Part(
-            source.name,
-            source.window.apply_to(spec),
-            lambda window: with_halo(source, window.shifted(-x, -y), "periodic"),
-        )
+        spec = oiio.ImageBufAlgo.circular_shift(oiio.ImageBuf(corner.apply_to(source.spec)), 0, 0).spec()
+        target = source.window.apply_to(spec)
+        return Part(source.name, target, lambda window: on_a_torus(source, window.shifted(-x, -y)))
 
 
 OPS: tuple[type[Op], ...] = (Flip, Flop, Rotate180, Rotate90, Rotate270, Transpose, Reorient, CircularShift)

@@ -4,22 +4,19 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-import OpenImageIO as oiio
-from OpenImageIO import ImageBufAlgo
-
+from ..core.access import Gather
+from ..core.image import Image, Part, derived_spec, in_memory
+from ..core.op import Op
+from ..core.parameters import Numbers, argument, image, nearest, param
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
-from ..images import Image, Part, derived_spec
-from ..op import Op, Reach
-from ..params import Numbers, argument, image, nearest, param
 from ..session import Session
-from ..windows import Window
-from .kinds import HostOp, checked, remapped, worked
+from .kinds import HostOp, checked, once, remapped, worked
 
 # OpenImageIO's filters and their widths in pixels
 FILTERS = {
@@ -28,7 +25,6 @@ FILTERS = {
     "keys": 4, "simon": 4, "rifman": 4,
 }  # fmt: skip
 _WRAPS = ("default", "black", "clamp", "periodic", "mirror")
-_F = np.float32
 
 
 def known_filter(name: str) -> str:
@@ -53,8 +49,8 @@ def blank(target: oiio.ImageSpec, like: oiio.ImageBuf) -> oiio.ImageBuf:
 
 def compressed(work: Callable[[oiio.ImageBuf], oiio.ImageBuf], buffer: oiio.ImageBuf) -> oiio.ImageBuf:
     """What `work` makes of the buffer, done on compressed values: bright spots do not ring."""
-    result = checked(work(checked(ImageBufAlgo.rangecompress(buffer))))
-    ImageBufAlgo.rangeexpand(result, result)
+    result = checked(work(checked(oiio.ImageBufAlgo.rangecompress(buffer))))
+    oiio.ImageBufAlgo.rangeexpand(result, result)
     return result
 
 
@@ -116,17 +112,17 @@ def clamped_at_edges(
     filter : str
     """
     ones, share = (oiio.ImageBuf(_one_channel(given.spec())) for given in (buffer, warped))
-    ImageBufAlgo.fill(ones, (1.0,))
-    ImageBufAlgo.warp(share, ones, tuple(float(v) for v in matrix.ravel()), filter, 0.0, False, "default")
+    oiio.ImageBufAlgo.fill(ones, (1.0,))
+    oiio.ImageBufAlgo.warp(share, ones, tuple(float(v) for v in matrix.ravel()), filter, 0.0, False, "default")
     window = Window.data(warped.spec())
-    inverse = np.linalg.inv(matrix.astype(np.float64)).astype(_F)
-    s = (np.arange(window.left, window.right, dtype=_F) + _F(0.5)) * inverse[0, 0] + inverse[2, 0]
-    t = (np.arange(window.top, window.bottom, dtype=_F) + _F(0.5)) * inverse[1, 1] + inverse[2, 1]
+    inverse = np.linalg.inv(matrix.astype(np.float64)).astype(np.float32)
+    s = (np.arange(window.left, window.right, dtype=np.float32) + np.float32(0.5)) * inverse[0, 0] + inverse[2, 0]
+    t = (np.arange(window.top, window.bottom, dtype=np.float32) + np.float32(0.5)) * inverse[1, 1] + inverse[2, 1]
     inside = ((t >= data.top - 1) & (t < data.bottom))[:, None] & ((s >= data.left - 1) & (s < data.right))[None]
     weight = share.get_pixels(oiio.FLOAT).reshape(window.height, window.width, 1)
     values = warped.get_pixels(oiio.FLOAT).reshape(window.height, window.width, -1)
     counts = (weight > 0) & inside[..., None]
-    warped.set_pixels(warped.roi, np.where(counts, values / np.where(counts, weight, _F(1)), _F(0)))
+    warped.set_pixels(warped.roi, np.where(counts, values / np.where(counts, weight, np.float32(1)), np.float32(0)))
     return warped
 
 
@@ -140,23 +136,21 @@ def _one_channel(spec: oiio.ImageSpec) -> oiio.ImageSpec:
 
 def forward_window(matrix: np.ndarray, window: Window) -> Window:
     """The smallest window around a warped one, computed in float as ImageBufAlgo::warp does."""
-    m = matrix.astype(_F)
-    found = []
-    for y in (_F(window.top) + _F(0.5), _F(window.bottom) - _F(0.5)):
-        for x in (_F(window.left) + _F(0.5), _F(window.right) - _F(0.5)):
+    m = matrix.astype(np.float32)
+    corners = []
+    for y in (np.float32(window.top) + np.float32(0.5), np.float32(window.bottom) - np.float32(0.5)):
+        for x in (np.float32(window.left) + np.float32(0.5), np.float32(window.right) - np.float32(0.5)):
             a, b, w = (x * m[0, k] + y * m[1, k] + m[2, k] for k in range(3))
-            found.append((a / w, b / w))
-    (left, top), (right, bottom) = np.min(found, axis=0), np.max(found, axis=0)
+            corners.append((a / w, b / w))
+    (left, top), (right, bottom) = np.min(corners, axis=0), np.max(corners, axis=0)
     if not np.all(np.isfinite((left, top, right, bottom))):
         raise ImageError("the result would have no end")
     return Window(math.floor(left), math.floor(top), math.floor(right) + 1, math.floor(bottom) + 1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Warped(HostOp):
+class Warped(HostOp, Gather):
     """Resampled through a matrix."""
-
-    reach: ClassVar[Reach] = Reach.AREA
 
     source: Image = image(help="the image")
     filter: str = param("", help="name of the filter; lanczos3 when left out")
@@ -164,16 +158,33 @@ class Warped(HostOp):
     highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
 
     def warped(self, part: Part, matrix: np.ndarray, wrap: str, session: Session) -> Part:
-        """The part through a matrix that maps row vectors (x, y, 1) of the source to the result."""
+        """The part through a matrix, not yet computed.
+
+        Parameters
+        ----------
+        part : Part
+        matrix : array of shape (3, 3)
+            From the source to the result, for row vectors (x, y, 1) in pixels.
+        wrap : str
+            What lies beyond the image: default (black), black, clamp, periodic or mirror.
+        session : Session
+
+        Raises
+        ------
+        ParameterError
+            No such filter, or a matrix that has no inverse.
+        ImageError
+            The result's data window would have no end, or no pixel.
+        """
         known_filter(self.filter)
         wide = FILTERS[self.filter or "lanczos3"]
         try:
-            inverse = np.linalg.inv(matrix.astype(_F).astype(np.float64))
+            inverse = np.linalg.inv(matrix.astype(np.float32).astype(np.float64))
         except np.linalg.LinAlgError:
             raise ParameterError("a matrix that has an inverse is wanted") from None
         data = part.window
         target = (forward_window(matrix, data) if self.recompute_roi else data).apply_to(part.spec)
-        values = tuple(float(v) for v in matrix.astype(_F).ravel())
+        values = tuple(float(v) for v in matrix.astype(np.float32).ravel())
 
         def needs(window: Window) -> Sequence[Window]:
             wanted = warp_needs(inverse, window, wide, data)
@@ -184,7 +195,7 @@ class Warped(HostOp):
         def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
             def warp(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
                 roi = Window.data(spec).roi(spec.nchannels)
-                return ImageBufAlgo.warp(buffer, values, self.filter, 0.0, False, wrap, roi)
+                return oiio.ImageBufAlgo.warp(buffer, values, self.filter, 0.0, False, wrap, roi)
 
             return compressed(warp, buffer) if self.highlightcomp else warp(buffer)
 
@@ -213,7 +224,7 @@ class Rotate(Warped):
 
     name: ClassVar[str] = "rotate"
 
-    angle: float = argument(unit="degrees", help="clockwise")
+    angle: float = argument(unit="degrees", ge=-1e9, le=1e9, help="clockwise")
     center: Numbers | None = param(None, help="X,Y that stays; the centre of the display window when left out")
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
@@ -224,16 +235,16 @@ class Rotate(Warped):
             if len(self.center) != 2:
                 raise ParameterError(f"center={self.center}: allowed is X,Y")
             x, y = self.center
-        radians = float(_F(self.angle) * _F(math.pi / 180))
+        radians = float(np.float32(self.angle) * np.float32(math.pi / 180))
         return self.warped(parts[0], _rotation(radians, x, y), "black", session)
 
 
 def _rotation(radians: float, x: float, y: float) -> np.ndarray:
     """The matrix of ImageBufAlgo::rotate, rounded as it rounds: a pixel more or less would be another window."""
-    c, s = _F(math.cos(radians)), _F(math.sin(radians))
-    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], _F)
-    move = np.array([[1, 0, 0], [0, 1, 0], [-x, -y, 1]], _F)
-    back = np.array([[1, 0, 0], [0, 1, 0], [x, y, 1]], _F)
+    c, s = np.float32(math.cos(radians)), np.float32(math.sin(radians))
+    turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], np.float32)
+    move = np.array([[1, 0, 0], [0, 1, 0], [-x, -y, 1]], np.float32)
+    back = np.array([[1, 0, 0], [0, 1, 0], [x, y, 1]], np.float32)
     return _product(_product(move, turn), back)
 
 
@@ -243,11 +254,10 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class STWarp(HostOp):
+class STWarp(HostOp, Gather):
     """Warp by an image whose channels say where each pixel comes from, as shares of width and height."""
 
     name: ClassVar[str] = "st_warp"
-    reach: ClassVar[Reach] = Reach.GLOBAL
 
     source: Image = image(help="the image")
     st: Image = image(help="the coordinates")
@@ -267,23 +277,16 @@ class STWarp(HostOp):
         if (source.window & st.window).empty:
             raise ImageError("image and coordinates share no pixel")
         session.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
-        lock = threading.Lock()
-        kept: list[oiio.ImageBuf] = []
-
-        def whole() -> oiio.ImageBuf:
-            with lock:
-                if not kept:
-                    kept.append(source.buffer(source.window))
-            return kept[0]
-
+        cached = once(source, lambda part: in_memory(part.name, part.buffer(part.window)))
         spec = derived_spec(source.spec)
 
         def fetch(window: Window) -> oiio.ImageBuf:
-            result = blank(window.apply_to(spec), whole())
+            whole = cached.buffer(cached.window)
+            result = blank(window.apply_to(spec), whole)
             seen = window & st.window
             if not seen.empty:
-                ImageBufAlgo.st_warp(
-                    result, whole(), st.buffer(seen), self.filter, 0.0, self.chan_s, self.chan_t, self.flip_s,
+                oiio.ImageBufAlgo.st_warp(
+                    result, whole, st.buffer(seen), self.filter, 0.0, self.chan_s, self.chan_t, self.flip_s,
                     self.flip_t, seen.roi(spec.nchannels),
                 )  # fmt: skip
             return checked(result)

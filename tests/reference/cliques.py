@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Clique partitioning solved exactly: the oracle of analysis/cliques.py, and the paper's random instances."""
+"""Clique partitioning solved exactly: the oracle of segmentation/clique_partition.py, and CZF02's instances."""
 
 from __future__ import annotations
 
@@ -7,7 +7,22 @@ import itertools
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, linear_sum_assignment, milp
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, issparse
+
+from oiiotex.segmentation.clique_partition import Weights
+
+
+def score(weights: Weights, labels: np.ndarray) -> float:
+    """What is maximized, CZF02 eq. 5: the sum of the weights of all pairs within a clique."""
+    if issparse(weights):
+        held = weights.tocoo()
+        inside = (labels[held.row] == labels[held.col]) & (held.row != held.col)
+        return float(held.data[inside].sum(dtype=np.float64) / 2)
+    total = sum(
+        float(np.asarray(weights)[np.ix_(inside, inside)].sum(dtype=np.float64))
+        for inside in (np.flatnonzero(labels == c) for c in np.unique(labels))
+    )
+    return (total - float(np.trace(weights))) / 2
 
 
 def best_partition(weights: np.ndarray) -> np.ndarray:

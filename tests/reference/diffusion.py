@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Diffusion on texels with full matrices: the oracle of analysis/texels.py and analysis/diffusion.py."""
+"""Diffusion on texels with full matrices: the oracle of dominant/patch_manifold.py and dominant/diffusion.py."""
 
 from __future__ import annotations
 

@@ -6,6 +6,12 @@ from __future__ import annotations
 import numpy as np
 
 
+def value_counts(image: np.ndarray, first: int, entries: int) -> np.ndarray:
+    """How often each value occurs in (..., channels): (channels, entries), entry i for value first + i."""
+    flat = image.reshape(-1, image.shape[-1]).astype(int)
+    return np.stack([np.bincount(values - first, minlength=entries) for values in flat.T])
+
+
 def gaussian_rows(size: int, sigma: float, wrap: bool) -> np.ndarray:
     """(size, size): row i weighs all pixels of an axis seen from pixel i."""
     away = np.arange(size)[None, :] - np.arange(size)[:, None]

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Local moment matching at every pixel, MJH17 section 4.3 to the letter: the oracle of synthesis/moments.py."""
+"""Local moment matching at every pixel, MJH17 section 4.3 to the letter: the oracle of projections/moments.py."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import special
 
-from oiiotex.synthesis.pearson import pearson_ppf
 from tests.reference.histograms import gaussian_rows
+from tests.reference.pearson import pearson_ppf
 
 
 def local_moments(image: np.ndarray, sigma: float, wrap_x: bool, wrap_y: bool) -> np.ndarray:

@@ -5,7 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.synthesis.patchmatch import JUMPS, SEARCHES, Geometry, hash_at
+from oiiotex.patchmatch.field import Geometry, hash_at
+from oiiotex.patchmatch.matcher import JUMPS, SEARCHES, Matcher
+from oiiotex.regularity.offset_prices import InStep
+
+VARIANCE = 20000.0  # of random exemplars
 
 
 def patch(image: np.ndarray, y: int, x: int, size: int) -> np.ndarray:
@@ -17,6 +21,12 @@ def patch(image: np.ndarray, y: int, x: int, size: int) -> np.ndarray:
 def distance(target: np.ndarray, y: int, x: int, exemplar: np.ndarray, ey: int, ex: int, size: int) -> int:
     """MJH17 eq. 5, the inner sum."""
     return int(((patch(target, y, x, size) - patch(exemplar, ey, ex, size)) ** 2).sum())
+
+
+def distances(matcher: Matcher) -> np.ndarray:
+    """Squared distance of every match on the device, in squared grid steps: (rows, columns) int32."""
+    shape = matcher.geometry.rows, matcher.geometry.columns
+    return matcher._device.read(matcher._buffers["distance"], shape, np.int32)
 
 
 def penalties(field_y: np.ndarray, field_x: np.ndarray, g: Geometry, weight: float) -> np.ndarray:
@@ -35,14 +45,27 @@ class Oracle:
     """One level, as `Matcher` does it."""
 
     def __init__(
-        self, target: np.ndarray, exemplar: np.ndarray, g: Geometry, y: np.ndarray, x: np.ndarray, penalty: np.ndarray
-    ):
+        self, target: np.ndarray, exemplar: np.ndarray, g: Geometry, y: np.ndarray, x: np.ndarray, penalty: np.ndarray,
+        in_step: InStep | None = None,
+    ):  # fmt: skip
         self.target, self.exemplar, self.g, self.penalty = target, exemplar, g, penalty
+        self.in_step = in_step
+        self.out_of_step = None if in_step is None else in_step.prices((1, 1), (1, 1), g.patch, VARIANCE).table
         self.y, self.x = y.copy(), x.copy()
         self.cost = np.array([[self._cost(r, c, y[r, c], x[r, c]) for c in range(g.columns)] for r in range(g.rows)])
 
     def _cost(self, r: int, c: int, ey: int, ex: int) -> int:
-        return distance(self.target, r, c, self.exemplar, ey, ex, self.g.patch) + int(self.penalty[ey, ex])
+        cost = distance(self.target, r, c, self.exemplar, ey, ex, self.g.patch) + int(self.penalty[ey, ex])
+        return cost + (0 if self.in_step is None else self._offset_price(r, c, ey, ex))
+
+    def _offset_price(self, r: int, c: int, ey: int, ex: int) -> int:
+        """Of the phases of two middles, each on its own lattice."""
+        half = self.g.patch / 2
+        own = self.in_step.lattice.frequencies @ [ex + half, ey + half]
+        wanted = self.in_step.wanted @ (np.array([c + half, r + half]) + self.in_step.origin)
+        bins = len(self.out_of_step)
+        u, v = [*np.floor((own - wanted) * bins + 0.5).astype(int) % bins, 0][:2]
+        return int(self.out_of_step[v, u])
 
     def _offer(self, r: int, c: int, ey: int, ex: int, best: list[int]) -> None:
         if 0 <= ey < self.g.exemplar_rows and 0 <= ex < self.g.exemplar_columns:

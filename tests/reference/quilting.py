@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from oiiotex.synthesis.patchmatch import hash_at
-from oiiotex.synthesis.plans import NONE, Grid, Plan
+from oiiotex.core.source_map import NONE
+from oiiotex.patchmatch.field import hash_at
+from oiiotex.quilting.quilt_plan import Grid, Plan
 
-COARSE, SHORTLIST, TRIES = 4, 8, 4
+COARSE, SHORTLIST, DRAWS = 4, 8, 4
 LEFT, TOP, RIGHT, BOTTOM = range(4)
 
 
@@ -19,17 +20,22 @@ def below(bits, n: int) -> int:
 class Oracle:
     """Decides the cells of a grid wave by wave, without labels."""
 
-    def __init__(self, lab: np.ndarray, grid: Grid, table, keys: np.ndarray, cap: np.ndarray, rules):
-        self.lab, self.grid, self.table, self.keys, self.cap, self.rules = (
-            lab.astype(np.int64),
-            grid,
-            table,
-            keys,
-            cap,
-            rules,
-        )
+    def __init__(
+        self, lab: np.ndarray, grid: Grid, table, keys: np.ndarray, rules, use_unit: int, step_unit=0, in_step=None
+    ):
+        self.lab, self.grid, self.table, self.keys, self.rules = lab.astype(np.int64), grid, table, keys, rules
+        self.use_unit, self.step_unit, self.in_step = use_unit, step_unit, in_step
+        self.square = max(1, grid.step // 6)
+        self.shown = np.zeros((len(lab) // self.square + 1, lab.shape[1] // self.square + 1), np.int64)
+        self.shares = np.zeros(self.shown.shape)
+        for key, cells in enumerate(np.bincount(keys.ravel(), minlength=len(table.keys))):
+            can = np.zeros(self.shown.shape, bool)
+            for at in table.offsets[table.starts[key] : table.starts[key + 1]].tolist():
+                can[self.squares(at)] = True
+            self.shares[can] += cells * (grid.step // self.square) ** 2 / can.sum()
+        self.shares = np.rint(256 * rules.reuse * self.shares).astype(np.int64)
+        self.progress = 0
         self.plan = Plan.empty(grid)
-        self.uses = np.zeros(len(table.range_blocks), np.int64)
         h, w = lab.shape[0] // COARSE * COARSE, lab.shape[1] // COARSE * COARSE
         squares = self.lab[:h, :w].reshape(h // COARSE, COARSE, w // COARSE, COARSE, 3)
         self.coarse = (squares.sum((1, 3)) + 8) >> 4
@@ -124,11 +130,38 @@ class Oracle:
                 image[ly, lx], there[ly, lx] = self.lab[at], True
         return image, there, sides, right, bottom
 
-    def range_of(self, key: int, at: int) -> int:
-        t = self.table
-        block = (at >> 16) // t.block * -(-t.key_map.shape[1] // t.block) + (at & 0xFFFF) // t.block
-        first, last = int(t.ranges[key]), int(t.ranges[key + 1])
-        return first + int(np.flatnonzero(t.range_blocks[first:last] == block)[0])
+    def squares(self, at: int):
+        """Those that a patch shows."""
+        n, to = self.grid.step // self.square, self.grid.overlap // 2 + self.square // 2
+        y, x = ((at >> 16) + to) // self.square, ((at & 0xFFFF) + to) // self.square
+        return slice(y, y + n), slice(x, x + n)
+
+    def use(self, at: int) -> int:
+        due = np.maximum(256, self.shares[self.squares(at)] * self.progress >> 16)
+        over = 256 * self.shown[self.squares(at)] - due
+        return int((np.clip(np.where(over > 0, over // 16, 0), 0, 1023) ** 2).sum())
+
+    def cycles(self, i: int, j: int, at: int) -> list[int]:
+        """How a patch lies on the exemplar's lattice beside the cell, in 2^-32, and half a bin more."""
+        p = [int(n) for n in self.in_step.phases(patch=self.grid.patch)]
+        x, y, ex, ey = int(self.grid.xs[j]), int(self.grid.ys[i]), at & 0xFFFF, at >> 16
+        parts = (p[2 * n] * ex + p[2 * n + 1] * ey - p[2 * n + 4] * x - p[2 * n + 5] * y + p[8 + n] for n in (0, 1))
+        return [part % 2**32 for part in parts]
+
+    def offset_price(self, i: int, j: int, at: int) -> int:
+        if self.in_step is None:
+            return 0
+        u, v = self.cycles(i, j, at)
+        return self.step_unit * int(self.in_step.table(1 << 16)[v >> 26, u >> 26])
+
+    def moved(self, i: int, j: int, key: int, at: int) -> int:
+        """To where it is in step."""
+        off = [(n - 2**25 + 2**31) % 2**32 - 2**31 for n in self.cycles(i, j, at)]
+        x, y = ((off @ self.in_step.steps().astype(np.int64) + 2**39) >> 40).tolist()
+        y, x = (at >> 16) - y, (at & 0xFFFF) - x
+        height, width = self.table.key_map.shape
+        inside = 0 <= y < height and 0 <= x < width and self.table.key_map[y, x] == key
+        return y << 16 | x if inside else at
 
     def candidates(self, i: int, j: int, key: int) -> list[int | None]:
         t, seed = self.table, self.rules.seed
@@ -136,18 +169,15 @@ class Oracle:
         ij = np.array([i]), np.array([j])
         found: list[int | None] = []
         for k in range(self.rules.candidates):
-            at = None
             if count <= self.rules.candidates:
                 turn = below(hash_at(seed, 0x917, *ij)[0], count)
                 draws = [(k + turn) % count] if k < count else []
             else:
-                draws = [below(hash_at(seed, 0x10000 + TRIES * k + d, *ij)[0], count) for d in range(TRIES)]
-            for draw in draws:
-                offset = int(t.offsets[first + draw])
-                if self.uses[self.range_of(key, offset)] < self.cap[key]:
-                    at = offset
-                    break
-            found.append(at)
+                draws = [below(hash_at(seed, 0x10000 + DRAWS * k + d, *ij)[0], count) for d in range(DRAWS)]
+            places = [int(t.offsets[first + draw]) for draw in draws]
+            if self.in_step is not None and count > self.rules.candidates and k % 2 == 0:
+                places = [self.moved(i, j, key, at) for at in places]
+            found.append(min(places, key=self.use, default=None))
         return found
 
     def first_cost(self, at: int, around) -> int:
@@ -175,28 +205,29 @@ class Oracle:
     def best(self, i: int, j: int, key: int):
         around = self.surroundings(i, j)
         tried = self.candidates(i, j, key)
-        first = [(None if at is None else self.first_cost(at, around)) for at in tried]
-        order = sorted((c, k) for k, c in enumerate(first) if c is not None)
-        found, least = None, None
-        for _, k in order[:SHORTLIST]:
-            there = self.cost(tried[k], around)
-            if least is None or there < least:
-                found, least = tried[k], there
+        here = [at for at in tried if at is not None]
+        first = [self.first_cost(at, around) + self.offset_price(i, j, at) for at in here]
+        prices = [self.use_unit * self.use(at) for at in here]
+
+        def whole_cost(at: int) -> int:
+            return self.cost(at, around) + self.use_unit * self.use(at) + self.offset_price(i, j, at)
+
+        short = np.argsort(np.add(first, prices), kind="stable")[:SHORTLIST].tolist()
+        number = min(short, key=lambda k: whole_cost(here[k]))
+        found, least = here[number], whole_cost(here[number])
         step = self.rules.reach
-        while step > 0 and found is not None and least > 0 and any(around[2]):
+        while step > 0 and least > 0 and any(around[2]):
             cy, cx = found >> 16, found & 0xFFFF
             for k in range(9):
                 y, x = cy + step * (k // 3 - 1), cx + step * (k % 3 - 1)
                 h, w = self.table.key_map.shape
                 if k == 4 or not (0 <= y < h and 0 <= x < w) or self.table.key_map[y, x] != key:
                     continue
-                if self.uses[self.range_of(key, y << 16 | x)] >= self.cap[key]:
-                    continue
-                there = self.cost(y << 16 | x, around)
+                there = whole_cost(y << 16 | x)
                 if there < least:
                     found, least = y << 16 | x, there
             step //= 2
-        return found, tried, first
+        return found, number, here, first, prices
 
     def cut(self, i: int, j: int, upper: bool) -> None:
         """Dynamic programming over the squared differences of the two patches (Efros & Freeman 2001, section 2.1)."""
@@ -221,9 +252,10 @@ class Oracle:
         rows, columns = self.grid.shape
         for wave in range(2 * (rows - 1) + columns):
             cells = [(i, wave - 2 * i) for i in range(rows) if 0 <= wave - 2 * i < columns]
+            self.progress = (np.count_nonzero(self.plan.offsets != NONE) << 16) // (rows * columns)
             found = {cell: self.best(*cell, int(self.keys[cell])) for cell in cells}
             for cell in cells:
-                self.take(cell, int(self.keys[cell]), *found[cell])
+                self.take(cell, *found[cell])
             near = {cell: [self.neighbour(*cell, side) for side in range(4)] for cell in cells}
             for cell in cells:
                 for side in (LEFT, TOP):
@@ -235,24 +267,9 @@ class Oracle:
                         self.cut(*near[cell][side], side == BOTTOM)
         return self.plan
 
-    def take(self, cell, key: int, at: int | None, tried: list, first: list) -> None:
-        t = self.table
-        if at is None or self.uses[self.range_of(key, at)] >= self.cap[key]:
-            at = None
-            for _, k in sorted((c, k) for k, c in enumerate(first) if c is not None):
-                if self.uses[self.range_of(key, tried[k])] < self.cap[key]:
-                    at = tried[k]
-                    break
-        if at is None:
-            low, high = int(t.ranges[key]), int(t.ranges[key + 1])
-            bits = hash_at(self.rules.seed, 0xCA9, np.array([cell[0]]), np.array([cell[1]]))[0]
-            found = low + below(bits, high - low)
-            while self.uses[found] >= self.cap[key]:
-                found = found + 1 if found + 1 < high else low
-            state = (int(bits) * 747796405 + 2891336453) % 2**32  # hash_pcg of cl/hash.h
-            word = ((state >> ((state >> 28) + 4)) ^ state) * 277803737 % 2**32
-            again = (word >> 22) ^ word
-            start, end = int(t.range_starts[found]), int(t.range_starts[found + 1])
-            at = int(t.offsets[start + below(again, end - start)])
-        self.uses[self.range_of(key, at)] += 1
+    def take(self, cell, at: int, number: int, tried: list[int], first: list[int], prices: list[int]) -> None:
+        if self.use_unit * self.use(at) > prices[number]:
+            shown = [at if k == number else other for k, other in enumerate(tried)]
+            at = shown[int(np.argmin([c + self.use_unit * self.use(o) for c, o in zip(first, shown, strict=True)]))]
+        self.shown[self.squares(at)] += 1
         self.plan.offsets[cell] = at

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Texton histograms and their comparison, place by place: the oracle of analysis/textons.py."""
+"""Texton histograms and their comparison, place by place: the oracle of segmentation/textons.py."""
 
 from __future__ import annotations
 

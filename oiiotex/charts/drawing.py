@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures for people: pixels as screens show them, labels in colours that stay apart, sheets that are drawn on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..core.attributes import TAG
+from ..core.image import Part, channels_of
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..labels.legend import colours_of
+from ..session import Session
+
+GAP, TEXT = 12, 16  # px of a sheet
+PAPER, INK = 0.93, 0.12
+
+
+class Sheet:
+    """A picture for people while it is drawn, in sRGB: what comes later lies above."""
+
+    def __init__(self, width: int, height: int):
+        self.width, self.height = width, height
+        self._buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, 3, oiio.FLOAT))
+        oiio.ImageBufAlgo.fill(self._buffer, (PAPER,) * 3)
+
+    @classmethod
+    def of_panels(cls, panels: Sequence[tuple[str, np.ndarray]], columns: int, beside: Sheet | None = None) -> Sheet:
+        """Pictures of one size with their titles in rows, another sheet to their right."""
+        height, width = panels[0][1].shape[:2]
+        columns = min(columns, len(panels))
+        wide = max(width, 220)  # a title must fit
+        rows = -(-len(panels) // columns)
+        down, across = GAP + rows * (height + TEXT + 2 * GAP), GAP + columns * (wide + GAP)
+        if beside is not None:
+            down, across = max(down, beside.height + 2 * GAP), across + beside.width + GAP
+        sheet = cls(across, down)
+        if beside is not None:
+            sheet.paste(beside.image(), across - GAP - beside.width, GAP)
+        for n, (title, picture) in enumerate(panels):
+            top = GAP + n // columns * (height + TEXT + 2 * GAP) + TEXT + GAP
+            left = GAP + n % columns * (wide + GAP)
+            sheet.paste(picture, left, top)
+            sheet.text(title, left, top - GAP // 2)
+        return sheet
+
+    def paste(self, picture: np.ndarray, left: int, top: int) -> None:
+        """A picture (h, w, 3)."""
+        window = Window.sized(left, top, picture.shape[1], picture.shape[0])
+        self._buffer.set_pixels(window.roi(3), np.ascontiguousarray(picture, np.float32))
+
+    def box(self, left: int, top: int, right: int, bottom: int, colour: Sequence[float]) -> None:
+        """Fill a rectangle.
+
+        Parameters
+        ----------
+        left, top, right, bottom : int
+            Its outermost pixels, all of them filled.
+        colour : sequence of 3 floats
+            sRGB, 0 to 1.
+        """
+        oiio.ImageBufAlgo.render_box(self._buffer, left, top, right, bottom, tuple(map(float, colour)), True)
+
+    def line(self, x: int, y: int, to_x: int, to_y: int, colour: tuple[float, float, float]) -> None:
+        """Draw a line, one pixel wide.
+
+        Parameters
+        ----------
+        x, y, to_x, to_y : int
+            Its end pixels.
+        colour : 3 floats
+            sRGB, 0 to 1.
+        """
+        oiio.ImageBufAlgo.render_line(self._buffer, x, y, to_x, to_y, colour, True)
+
+    def text(
+        self, text: str, left: int, baseline: int, size: int = TEXT - 2, ink: tuple[float, float, float] = (INK,) * 3
+    ) -> None:
+        """Draw a line of text; without a font there is none.
+
+        Parameters
+        ----------
+        text : str
+        left, baseline : int
+            Where it begins.
+        size : int
+            Height, px.
+        ink : 3 floats
+            sRGB, 0 to 1.
+        """
+        if not oiio.ImageBufAlgo.render_text(self._buffer, left, baseline, text, size, "", ink):
+            self._buffer.geterror()
+
+    def image(self) -> np.ndarray:
+        """What was drawn: (height, width, 3) float32."""
+        return self._buffer.get_pixels(oiio.FLOAT)
+
+
+def sampled(part: Part, step: int) -> np.ndarray:
+    """Every `step`th pixel of every `step`th row, read row by row."""
+    window = part.window
+    rows = []
+    for y in range(window.top + min(step // 2, window.height - 1), window.bottom, step):
+        row = part.read(Window(window.left, y, window.right, y + 1))
+        rows.append(row[0, min(step // 2, window.width - 1) :: step])
+    return np.stack(rows)
+
+
+def shown_pixels(pixels: np.ndarray, part: Part, session: Session) -> np.ndarray:
+    """Pixels as sRGB, (h, w, 3) float: by their colour space where it is known, else as they are."""
+    channels = channels_of(part.spec)
+    values = pixels.astype(np.float32)
+    if pixels.dtype.kind in "ui":
+        values = values / np.iinfo(pixels.dtype).max
+    space = part.spec.get_string_attribute(TAG)
+    three = list(channels.colour) if len(channels.colour) == 3 else [channels.colour[0]] * 3
+    colour = np.nan_to_num(np.ascontiguousarray(values[..., three]))
+    if space and not session.color.is_data(space):
+        session.color.to_lab(space)(colour)
+        colour = srgb_of(colour)
+    return np.clip(colour, 0, 1)
+
+
+def srgb_of(lab: np.ndarray) -> np.ndarray:
+    """Lab (D65) as sRGB whatever spaces the user's config has: this is only to look at."""
+    f = (lab[..., :1] + 16) / 116 + np.stack([lab[..., 1] / 500, np.zeros_like(lab[..., 1]), -lab[..., 2] / 200], -1)
+    xyz = np.where(f > 6 / 29, f**3, (f - 4 / 29) * 3 * (6 / 29) ** 2) * [0.95047, 1.0, 1.08883]
+    linear = np.clip(xyz @ np.array([[3.2404542, -0.9692660, 0.0556434],
+                                     [-1.5371385, 1.8760108, -0.2040259],
+                                     [-0.4985314, 0.0415560, 1.0572252]]), 0, 1)  # fmt: skip
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def coloured(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> np.ndarray:
+    """Labels (h, w) in colours over the photo's lightness (h, w), their borders dark; 0 is black. (h, w, 3)."""
+    shown = colours_of(ids)
+    if lightness is not None:
+        shown = shown * (strength + (1 - strength) * 1.6 * lightness[..., None])
+    border = np.zeros(ids.shape, bool)
+    border[1:] |= ids[1:] != ids[:-1]
+    border[:, 1:] |= ids[:, 1:] != ids[:, :-1]
+    shown[border] *= 0.25
+    shown[ids == 0] = 0
+    return shown

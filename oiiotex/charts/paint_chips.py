@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chips of paint: every label's colour with its id and name in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..core.window import Window
+from ..deferred import np, oiio
+from .drawing import Sheet
+
+_MARGIN = 4  # px
+_LARGEST, _LEAST = 14, 8  # px; smaller text cannot be read
+
+
+def paint_chips(chips: Sequence[tuple[dict[str, Any], Window]], width: int, height: int) -> np.ndarray:
+    """The colours of a palette's entries in their places, ids and names in them as far as there is room.
+
+    Parameters
+    ----------
+    chips : sequence of (entry, Window)
+        As `labels.legend.Legend.entries` has them, and where each lies.
+    width, height : int
+        Of the picture, px.
+
+    Returns
+    -------
+    (height, width, 3) float32
+        sRGB.
+    """
+    sheet = Sheet(width, height)
+    for entry, place in chips:
+        colour = np.array([int(n) for n in entry["colour"].split(",")]) / 255
+        sheet.box(place.left, place.top, place.right - 1, place.bottom - 1, colour)
+        ink = (0.0, 0.0, 0.0) if colour @ (0.299, 0.587, 0.114) > 0.5 else (1.0, 1.0, 1.0)
+        size = min(_LARGEST, (place.height - 3 * _MARGIN) // 2)
+        if size < _LEAST:
+            continue
+        for line, text in enumerate((str(entry["id"]), entry["name"])):
+            baseline = place.top + (line + 1) * (_MARGIN + size)
+            shown = _shortened(text, size, place.width - 2 * _MARGIN)
+            sheet.text(shown, place.left + _MARGIN, baseline, size, ink)
+    return sheet.image()
+
+
+def _shortened(text: str, size: int, width: int) -> str:
+    """As much of a text as is not wider, its end dotted where some is missing."""
+    shown = text
+    while shown and oiio.ImageBufAlgo.text_size(shown, size).width > width:
+        text = text[:-1]
+        shown = f"{text}\u2026" if text else ""
+    return shown

@@ -1,0 +1,52 @@
+// A grid of cells that fills an image evenly, shared by what keeps local statistics on one:
+// stationarity/grid_statistics.py, CellGrid. Include it with FP_CONTRACT off.
+#include "offsets.h"
+
+// The image and the cells along x and y, and along which axes it is a torus.
+#define GRID_ARGS int width, int height, int cells_x, int cells_y, int wrap_x, int wrap_y
+#define GRID width, height, cells_x, cells_y, wrap_x, wrap_y
+
+// C's conversion rounds towards zero; this is floor() without the call that some CPU runtimes do not inline.
+static inline int floor_int(float v) { int i = (int)v; return i - (v < (float)i); }
+
+// What a buffer holds of the image's rows and of the cells' begins at rows `first` and `first_cells`, counted on beyond the
+// border where they wrap; 0 where it holds all. `held_cells` rows of cells lie from one channel's to the next one's.
+#define HELD_ARGS int first, int first_cells, int held_cells
+
+// Where the statistics of a channel's cell lie among those of all: [channel][cell y][cell x].
+#define CELL(c, cy, cx) (((size_t)(c) * held_cells + (cy)) * cells_x + (cx))
+// Row y of the image in what is held of it.
+#define HELD(y) WRAPPED((y) - first, height)
+
+// Each pixel is shared bilinearly among the four cells around it. Seen from a cell along one axis: it gathers pixels
+// less than a pitch from its centre, weighted by a tent.
+typedef struct { float pitch, centre; int first; } tent;
+static inline tent tent_of(int cell, int size, int cells) {
+  float pitch = (float)size / (float)cells, centre = ((float)cell + 0.5f) * pitch - 0.5f;
+  tent t = {pitch, centre, floor_int(centre - pitch) + 1};
+  return t;
+}
+static inline int tent_covers(tent t, int at) { return (float)at < t.centre + t.pitch; }
+static inline float tent_at(tent t, int at) {
+  float away = (float)at < t.centre ? t.centre - (float)at : (float)at - t.centre;
+  return 1.0f - away / t.pitch;
+}
+
+// Whether there is a pixel (or a cell) at or beyond the border.
+#define THERE(i, n, wrap) ((wrap) || ((i) >= 0 && (i) < (n)))
+
+// The four cells around a pixel: where they lie in what is held of a channel's, and what they weigh, 0 where there is
+// none. Returns the sum of the weights.
+static inline float cells_around(int x, int y, GRID_ARGS, int first_cells, size_t *cell, float *weight) {
+  float gx = ((float)x + 0.5f) * ((float)cells_x / (float)width) - 0.5f;
+  float gy = ((float)y + 0.5f) * ((float)cells_y / (float)height) - 0.5f;
+  int x0 = floor_int(gx), y0 = floor_int(gy);
+  float right = gx - (float)x0, lower = gy - (float)y0, weights = 0.0f;
+  for (int k = 0; k < 4; k++) {
+    int cx = x0 + (k & 1), cy = y0 + (k >> 1), there = THERE(cx, cells_x, wrap_x) && THERE(cy, cells_y, wrap_y);
+    cell[k] = there ? AT(WRAPPED(WRAPPED(cy, cells_y) - first_cells, cells_y), WRAPPED(cx, cells_x), cells_x) : 0;
+    weight[k] = there ? ((k & 1) ? right : 1.0f - right) * ((k >> 1) ? lower : 1.0f - lower) : 0.0f;
+    weights += weight[k];
+  }
+  return weights;
+}

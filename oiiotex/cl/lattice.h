@@ -1,0 +1,23 @@
+// What a match costs that is out of step with the photo's lattice (regularity/offset_prices.py). Phases are shares of a
+// cycle in 32 bits, and wrap by themselves.
+#define PHASE_BITS 6
+
+// The offset between target patch (x, y) and exemplar patch (ex, ey), in cycles of u and v and half a bin more.
+// `phases`: of u and v per pixel of the exemplar along x, y, then of the target, then at the corner of both.
+static inline uint2 cycles_of_offset(__constant uint *phases, int x, int y, int ex, int ey) {
+  uint u = phases[0] * (uint)ex + phases[1] * (uint)ey - phases[4] * (uint)x - phases[5] * (uint)y + phases[8];
+  uint v = phases[2] * (uint)ex + phases[3] * (uint)ey - phases[6] * (uint)x - phases[7] * (uint)y + phases[9];
+  return (uint2)(u, v);
+}
+
+// What it costs, looked up in a table over both phases.
+static inline int price_of_offset(__constant uint *phases, const __global int *table, int x, int y, int ex, int ey) {
+  uint2 at = cycles_of_offset(phases, x, y, ex, ey);
+  return table[at.y >> (32 - PHASE_BITS) << PHASE_BITS | at.x >> (32 - PHASE_BITS)];
+}
+
+// How far it is out of step, in cycles / 2^32 to both sides.
+static inline int2 phases_of_offset(__constant uint *phases, int x, int y, int ex, int ey) {
+  uint2 at = cycles_of_offset(phases, x, y, ex, ey);
+  return (int2)((int)(at.x - (1u << (31 - PHASE_BITS))), (int)(at.y - (1u << (31 - PHASE_BITS))));
+}

@@ -1,0 +1,70 @@
+// What the use of an exemplar patch costs beside its distance, by what the field uses too much: regions that are shown
+// again and again, and the flat part of the exemplar, which mean votes drift to (patchmatch/use_prices.py).
+// All sums and prices are integers: no order of work changes a decision.
+#include "offsets.h"
+
+#define MOST 500000000   // of each price: two and a penalty of patchmatch.cl stay below INT_MAX together
+
+// Where the region around patch `at` of `n` begins: pushed inside where it sticks out.
+static inline int first_of_region(int at, int side, int n) {
+  int first = at - side / 2, last = n > side ? n - side : 0;
+  return first < 0 ? 0 : first > last ? last : first;
+}
+
+// Field patches of each kind of exemplar patch.
+__kernel void use_prices_count(const __global uint *restrict field, const __global uchar *restrict kinds,
+                               __global int *restrict counts, int columns, int rows, int e_columns) {
+  int x = get_global_id(0), y = get_global_id(1);
+  if (x >= columns || y >= rows) return;
+  uint at = field[AT(y, x, columns)];
+  atomic_inc(counts + kinds[AT(corner_y(at), corner_x(at), e_columns)]);
+}
+
+// One step of dual ascent for the constraints 'of kinds 0 to k no more than most[k] patches': the price of a constraint
+// rises by `step` times the share of patches that are too many and falls by that of those that could be more. A step
+// grows while it goes one way and is halved where it turns (its sign says which way it went), between `least` and `greatest`:
+// fields answer to prices at once or hardly at all. A kind pays for all constraints that it is part of.
+__kernel void use_prices_ascend(const __global int *restrict counts, const __global int *restrict most,
+                                __global int *restrict duals, __global int *restrict steps, __global int *restrict prices,
+                                int kinds, int patches, int least, int greatest) {
+  if (get_global_id(0) > 0) return;
+  long below = 0, total = 0;
+  for (int k = 0; k < kinds; k++) {
+    below += counts[k];
+    long over = below - most[k];
+    int step = abs(steps[k]);
+    step = (over < 0) == (steps[k] < 0) ? step + step / 4 : step / 2;
+    step = step < least ? least : step > greatest ? greatest : step;
+    steps[k] = over < 0 ? -step : step;
+    long dual = duals[k] + step * over / patches;
+    duals[k] = dual < 0 ? 0 : dual > MOST ? MOST : (int)dual;
+  }
+  for (int k = kinds - 1; k >= 0; k--) {
+    total += duals[k];
+    prices[k] = total > MOST ? MOST : (int)total;
+  }
+}
+
+// Uses in the region around each exemplar patch: along rows here,
+__kernel void use_prices_rows(const __global int *restrict count, __global int *restrict sums, int e_columns, int e_rows, int side) {
+  int x = get_global_id(0), y = get_global_id(1);
+  if (x >= e_columns || y >= e_rows) return;
+  int first = first_of_region(x, side, e_columns), sum = 0;
+  for (int i = first; i < first + side && i < e_columns; i++) sum += count[AT(y, i, e_columns)];
+  sums[AT(y, x, e_columns)] = sum;
+}
+// and along columns here, where it becomes a price that grows with the square of what is used above `most`, added to
+// the penalty together with that of the patch's kind.
+__kernel void use_prices_add(const __global int *restrict sums, const __global uchar *restrict kinds,
+                             const __global int *restrict prices, __global int *restrict penalty,
+                             int e_columns, int e_rows, int side, int most, int unit) {
+  int x = get_global_id(0), y = get_global_id(1);
+  size_t p = AT(y, x, e_columns);
+  if (x >= e_columns || y >= e_rows || penalty[p] == INT_MAX) return;
+  int first = first_of_region(y, side, e_rows);
+  long uses = 0;
+  for (int i = first; i < first + side && i < e_rows; i++) uses += sums[AT(i, x, e_columns)];
+  long over = uses > most ? 16 * (uses - most) / (side * side) : 0;
+  long price = over < 65536 ? over * over * unit / 256 : MOST;
+  penalty[p] += (int)(price < MOST ? price : MOST) + prices[kinds[p]];
+}

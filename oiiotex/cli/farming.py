@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--farm: a line's frames, or shares of what it writes, on machines that a scheduler has."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..core.access import Whole
+from ..errors import Error, ParameterError
+from ..io.atomic import temporary_beside
+from ..session import Session
+from .parse import CommandLine
+from .progress import Display
+from .sequences import frame_numbers
+from .shares import Shares, line_of
+from .tasks import Job, Task, run_task, work
+
+_SHARES_A_WORKER = 4  # so that who is slow holds nobody up
+_SHARES = 16  # of a job template, when the line does not say
+_OPENJD = re.compile(r"(.+?)(?:,([1-9]\d{0,4}))?", re.ASCII)
+_LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
+
+
+def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
+    """Do a line on a farm, or write what a farm does it by; returns the exit code.
+
+    Parameters
+    ----------
+    command : CommandLine
+    words : sequence of str
+        The line.
+    tasks : list of Task
+        Its frames.
+    session : Session
+    display : Display
+
+    Raises
+    ------
+    Error
+        The engine is none, the line cannot be spread, or a job has failed.
+    """
+    engine, _, place = command.settings["--farm"][0].partition("=")
+    if engine not in ("dask", "openjd") or not place:
+        raise ParameterError(
+            f"--farm {command.settings['--farm'][0]}:"
+            " allowed are dask=tcp://HOST:PORT, dask=local:WORKERS and openjd=FILE"
+        )
+    if len(tasks) == 1:
+        _require_shares(command)
+    if engine == "dask":
+        return _on_dask(place, words, tasks, session, display)
+    _write_template(place, command, words, session)
+    return 0
+
+
+def _require_shares(command: CommandLine) -> None:
+    """Refuse a line of which every share would be as much work as all of it."""
+    for step in command.steps:
+        if step.op is not None and issubclass(step.op, Whole):
+            raise ParameterError(f"--farm: {step.name} {step.op.reach}: such lines are spread by --frames")
+
+
+def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
+    from ..farm.dask_cluster import cluster, results
+
+    line, folder = line_of(words), os.getcwd()
+    with cluster(address) as client:
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+        if not workers:
+            raise Error(f"--farm dask={address}: the scheduler has no workers")
+        local = address.startswith("local:")
+        one = Job(tasks[0], session.budget // len(workers) if local else 0, int(local), folder=folder)
+        if len(tasks) > 1:
+            jobs = [one._replace(task=task) for task in tasks]
+        else:
+            count = _SHARES_A_WORKER * len(workers)
+            jobs = [one._replace(shares=Shares.of(line, n, count)) for n in range(1, count + 1)]
+        status = 0
+        for done, (printed, error, own) in enumerate(results(client, work, jobs), 1):
+            display.advance(done, len(jobs))
+            display.clear()
+            sys.stdout.write(printed if len(tasks) > 1 else "")
+            status = max(status, own)
+            if error:
+                raise Error(error)
+    return status if len(tasks) > 1 else run_task(tasks[0], session, Shares.of(line))
+
+
+def _write_template(place: str, command: CommandLine, words: Sequence[str], session: Session) -> None:
+    from ..farm.openjd import frame_template, share_template
+
+    match = _OPENJD.fullmatch(place)
+    assert match is not None
+    path, shares = Path(match[1]), int(match[2] or _SHARES)
+    line = list(line_of(words))
+    memory = session.budget >> 20 if "--cache" in command.settings else _LEAST_MEMORY
+    if "--frames" in command.settings:
+        at = line.index("--frames")
+        del line[at : at + 2]
+        template = frame_template(path.stem, line, frame_numbers(command.settings["--frames"][0]), memory)
+    else:
+        template = share_template(path.stem, line, shares, memory)
+    with temporary_beside(path) as temporary:
+        temporary.write_text(json.dumps(template, indent=2) + "\n")

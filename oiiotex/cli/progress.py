@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a user sees while a run works: a bar on a terminal, now and then a line in a log."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+_TICK = 0.25  # s
+_QUIET = 1.0  # s before a bar is shown: what is over sooner needs none
+_LINES = 10.0  # s between the lines of a log
+_BAR = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}, {rate_fmt}"
+_NO_BAR = "{desc} {elapsed}"  # of stages that do not say how far they are
+
+
+class Display:
+    """Shows stage, share, rate and time left, from a thread of its own: work only says where it is.
+
+    Parameters
+    ----------
+    terminal : bool, optional
+        A bar that is drawn again and again, else lines; by what stderr is, when left out.
+    """
+
+    def __init__(self, terminal: bool | None = None):
+        self._terminal = sys.stderr.isatty() if terminal is None else terminal
+        self._owner = threading.get_ident()
+        self._stages: list[str] = []
+        self._prefix = ""
+        self._done = self._total = 0
+        self._begun = self._start = self._last_line = time.monotonic()
+        self._bar: tqdm | None = None
+        self._lock = threading.RLock()
+        self._ended = threading.Event()
+
+    # --- what work says ---
+
+    def stage(self, name: str, begins: bool) -> None:
+        """A stage begins or ends; of stages within another thread's nothing is shown."""
+        if threading.get_ident() != self._owner:
+            return
+        with self._lock:
+            if begins:
+                self._stages.append(name)
+            elif name in self._stages:
+                del self._stages[len(self._stages) - 1 - self._stages[::-1].index(name) :]
+            self._restart(0)
+            if not self._stages:
+                self.clear()
+
+    def advance(self, done: int, total: int) -> None:
+        """So many steps of the stage are done."""
+        with self._lock:
+            if total != self._total or done < self._done:
+                self._restart(total)
+            self._done = done
+
+    def _restart(self, total: int) -> None:
+        self._done, self._total, self._begun = 0, total, time.monotonic()
+
+    def frame(self, number: int, count: int) -> None:
+        """The frame of a sequence that is worked on, from 1 to `count`."""
+        self._prefix = f"frame {number}/{count}: " if count > 1 else ""
+
+    # --- what is shown ---
+
+    @contextlib.contextmanager
+    def shown(self) -> Iterator[None]:
+        """While this lasts."""
+        ticker = threading.Thread(target=self._tick, name="oiiotex-progress", daemon=True)
+        ticker.start()
+        handlers = logging.getLogger().handlers
+        for handler in handlers:
+            handler.addFilter(self._before_line)
+        try:
+            yield
+        finally:
+            for handler in handlers:
+                handler.removeFilter(self._before_line)
+            self._ended.set()
+            ticker.join()
+            if self._bar is not None:
+                self._bar.close()
+
+    def _before_line(self, _: logging.LogRecord) -> bool:
+        self.clear()
+        return True
+
+    def clear(self) -> None:
+        """Make room for what is printed."""
+        with self._lock:
+            if self._bar is not None:
+                self._bar.clear()
+
+    def print(self, text: str) -> None:
+        """Print a line of the run's own."""
+        self.clear()
+        print(text)
+
+    def _tick(self) -> None:
+        show = self._draw if self._terminal else self._say
+        while not self._ended.wait(_TICK):
+            with self._lock:
+                if self._stages:
+                    show(time.monotonic())
+
+    def _draw(self, now: float) -> None:
+        if now - self._start < _QUIET:
+            return
+        if self._bar is None:
+            from tqdm import tqdm
+
+            self._bar = tqdm(leave=False, file=sys.stderr)
+        bar = self._bar
+        bar.ncols, bar.nrows = _terminal_size()  # tqdm draws nothing where a terminal says that it has 0 rows
+        bar.desc, bar.n, bar.total = self._text(), self._done, self._total or None
+        bar.start_t = bar._time() - (now - self._begun)
+        bar.bar_format = _BAR if self._total else _NO_BAR
+        bar.refresh()
+
+    def _say(self, now: float) -> None:
+        if now - self._last_line < _LINES:
+            return
+        self._last_line = now
+        text = f"{self._text()} {now - self._start:.0f} s"
+        if self._total and self._done:
+            left = (now - self._begun) * (self._total - self._done) / self._done
+            text += f", {100 * self._done / self._total:.0f} %, {left:.0f} s left"
+        with contextlib.suppress(OSError):  # nobody listens
+            print(text, file=sys.stderr, flush=True)
+
+    def _text(self) -> str:
+        return f"{self._prefix}{' '.join(dict.fromkeys((self._stages[0], self._stages[-1])))}:"
+
+
+def _terminal_size() -> tuple[int, int]:
+    """Columns, less one that some terminals keep for the cursor, and rows."""
+    try:
+        columns, rows = os.get_terminal_size(sys.stderr.fileno())
+    except (OSError, ValueError):
+        columns = rows = 0
+    return (columns or 80) - 1, rows or 24

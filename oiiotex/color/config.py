@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Colour spaces: the only room that knows OpenColorIO. Names of spaces; file colour space <-> CIE Lab D65."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import os
+from collections.abc import Callable
+from importlib import resources
+
+from ..core.attributes import TAG
+from ..core.image import Image, channels_of
+from ..core.parameters import nearest
+from ..deferred import np, ocio, oiio
+from ..errors import ColorError, ImageError, one_line
+from ..io.documents import require_regular
+from .normal_maps import warn_of_normals
+
+# OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
+DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
+INTERCHANGE_SPACES = ("lin_rec709", "ACES2065-1", "CIE XYZ D65")  # of our own config
+_HINT = "; --interchange SPACE lin_rec709 says which of its spaces is linear Rec. 709 (or ACES2065-1, 'CIE XYZ D65')"
+_BIT_DEPTHS = {
+    "BIT_DEPTH_UINT8": ("uint8", 8), "BIT_DEPTH_UINT10": ("uint16", 10), "BIT_DEPTH_UINT12": ("uint16", 12),
+    "BIT_DEPTH_UINT16": ("uint16", 16), "BIT_DEPTH_F16": ("half", 16), "BIT_DEPTH_F32": ("float", 32),
+}  # fmt: skip
+_SPACES_OF_FORMATS = dict.fromkeys((".jpg", ".jpeg", ".gif", ".webp"), "srgb_rec709_scene")
+_SPACES_OF_FORMATS |= dict.fromkeys((".ppm", ".pnm"), "Rec709")
+
+
+class ColorConfig:
+    """The user's colour config: `path`, else $OCIO, else a built-in one.
+
+    `interchange` is for configs that do not say how they meet others (OCIO v1): one of their spaces, and that of
+    `INTERCHANGE_SPACES` which means the same colours.
+
+    Raises
+    ------
+    ColorError
+        The config cannot be loaded.
+    """
+
+    def __init__(self, path: str | None = None, interchange: tuple[str, str] | None = None):
+        self.path = path or os.environ.get("OCIO") or DEFAULT_CONFIG
+        require_regular(self.path)
+        try:
+            self._config = ocio.Config.CreateFromFile(self.path)
+        except (ocio.Exception, ocio.ExceptionMissingFile) as error:
+            raise ColorError(f"{self.path}: not a colour config that can be used: {one_line(str(error))}") from error
+        self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
+        if interchange is not None and interchange[1] not in INTERCHANGE_SPACES:
+            allowed = ", ".join(INTERCHANGE_SPACES)
+            raise ColorError(f"no interchange space '{interchange[1]}'; there is {allowed}")
+        self._doubted: set[str] | None = set()
+        self._interchange = (self.resolve(interchange[0]), interchange[1]) if interchange else None
+
+    def resolve(self, name: str) -> str:
+        """The config's own name of a colour space, role or alias, or of what OCIO's own configs call by that name.
+
+        So 'Utility - sRGB - Texture' of ACES' older configs is found in one that has srgb_rec709_scene, and the other
+        way round.
+
+        Raises
+        ------
+        ColorError
+            The config has none of that name.
+        """
+        space = self._space(name) or self._space_called(name)
+        if space is None:
+            raise ColorError(
+                f"colour space '{name}' is not in {self.path}{nearest(name, self._all_names())};"
+                " oiiotex --colorconfiginfo lists them"
+            )
+        return space.getName()
+
+    def known_name(self, name: str) -> str:
+        """By what name OpenImageIO knows a space that `resolve` finds; the name itself where it knows that, or none."""
+        space = None if self._space(name) else self._space_called(name)
+        return space.getName() if space else name
+
+    def _space(self, name: str) -> ocio.ColorSpace | None:
+        """As the config, or OpenImageIO, knows it."""
+        return self._config.getColorSpace(name) or self._config.getColorSpace(self._names.resolve(name))
+
+    def _space_called(self, name: str) -> ocio.ColorSpace | None:
+        """The config's space that has another of its names in OCIO's own configs."""
+        if name == "data":  # as OpenImageIO calls what is no colour
+            return next((space for space in self._config.getColorSpaces() if space.isData()), None)
+        known = None if _builtin().hasRole(name) else _builtin().getColorSpace(name)
+        names = (known.getName(), *known.getAliases()) if known else ()
+        spaces = (self._config.getColorSpace(other) for other in names if not self._config.hasRole(other))
+        return next(filter(None, spaces), None)
+
+    def _all_names(self) -> list[str]:
+        """Of spaces, their aliases and roles, and those by which OpenImageIO knows them."""
+        names = [name for space in self._config.getColorSpaces() for name in (space.getName(), *space.getAliases())]
+        known = [name for name in ("sRGB", "Rec709", "linear") if self._space(name)]
+        return [*known, *names, *self._config.getRoleNames()]
+
+    def warn_once(self, image: Image) -> None:
+        """Warn of an image that is about to be taken for colours, and seems to be none."""
+        if self._doubted is not None and image.source not in self._doubted and warn_of_normals(image):
+            self._doubted.add(image.source)
+
+    def unwarned(self) -> ColorConfig:
+        """The same for who may look at no pixel: it warns of no image."""
+        config = copy.copy(self)
+        config._doubted = None
+        return config
+
+    @property
+    def names(self) -> oiio.ColorConfig:
+        """What OpenImageIO finds in the config: displays, views, looks, transforms."""
+        return self._names
+
+    def is_data(self, name: str) -> bool:
+        """Whether the space says that its values are no colours."""
+        return self._config.getColorSpace(self.resolve(name)).isData()
+
+    def space_by_file_rules(self, path: str) -> str | None:
+        """What the config's file rules say of a file's name; None where only the default rule would speak."""
+        if self._config.filepathOnlyMatchesDefaultRule(path):
+            return None
+        return self._config.getColorSpaceFromFilepath(path)[0]
+
+    # --- what --autocc asks ---
+
+    @property
+    def linear(self) -> str | None:
+        """The scene-linear space, where the config has the role."""
+        space = self._config.getColorSpace(ocio.ROLE_SCENE_LINEAR)
+        return space.getName() if space else None
+
+    def same(self, a: str, b: str) -> bool:
+        """Whether two names mean the same colours."""
+        return self._names.equivalent(a, b)
+
+    def space_in_name(self, path: str) -> str | None:
+        """The space that the name of a file says: by the file rules, or because it contains the space's name."""
+        space = self._names.getColorSpaceFromFilepath(path, "", True)
+        return None if space in ("", "unknown") else space
+
+    def space_of_output(self, path: str) -> str | None:
+        """The space that a file of that name should be in: as its name says, else as its format has it."""
+        return self.space_in_name(path) or _SPACES_OF_FORMATS.get(os.path.splitext(path)[1].lower())
+
+    def pixel_type(self, name: str) -> tuple[oiio.TypeDesc, int] | None:
+        """The pixel type, and its significant bits, that the config wants for a space."""
+        space = self._config.getColorSpace(self._names.resolve(name))
+        depth = _BIT_DEPTHS.get(space.getBitDepth().name) if space else None
+        return (oiio.TypeDesc(depth[0]), depth[1]) if depth else None
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019 - lives as long as the config, which lives as long as the run
+    def to_lab(self, name: str) -> Callable[[np.ndarray], None]:
+        """A function that turns contiguous (..., 3) float32 of that space into Lab in place.
+
+        Lossless: OCIO's default optimisation is forty times less exact on this path. Arrays of (..., 4), whose last
+        value stays as it is, go twice as fast and come to the same bits.
+        """
+        return self._converter(name, forward=True)
+
+    @functools.lru_cache(maxsize=8)  # noqa: B019
+    def from_lab(self, name: str) -> Callable[[np.ndarray], None]:
+        """The inverse of `to_lab`: a function that turns Lab into that space in place.
+
+        There and back moves a value by less than 1e-5 of the pixel's brightest channel in linear spaces, 3e-4 in sRGB.
+        """
+        return self._converter(name, forward=False)
+
+    def _converter(self, name: str, forward: bool) -> Callable[[np.ndarray], None]:
+        source, target = (self._config, self.resolve(name)), (_lab_config(), "Lab")
+        if self._interchange is not None:
+            source, target = (*source, self._interchange[0]), (*target, self._interchange[1])
+        try:
+            processor = ocio.Config.GetProcessorFromConfigs(*(source + target if forward else target + source))
+            on_cpu = processor.getOptimizedCPUProcessor(ocio.OPTIMIZATION_LOSSLESS)
+        except (ocio.Exception, ocio.ExceptionMissingFile) as error:
+            way = f"from '{name}' to CIE Lab" if forward else f"from CIE Lab to '{name}'"
+            hint = "" if self._interchange or self._config.hasRole("aces_interchange") else _HINT
+            raise ColorError(f"no way {way}: {one_line(str(error))}{hint}") from error
+
+        def convert(values: np.ndarray) -> None:
+            (on_cpu.applyRGBA if values.shape[-1] == 4 else on_cpu.applyRGB)(values)
+
+        return convert
+
+
+@functools.cache
+def _builtin() -> ocio.Config:
+    """OCIO's own config with the most names, ACES' older ones among them."""
+    return ocio.Config.CreateFromFile("ocio://studio-config-v4.0.0_aces-v2.0_ocio-v2.5")
+
+
+@functools.cache
+def _lab_config() -> ocio.Config:
+    return ocio.Config.CreateFromStream((resources.files("oiiotex.ocio") / "oiiotex.ocio").read_text())
+
+
+def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
+    """The image's colour space: its tag, else the config's file rules where `autocc` asks for them.
+
+    Raises
+    ------
+    ColorError
+        Neither says; colour is never guessed.
+    """
+    tag = image.first.spec.get_string_attribute(TAG)
+    if tag:
+        return config.resolve(tag)
+    by_name = config.space_by_file_rules(image.source) if autocc else None
+    if by_name is None:
+        raise ColorError(
+            f"{image.source} does not say its colour space: add --iscolorspace NAME after it"
+            f" (or set the attribute '{TAG}'), or :data=1 where its channels are no colours"
+        )
+    return by_name
+
+
+def colour_space(image: Image, config: ColorConfig | None, autocc: bool = False) -> str | None:
+    """The image's colour space, or None where its channels are data: without a config, or because the space says so.
+
+    Raises
+    ------
+    ImageError
+        Two channels that are to be taken as colour.
+    ColorError
+        As by `space_of`.
+    """
+    if config is None:
+        return None
+    space = space_of(image, config, autocc)
+    if config.is_data(space):
+        return None
+    config.warn_once(image)
+    count = len(channels_of(image.first.spec).colour)
+    if count not in (1, 3):
+        raise ImageError(f"{image.source} has {count} channels beside alpha: no colour; add :data=1")
+    return space
+
+
+def as_float(rows: np.ndarray) -> np.ndarray:
+    """Pixel values as OpenImageIO means them: integers as shares of their type's largest value."""
+    if rows.dtype.kind in "ui":
+        return rows.astype(np.float32) * np.float32(1.0 / np.iinfo(rows.dtype).max)
+    return rows.astype(np.float32)

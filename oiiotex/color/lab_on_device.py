@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lab of an image on an integer grid, kept where kernels can look at it again and again.
+
+An image that fits the device's memory lies there; a larger one goes through a temporary file of the host's and passes
+the device band by band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from ..core.demand import BAND_BYTES, scratch_file, write_at
+from ..core.image import Image
+from ..core.window import Window
+from ..deferred import np
+from ..opencl.buffers import Buffers
+from ..scan import scan
+from ..session import Session
+from .lab import Lens
+from .lab_grid import seen_on_grid
+
+PIXEL_BYTES = 8  # L, a, b and whether the pixel is opaque, 16 bits each
+_PADDING = 128  # bytes past the end that wide registers may read: 16 pixels
+# where the device computes in the host's memory, more than that goes to a file: the system's cache holds it as well
+_HOST_BYTES = 512 << 20
+_SHARE = 4  # an image that stays takes one part in so many, and leaves the rest to what is worked out from it
+
+
+@dataclass(frozen=True)
+class Band:
+    """Full rows of the image as they lie on the device: rows `top` to `bottom`, counted from the data window's."""
+
+    top: int
+    bottom: int
+    lab: object  # a device buffer of (rows, width, 4) int16
+
+
+def most_on_device(session: Session) -> int:
+    """Bytes of an image that may lie on the device at a time: by its own memory, or the host's where it uses that."""
+    device = session.device
+    return max(0, min(device.memory_budget(session.budget) // _SHARE, device.largest - _PADDING))
+
+
+class LabGrid:
+    """The image's first part as kernels see it; a context that gives back what it holds.
+
+    Parameters
+    ----------
+    image, lens, session
+    align : int
+        Bands of an image that does not fit begin at multiples of so many rows.
+    most : int, optional
+        Bytes of the image that may lie on the device at a time; `most_on_device` when left out.
+
+    Raises
+    ------
+    BrokenValues
+        NaN or Inf: all are counted.
+    DeviceError, ImageError
+        No room on the device or the disk.
+    """
+
+    def __init__(self, image: Image, lens: Lens, session: Session, align: int = 1, most: int | None = None):
+        part = image.first
+        self.window, self._session, self._device = part.window, session, session.device
+        self.width, self.height = part.window.width, part.window.height
+        self._row = PIXEL_BYTES * self.width
+        most = most_on_device(session) if most is None else most
+        self.resident = self._row * self.height <= (most if self._device.own_memory else min(most, _HOST_BYTES))
+        rows = self.height if self.resident else max(1, min(2 * BAND_BYTES, most) // self._row // align) * align
+        self.band_rows = min(rows, self.height)
+        with ExitStack() as resources:
+            size = self.band_rows * self._row + _PADDING
+            asker = f"{part.spec.width}x{part.spec.height} in Lab"
+            self._buffers = resources.enter_context(Buffers(self._device, {"lab": size}, session.budget, asker))
+            self._file = None if self.resident else resources.enter_context(scratch_file())
+            scan(part, lens, session, lambda values, opaque, _: seen_on_grid(values, opaque), self._keep)
+            self._resources = resources.pop_all()
+
+    def __enter__(self) -> LabGrid:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._resources.close()
+
+    def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
+        """Bands from top to bottom, those of which `wanted(top, bottom)` says so."""
+        for top in range(0, self.height, self.band_rows):
+            bottom = min(top + self.band_rows, self.height)
+            if not wanted(top, bottom):
+                continue
+            if self._file is not None:
+                rows = np.empty((bottom - top, self.width, 4), np.int16)
+                self._file.seek(top * self._row)
+                self._file.readinto(rows)
+                self._device.write(self._buffers["lab"], rows)
+            yield Band(top, bottom, self._buffers["lab"])
+
+    def _keep(self, piece: Window, rows: np.ndarray) -> None:
+        at = (piece.top - self.window.top) * self._row
+        if self._file is None:
+            self._device.write(self._buffers["lab"], rows, at)
+        else:
+            write_at(self._file, rows, at)

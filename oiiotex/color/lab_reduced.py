@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lab of an image on an integer grid in the host's memory, reduced by a whole factor where the image is large."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..core.image import Image, Part
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..scan import scan
+from ..session import Session
+from .lab import Lens
+from .lab_grid import mean_lab, seen_on_grid
+
+
+@dataclass(frozen=True)
+class LabPixels:
+    """Means of `factor` x `factor` pixels; squares at the right and bottom border may be smaller.
+
+    Attributes
+    ----------
+    lab : (h, w, 3) float32
+        CIE Lab on a grid of 1 / (8 factor^2); what is not seen has the mean of what is.
+    seen : (h, w) bool
+        Where a pixel of the square is opaque.
+    factor : int
+    opaque : (height, width // 8) uint8 or None
+        A bit for every pixel of the image, 1 where alpha is not 0; None: everywhere.
+    width, height : int
+        Of the image, px.
+    """
+
+    lab: np.ndarray
+    seen: np.ndarray
+    factor: int
+    opaque: np.ndarray | None
+    width: int
+    height: int
+
+    def part(self, name: str, spec: oiio.ImageSpec, values: np.ndarray) -> Part:
+        """Values (h, w, channels) of the squares in the image's windows, as `spec` has them: 0 where alpha is 0."""
+        whole = Window.data(spec)
+
+        def fetch(window: Window) -> np.ndarray:
+            rows, columns = window.inside(whole)
+            y, x = (np.arange(s.start, s.stop) // self.factor for s in (rows, columns))
+            if self.opaque is None:
+                return values[np.ix_(y, x)]
+            opaque = np.unpackbits(self.opaque[rows], axis=1, count=self.width)[:, columns, None]
+            return np.where(opaque, values[np.ix_(y, x)], values.dtype.type(0))
+
+        return Part(name, spec, fetch, ready=True)
+
+
+def reduction(width: int, height: int, most: int) -> int:
+    """The smallest whole factor that leaves at most so many pixels."""
+    return max(1, math.ceil(math.sqrt(width * height / most)))
+
+
+def lab_pixels(
+    image: Image, lens: Lens, session: Session, factor: int = 1, allowed: np.ndarray | None = None
+) -> LabPixels:
+    """The image's first part in Lab, looked at once on all threads.
+
+    Equal Lab gives equal integers, and sums of integers do not depend on bands, so what follows from them is the same
+    on every device.
+
+    Parameters
+    ----------
+    image, lens, session
+    factor : int
+        Pixels on a side of the squares whose means are taken.
+    allowed : (height, width) bool, optional
+        What is not is as if it were transparent.
+
+    Raises
+    ------
+    BrokenValues
+        NaN or Inf: all are counted.
+    """
+    part = image.first
+    width, height = part.window.width, part.window.height
+    across, down = -(-width // factor), -(-height // factor)
+    sums = np.zeros((down, across, 4), np.int32)
+    bits, columns = np.zeros((height, -(-width // 8)), np.uint8), np.arange(0, width, factor)
+
+    def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> np.ndarray:
+        return seen_on_grid(values, opaque)
+
+    def keep(piece: Window, grid: np.ndarray) -> None:
+        top = piece.top - part.window.top
+        if allowed is not None:
+            grid *= allowed[top : top + len(grid), :, None]
+        bits[top : top + len(grid)] = np.packbits(grid[..., 3] > 0, axis=1)
+        if factor == 1:
+            sums[top : top + len(grid)] = grid
+            return
+        rows = np.arange(top, top + len(grid)) // factor
+        starts = np.flatnonzero(np.diff(rows, prepend=-1))
+        summed = np.add.reduceat(grid, columns, axis=1, dtype=np.int32)
+        sums[rows[starts]] += np.add.reduceat(summed, starts, axis=0)
+
+    scan(part, lens, session, look, keep)
+    seen = sums[..., 3] > 0
+    lab = mean_lab(sums)
+    if not seen.all() and seen.any():
+        lab[~seen] = lab[seen].mean(0, dtype=np.float64)
+    clear = sums[..., 3].sum(dtype=np.int64) == width * height
+    return LabPixels(lab, seen, factor, None if clear else bits, width, height)

@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plan tiles, keep what will be asked for again, stream.
+
+Images are pulled: a writer asks the last part of a chain for one window after another, each part asks those before it.
+Nothing here knows files or colours.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import functools
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import IO
+
+from ..deferred import np
+from ..errors import ImageError
+from .image import Part, Pixels, dtype_of, from_pixels
+from .window import Window
+
+BAND_BYTES = 8 << 20  # of pixels that travel at once: large enough to hide a call's cost, small enough for caches
+PIECE_PIXELS = 1 << 16  # what a thread works on: small enough for caches
+
+
+def rows_for(part: Part, limit: int | None = None, multiple: int = 1) -> int:
+    """How many full rows make a band of `limit` bytes or so, of `BAND_BYTES`, as floats, in multiples of `multiple`."""
+    row = max(1, part.spec.width * max(part.pixel_bytes, 4 * part.spec.nchannels))
+    return max(1, (limit or BAND_BYTES) // row // multiple) * multiple
+
+
+def bands(part: Part, limit: int | None = None) -> Iterator[Window]:
+    """The part from top to bottom in full rows of a few megabytes, as floats."""
+    return part.window.cells(part.spec.width, rows_for(part, limit))
+
+
+class PieceCache:
+    """Pieces of images, the least recently used of which go when their bytes exceed `limit`. Any thread may ask.
+
+    A piece that two threads ask for is made once. What is made ahead runs on a thread of its own, so that decoding
+    goes on while what was decoded is worked on.
+    """
+
+    def __init__(self, limit: int):
+        self.limit = limit
+        self._pieces: OrderedDict[Hashable, Future[np.ndarray]] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    @functools.cached_property
+    def _ahead(self) -> ThreadPoolExecutor:
+        return ThreadPoolExecutor(2, "oiiotex-read")
+
+    def get(self, key: Hashable, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """The piece of that name, made now if it is not there."""
+        with self._lock:
+            piece = self._pieces.get(key)
+            if piece is not None:
+                self._pieces.move_to_end(key)
+            else:
+                mine = self._pieces[key] = Future()
+        if piece is not None:
+            return piece.result()
+        return self._fill(key, mine, make)
+
+    def holds(self, key: Hashable) -> bool:
+        """Whether the piece is there, or being made."""
+        with self._lock:
+            return key in self._pieces
+
+    def ahead(self, key: Hashable, make: Callable[[], np.ndarray]) -> None:
+        """Have the piece made in the background, if it is not there."""
+        with self._lock:
+            if key in self._pieces:
+                return
+            mine = self._pieces[key] = Future()
+        self._ahead.submit(self._fill_quietly, key, mine, make)
+
+    def _fill_quietly(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> None:
+        try:
+            self._fill(key, mine, make)
+        except BaseException:  # whoever asks for the piece is told
+            pass
+
+    def _fill(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> np.ndarray:
+        try:
+            pixels = make()
+        except BaseException as error:
+            with self._lock:
+                self._pieces.pop(key, None)
+            mine.set_exception(error)
+            raise
+        mine.set_result(pixels)
+        with self._lock:
+            self._bytes += pixels.nbytes
+            for old in list(self._pieces):
+                if self._bytes <= self.limit:
+                    break
+                if old != key and self._pieces[old].done():
+                    self._bytes -= self._pieces.pop(old).result().nbytes
+        return pixels
+
+
+def assembled(
+    window: Window,
+    cell: tuple[int, int],
+    whole: Window,
+    piece: Callable[[Window], np.ndarray],
+) -> np.ndarray:
+    """The pixels of a window, put together from the pieces of a grid.
+
+    Parameters
+    ----------
+    window : Window
+        Inside `whole`.
+    cell : (int, int)
+        Width and height of the grid's cells, px; those at the right and bottom border are cut to `whole`.
+    whole : Window
+        Through whose top left corner the grid goes.
+    piece : callable
+        Cell -> its pixels, (height, width, channels), all of one type.
+    """
+    cells = cells_of(window, cell, whole)
+    if len(cells) == 1:
+        return piece(cells[0])[window.inside(cells[0])]
+    out: np.ndarray | None = None
+    for place in cells:
+        pixels, shared = piece(place), place & window
+        if out is None:
+            out = np.empty((window.height, window.width, pixels.shape[2]), pixels.dtype)
+        out[shared.inside(window)] = pixels[shared.inside(place)]
+    assert out is not None
+    return out
+
+
+def cells_of(window: Window, cell: tuple[int, int], whole: Window) -> list[Window]:
+    """The cells of a grid of `cell` (width, height) over `whole` that a window touches, row by row."""
+    return [_whole_cell(c, cell, whole) for c in window.cells(*cell, origin=(whole.left, whole.top))]
+
+
+def _whole_cell(inside: Window, cell: tuple[int, int], whole: Window) -> Window:
+    """The grid's cell around `inside`, cut to `whole`."""
+    left = whole.left + (inside.left - whole.left) // cell[0] * cell[0]
+    top = whole.top + (inside.top - whole.top) // cell[1] * cell[1]
+    return Window.sized(left, top, *cell) & whole
+
+
+def cached(part: Part, cache: PieceCache) -> Part:
+    """The same part, computed in bands that are kept for a while: for what looks at rows again (halos, copies)."""
+    if part.ready:
+        return part
+    owner, whole = object(), part.window
+    cell = (whole.width, rows_for(part, BAND_BYTES // 2))
+
+    def fetch(window: Window) -> np.ndarray:
+        return assembled(window, cell, whole, lambda place: cache.get((owner, place), lambda: part.read(place)))
+
+    return dataclasses.replace(part, fetch=fetch, ready=True)
+
+
+# --- random access ---
+
+
+def materialized(part: Part, budget: int) -> Part:
+    """The same part where any window can be read in any order: in memory if it is small, else in a temporary file."""
+    size = part.spec.width * part.spec.height * part.pixel_bytes
+    if size <= budget // 4:
+        pixels = np.empty((part.spec.height, part.spec.width, part.spec.nchannels), dtype_of(part.spec))
+        for window in bands(part):
+            pixels[window.inside(part.window)] = part.read(window)
+        fetch = from_pixels(part.name, pixels, part.spec).fetch
+    else:
+        spill = _Spill(part)
+        for window in part.window.cells(*spill.band):
+            spill.put(window, part.read(window))
+        fetch = spill.get
+    return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
+
+
+def scratch_file(size: int = 0) -> IO[bytes]:
+    """An unnamed temporary file, which the system removes with the process, with room for `size` bytes.
+
+    It is not under /tmp where that is memory: TMPDIR says where there is room.
+
+    Raises
+    ------
+    ImageError
+        No folder takes it.
+    """
+    import tempfile  # few runs spill: it is slow to import
+
+    try:
+        file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as its owner
+    except OSError as error:
+        raise ImageError(f"no folder for intermediate results (set TMPDIR): {error}") from error
+    try:
+        if size:
+            os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        raise _no_room(error) from error
+    return file
+
+
+def write_at(file: IO[bytes], array: np.ndarray, offset: int) -> None:
+    """Write a contiguous array into a `scratch_file`, `offset` bytes from its start.
+
+    Raises
+    ------
+    ImageError
+        The disk is full.
+    """
+    try:
+        if os.pwrite(file.fileno(), array, offset) < array.nbytes:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk takes a part in silence
+    except OSError as error:
+        raise _no_room(error) from error
+
+
+def _no_room(error: OSError) -> ImageError:
+    import tempfile
+
+    return ImageError(f"no room for intermediate results in {tempfile.gettempdir()} (set TMPDIR): {error}")
+
+
+class _Spill:
+    """A part's pixels in a `scratch_file`, in square tiles."""
+
+    SIDE = 256
+
+    def __init__(self, part: Part):
+        self._whole = part.window
+        self._dtype = np.dtype(dtype_of(part.spec))
+        self._channels = part.spec.nchannels
+        self._tile_bytes = self.SIDE * self.SIDE * part.pixel_bytes
+        self._across = -(-self._whole.width // self.SIDE)
+        self.band = (self.SIDE * max(1, 4 * BAND_BYTES // self._tile_bytes), self.SIDE)  # what is put at once
+        self._file = scratch_file()
+
+    def put(self, window: Window, pixels: np.ndarray) -> None:
+        """Keep a window of whole tiles."""
+        for place in window.cells(self.SIDE, self.SIDE):
+            tile = np.zeros((self.SIDE, self.SIDE, self._channels), self._dtype)
+            tile[: place.height, : place.width] = pixels[place.inside(window)]
+            write_at(self._file, tile, self._offset(place))
+
+    def get(self, window: Window) -> np.ndarray:
+        """Any window."""
+        return assembled(window, (self.SIDE, self.SIDE), self._whole, self._tile)
+
+    def _tile(self, place: Window) -> np.ndarray:
+        data = os.pread(self._file.fileno(), self._tile_bytes, self._offset(place))
+        tile = np.frombuffer(data, self._dtype).reshape(self.SIDE, self.SIDE, self._channels)
+        return tile[: place.height, : place.width]
+
+    def _offset(self, place: Window) -> int:
+        row, column = (place.top - self._whole.top) // self.SIDE, (place.left - self._whole.left) // self.SIDE
+        return (row * self._across + column) * self._tile_bytes
+
+
+# --- beyond the border ---
+
+
+def on_a_torus(part: Part, window: Window) -> np.ndarray:
+    """The pixels of a window that may reach beyond the data window, where the image begins anew."""
+    whole = part.window
+    if window & whole == window:
+        return part.read(window)
+    out = np.empty((window.height, window.width, part.spec.nchannels), dtype_of(part.spec))
+    for rows, y in _turns(window.top, window.bottom, whole.top, whole.height):
+        for columns, x in _turns(window.left, window.right, whole.left, whole.width):
+            out[rows, columns] = part.read(Window.sized(x, y, columns.stop - columns.start, rows.stop - rows.start))
+    return out
+
+
+def _turns(begin: int, end: int, low: int, size: int) -> Iterator[tuple[slice, int]]:
+    """Along one axis: (where in the output, where in the image it begins)."""
+    at = begin
+    while at < end:
+        place = (at - low) % size
+        count = min(end - at, size - place)
+        yield slice(at - begin, at - begin + count), low + place
+        at += count
+
+
+# --- streaming ---
+
+
+def stream(part: Part, windows: Iterable[Window], buffers: bool = False) -> Iterator[tuple[Window, Pixels]]:
+    """The part's windows in order; the next one is computed while the caller works on this one."""
+    fetch = part.buffer if buffers else part.read
+    with ThreadPoolExecutor(1, "oiiotex-compute") as worker:
+        pending: tuple[Window, Future] | None = None
+        try:
+            for window in windows:
+                following = (window, worker.submit(fetch, window))
+                if pending is not None:
+                    yield pending[0], pending[1].result()
+                pending = following
+            if pending is not None:
+                yield pending[0], pending[1].result()
+        finally:
+            worker.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What travels between ops: a lazy `Image`, parts that know their spec and can produce any window of their pixels.
+
+Where pixels come from (a file, a buffer, an op not yet computed) is the part's own business. ImageBuf is what
+OpenImageIO's algorithms and Python callers take; numpy arrays are what our filters take; a part gives either.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from ..deferred import np, oiio
+from ..errors import ImageError, one_line
+from .window import Window
+
+_STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
+_NUMPY = {
+    "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
+    "half": "float16", "float": "float32", "double": "float64",
+}  # fmt: skip
+
+Pixels: TypeAlias = "np.ndarray | oiio.ImageBuf"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One image of a file (a subimage).
+
+    Attributes
+    ----------
+    name : str
+    spec : oiio.ImageSpec
+        Data and display window, channels, pixel type, metadata. Never changed in place.
+    fetch : callable
+        Window inside the data window -> its pixels: (height, width, channels) of the spec's pixel type, or an
+        ImageBuf with that data window.
+    stored : oiio.TypeDesc or None
+        The pixel type in which it is written unless the user says another; None for what an op of the host has
+        computed, which is written as the first file of the run was.
+    native : bool
+        Ops of the host work on the part's own pixel type; else what is `stored` comes to them as float.
+    ready : bool
+        Pixels cost little however often and in whatever order they are asked for.
+    exact : bool
+        A file must hold it as it is, or not at all: labels, source coordinates.
+    levels : tuple of Part
+        Its smaller versions, where the file is MIP-mapped.
+    depth : int
+        How many ops must be asked, one within the other, before there is a pixel.
+    title : str
+        What oiiotool calls an image that an op has made; else it is called as its file.
+    """
+
+    name: str
+    spec: oiio.ImageSpec
+    fetch: Callable[[Window], Pixels]
+    stored: oiio.TypeDesc | None = None
+    native: bool = False
+    ready: bool = False
+    exact: bool = False
+    levels: tuple[Part, ...] = ()
+    depth: int = 0
+    title: str = ""
+
+    @property
+    def window(self) -> Window:
+        """The data window."""
+        return Window.data(self.spec)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of a pixel as `read` gives it."""
+        return self.spec.nchannels * np.dtype(dtype_of(self.spec)).itemsize
+
+    def read(self, window: Window) -> np.ndarray:
+        """(height, width, channels) of the spec's pixel type; do not write into it."""
+        pixels = self.fetch(window)
+        if isinstance(pixels, oiio.ImageBuf):
+            array = pixels.get_pixels(self.spec.format, window.roi(self.spec.nchannels))
+            return array.reshape(window.height, window.width, self.spec.nchannels)
+        return pixels
+
+    def buffer(self, window: Window) -> oiio.ImageBuf:
+        """As an ImageBuf with that data window, for ops of the host; do not write into it."""
+        pixels = self.fetch(window)
+        if isinstance(pixels, oiio.ImageBuf) and (pixels.spec().format == self.working_type):
+            return pixels
+        spec = window.apply_to(self.spec)
+        spec.set_format(self.working_type)
+        buffer = oiio.ImageBuf(spec, False)
+        if isinstance(pixels, oiio.ImageBuf):
+            pixels = pixels.get_pixels(self.working_type, window.roi(self.spec.nchannels))
+        buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
+        return buffer
+
+    def pixels(self) -> np.ndarray:
+        """The whole data window, (height, width, channels)."""
+        return self.read(self.window)
+
+    @property
+    def working_type(self) -> oiio.TypeDesc:
+        """The pixel type in which ops of the host see it."""
+        if self.stored is not None and not self.native:
+            return oiio.TypeDesc(oiio.FLOAT)
+        return self.spec.format
+
+    def respecced(self, change: Callable[[oiio.ImageSpec], object]) -> Part:
+        """The same pixels under a changed copy of the spec, whose data window may have moved.
+
+        Smaller versions are changed alike, and go where a window changes.
+        """
+        spec = oiio.ImageSpec(self.spec)
+        change(spec)
+        x, y = spec.x - self.spec.x, spec.y - self.spec.y
+        same = Window.data(spec) == self.window and Window.display(spec) == Window.display(self.spec)
+        levels = tuple(level.respecced(change) for level in self.levels) if same else ()
+
+        def fetch(window: Window) -> np.ndarray:
+            return self.read(window.shifted(-x, -y))
+
+        return dataclasses.replace(self, spec=spec, fetch=fetch, levels=levels)
+
+
+@dataclass(frozen=True)
+class Image:
+    """What travels between ops: one part or more, the first being the picture itself."""
+
+    parts: tuple[Part, ...]
+    source: str = "image"  # a name for messages
+
+    @property
+    def first(self) -> Part:
+        """The picture itself."""
+        return self.parts[0]
+
+    @property
+    def title(self) -> str:
+        """What it is called where images are compared or asked for their name."""
+        return self.first.title or self.source
+
+    def part(self, name: str) -> Part | None:
+        """The part of that name, or None."""
+        return next((p for p in self.parts if p.name == name), None)
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Which channels are colour (R, G, B, or one gray) and which is alpha."""
+
+    colour: tuple[int, ...]
+    alpha: int | None
+
+
+def channels_of(spec: oiio.ImageSpec) -> Channels:
+    """Colour is R, G, B or Y by name, else the first three that are not alpha, or the one there is."""
+    names = [n.upper() for n in spec.channelnames]
+    alpha = spec.alpha_channel if spec.alpha_channel >= 0 else names.index("A") if "A" in names else None
+    if all(c in names for c in "RGB"):
+        return Channels(tuple(names.index(c) for c in "RGB"), alpha)
+    if "Y" in names and not {"X", "R", "G", "B"} & set(names):
+        return Channels((names.index("Y"),), alpha)
+    others = [i for i in range(spec.nchannels) if i != alpha]
+    return Channels(tuple(others[:3]), alpha)
+
+
+def dtype_of(spec: oiio.ImageSpec) -> type[np.generic]:
+    """The numpy type of a spec's pixels."""
+    dtype = _NUMPY.get(str(oiio.TypeDesc(oiio.BASETYPE(spec.format.basetype))))
+    if dtype is None:
+        raise ImageError(f"pixels of type {spec.format} are not supported")
+    return np.dtype(dtype).type
+
+
+def type_named(name: str) -> oiio.TypeDesc:
+    """The pixel type of a `-d` name such as 'half' or 'uint16'.
+
+    Raises
+    ------
+    ImageError
+        There is no such type. OpenImageIO would silently fall back to another one.
+    """
+    name = {"uint32": "uint", "int32": "int", "sint8": "int8", "sint16": "int16", "sint32": "int"}.get(name, name)
+    if name not in _NUMPY:
+        raise ImageError(f"no pixel type '{name}'; there is {', '.join(_NUMPY)}")
+    return oiio.TypeDesc(name)
+
+
+def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec, stored: oiio.TypeDesc | None = None) -> Part:
+    """A part that lies in memory as an array.
+
+    Parameters
+    ----------
+    name : str
+    pixels : (height, width, channels)
+        The data window of `spec`, of its pixel type; nobody changes it any more.
+    spec : oiio.ImageSpec
+    stored : oiio.TypeDesc, optional
+        As of `Part`.
+    """
+    whole = Window.data(spec)
+    return Part(name, spec, lambda window: pixels[window.inside(whole)], stored, ready=True)
+
+
+def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
+    """A part that lies in memory as an ImageBuf which nobody changes any more."""
+    spec = oiio.ImageSpec(buffer.spec())
+    whole = Window.data(spec)
+
+    def fetch(window: Window) -> Pixels:
+        if window == whole:
+            return buffer
+        pixels = buffer.get_pixels(spec.format, window.roi(spec.nchannels))
+        return pixels.reshape(window.height, window.width, spec.nchannels)
+
+    return Part(name, spec, fetch, ready=True)
+
+
+def cropped(part: Part, window: Window) -> Part:
+    """The part with another data window: what lies beyond its own is black."""
+    if window == part.window:
+        return part
+    dtype, channels = dtype_of(part.spec), part.spec.nchannels
+
+    def fetch(wanted: Window) -> np.ndarray:
+        shared = wanted & part.window
+        if shared == wanted:
+            return part.read(wanted)
+        out = np.zeros((wanted.height, wanted.width, channels), dtype)
+        if not shared.empty:
+            out[shared.inside(wanted)] = part.read(shared)
+        return out
+
+    return dataclasses.replace(part, spec=window.apply_to(derived_spec(part.spec)), fetch=fetch, levels=())
+
+
+def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | None = None) -> oiio.ImageSpec:
+    """A copy of `spec` for changed pixels: stale hashes are dropped; a new size makes a new window at the origin."""
+    new = oiio.ImageSpec(spec)
+    new.tile_width = new.tile_height = new.tile_depth = 0
+    for name in _STALE:
+        new.erase_attribute(name)
+    if width is not None and height is not None:
+        new.x = new.y = new.full_x = new.full_y = 0
+        new.width = new.full_width = width
+        new.height = new.full_height = height
+    return new
+
+
+def spec_beside(spec: oiio.ImageSpec, channels: tuple[str, ...]) -> oiio.ImageSpec:
+    """Of floats in the windows of another spec, and nothing else of it: parts of one file have one display window."""
+    new = oiio.ImageSpec(spec.width, spec.height, len(channels), oiio.FLOAT)
+    new.x, new.y, new.full_x, new.full_y = spec.x, spec.y, spec.full_x, spec.full_y
+    new.full_width, new.full_height = spec.full_width, spec.full_height
+    new.channelnames = channels
+    return new
+
+
+# --- the Python edge ---
+
+
+def from_array(pixels: np.ndarray, name: str = "array") -> Image:
+    """An array as an image: (height, width) or (height, width, channels), the first row on top.
+
+    One channel is gray, three are R, G, B, four with alpha, by which colour is taken to be multiplied. Truth values
+    become 0 and 1; integers of 64 bits, as they come for labels, 32-bit ids.
+
+    Raises
+    ------
+    ImageError
+        It has another shape, no pixels, or values of a type that no image has.
+    """
+    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
+    if pixels.ndim != 3 or not pixels.size:
+        raise ImageError(f"{name}: an array of shape {pixels.shape} is no image: (height, width, channels) is")
+    if pixels.dtype.kind == "b":
+        pixels = pixels.astype(np.float32)
+    if pixels.dtype.kind in "iu" and pixels.dtype.itemsize == 8:
+        if pixels.min() < 0 or pixels.max() >= 1 << 32:
+            raise ImageError(f"{name}: 64-bit values from {pixels.min()} to {pixels.max()} are no 32-bit ids")
+        pixels = pixels.astype(np.uint32)
+    kinds = {np.dtype(dtype): name for name, dtype in _NUMPY.items()}
+    native = pixels.dtype.newbyteorder("=")
+    if native not in kinds:
+        raise ImageError(f"{name}: pixels of type {pixels.dtype} are not supported")
+    pixels = np.ascontiguousarray(pixels, native)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kinds[native])
+    return Image((from_pixels("part0", pixels, spec, spec.format),), name)
+
+
+def from_buffer(buffer: oiio.ImageBuf) -> Image:
+    """An ImageBuf as it stands now.
+
+    Raises
+    ------
+    ImageError
+        It holds no image, or one of a kind that cannot be used (deep, volume).
+    """
+    if not isinstance(buffer, oiio.ImageBuf):
+        raise ImageError(f"an OpenImageIO.ImageBuf is wanted, not {type(buffer).__name__}")
+    if buffer.has_error or not buffer.initialized:
+        raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror()) or 'holds no image'}")
+    spec = oiio.ImageSpec(buffer.spec())
+    if spec.deep or spec.depth > 1:
+        raise ImageError(f"{buffer.name or 'ImageBuf'}: deep and volume images are not supported")
+    pixels = buffer.get_pixels(spec.format, buffer.roi).reshape(spec.height, spec.width, spec.nchannels)
+    name = spec.get_string_attribute("oiio:subimagename") or "part0"
+    return Image((from_pixels(name, pixels, spec, spec.format),), buffer.name or "ImageBuf")
+
+
+def to_buffer(part: Part) -> oiio.ImageBuf:
+    """The part as an ImageBuf of its own pixel type, which the caller may change."""
+    buffer = oiio.ImageBuf(part.spec)
+    rows = max(1, (8 << 20) // max(1, part.spec.width * part.pixel_bytes))
+    for window in part.window.cells(part.spec.width, rows):
+        buffer.set_pixels(window.roi(part.spec.nchannels), np.ascontiguousarray(part.read(window)))
+    return buffer
+
+
+def tagged(image: Image, name: str, value: str) -> Image:
+    """The image with an attribute of its first part set."""
+    first = image.first.respecced(lambda spec: spec.attribute(name, value))
+    return Image((first, *image.parts[1:]), image.source)
+
+
+def resized(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(h, w, c) float32 -> (height, width, c) float32 through a triangle filter as wide as the reduction asks for."""
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT))
+    buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels, np.float32))
+    roi = oiio.ROI(0, width, 0, height, 0, 1, 0, pixels.shape[2])
+    small = oiio.ImageBufAlgo.resize(buffer, "triangle", roi=roi)
+    return small.get_pixels(oiio.FLOAT, small.roi)

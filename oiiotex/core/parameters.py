@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A parameter, declared once: type, default, unit, range, help.
+
+From the declaration come the Python signature, the command line's modifiers, `--help`, the docs page and the checks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import keyword
+import math
+import re
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..deferred import np
+from ..errors import ParameterError, ParameterTypeError
+
+_FIELD = "oiiotex"
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Python's int and float take more: 1_0, ٣
+_TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
+
+
+class Numbers(tuple):
+    """Numbers separated by commas: a colour, a matrix, a list of coordinates."""
+
+    def __str__(self) -> str:
+        return ",".join(f"{n:.9g}" for n in self)
+
+
+class Words(tuple):
+    """Texts separated by commas: the kinds of several maps, the names of panels."""
+
+    def __str__(self) -> str:
+        return ",".join(self)
+
+
+class Size(NamedTuple):
+    """Width x height in pixels."""
+
+    width: int
+    height: int
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One declared parameter of an op, or one of its input images (`kind` is then None)."""
+
+    name: str
+    kind: tuple[type, ...] | None  # what a value may be; () only None
+    default: Any  # dataclasses.MISSING when it must be given
+    help: str
+    unit: str = ""
+    ge: float | None = None
+    le: float | None = None
+    choices: tuple[Any, ...] = ()
+    positional: bool = False  # on the command line a word of its own behind the op; else a modifier
+    many: bool = False  # an input that is a tuple of images, as many as the op takes
+    frame: bool = False  # where it is left out, a sequence of the command line says it: the frame's number
+    count: str = ""  # of such an input: the parameter that says how many images the op takes, the first input included
+
+    @property
+    def attribute(self) -> str:
+        """The field that holds it: `from_` holds `from`, which Python keeps for itself."""
+        return f"{self.name}_" if keyword.iskeyword(self.name) else self.name
+
+    @property
+    def required(self) -> bool:
+        """Whether it must be given."""
+        return self.default is dataclasses.MISSING
+
+    def allowed(self) -> str:
+        """What a value may be on the command line, for help and errors: 'a number >= 1 px'."""
+        if self.kind is None:
+            return "1 (the next image of the stack), the name of a part of the first image, or a file name"
+        if self.choices:
+            return " | ".join(str(choice) for choice in self.choices if choice not in ("", None))
+        return self._bounded(" or ".join(_ON_THE_LINE[k] for k in self.kind))
+
+    def allowed_in_python(self) -> str:
+        """What a value may be in Python: '(width, height) >= 1 px'."""
+        if self.choices:
+            return " | ".join(repr(choice) for choice in self.choices if choice is not None)
+        return self._bounded(" or ".join(_IN_PYTHON[k] for k in self.kind or ()))
+
+    def _bounded(self, text: str) -> str:
+        if self.ge is not None:
+            text += f" >= {self.ge:g}"
+        if self.le is not None:
+            text += f"{' and' if self.ge is not None else ''} <= {self.le:.10g}"
+        return f"{text} {self.unit}".rstrip()
+
+    def check(self, value: Any) -> Any:
+        """`value` as the declared type.
+
+        Raises
+        ------
+        ParameterTypeError
+            It is not of the type.
+        ParameterError
+            It is not in the range, or not among the choices.
+        """
+        if value is None and self.default is None:
+            return None
+        wrong_types = 0
+        for kind in (*map(type, self.choices),) if self.choices else self.kind or ():
+            try:
+                converted = _convert(kind, value)
+            except TypeError:
+                wrong_types += 1
+                continue
+            except (ValueError, OverflowError):
+                continue
+            if self._in_range(converted):
+                return converted
+        if wrong_types == len(self.choices or self.kind or ()):
+            but = "" if np.ndim(value) or isinstance(value, dict) else f", not {type(value).__name__}"
+            raise ParameterTypeError(f"{self.name}={_shown(value)}: {self.allowed_in_python()} is wanted{but}")
+        raise ParameterError(f"{self.name}={_shown(value)}: allowed is {self.allowed_in_python()}")
+
+    def _in_range(self, value: Any) -> bool:
+        if self.choices:
+            return value in self.choices
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        numbers = value if isinstance(value, (Size, Numbers)) else (value,) if is_number else ()
+        return all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers)
+
+    def parse(self, text: str) -> Any:
+        """The value that a modifier's text means; raises as `check` does.
+
+        For an input image: True for one of the stack, None for none, else the name of a part or a file.
+        """
+        if self.kind is None:
+            return True if text in _TRUE else None if text in _FALSE else text or self._refuse(text)
+        if self.choices:
+            meant = [c for c in self.choices if str(c) == text]
+            return meant[0] if meant else self._refuse(text)
+        if not text and self.positional and str in (self.kind or ()):
+            return text  # as a word of its own: no value
+        for kind in self.kind or ():
+            try:
+                return self.check(_parse(kind, text))
+            except (ValueError, ParameterError):
+                continue
+        return self._refuse(text)
+
+    def _refuse(self, text: str) -> typing.NoReturn:
+        raise ParameterError(f"{self.name}={' '.join(text.split())}: allowed is {self.allowed()}")
+
+
+_ON_THE_LINE = {
+    int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name", str: "text",
+    Numbers: "numbers with commas between them", Words: "words with commas between them",
+}  # fmt: skip
+_IN_PYTHON = {
+    int: "a whole number", float: "a number", bool: "True or False", Size: "(width, height)", Path: "a file name",
+    str: "a text", Numbers: "a number or a sequence of them", Words: "a sequence of texts",
+}  # fmt: skip
+
+
+def _shown(value: Any) -> str:
+    """A value of Python in one line."""
+    return " ".join((str if isinstance(value, (Size, Numbers, Words)) else repr)(value).split())
+
+
+def param(
+    default: Any = dataclasses.MISSING,
+    *,
+    help: str,
+    unit: str = "",
+    ge: float | None = None,
+    le: float | None = None,
+    choices: Iterable[Any] = (),
+    frame: bool = False,
+) -> Any:
+    """Declare a parameter as a dataclass field.
+
+    Parameters
+    ----------
+    default : optional
+        It must be given where there is none.
+    help, unit : str
+        For people.
+    ge, le : float, optional
+        The least and the largest value; of both sides of a Size, of all of `Numbers`.
+    choices : iterable
+        All values that are allowed.
+    frame : bool
+        Where it is left out, --frames says it.
+    """
+    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "frame": frame}
+    return dataclasses.field(default=default, metadata={_FIELD: facts})
+
+
+def argument(
+    *,
+    help: str,
+    unit: str = "",
+    ge: float | None = None,
+    le: float | None = None,
+    choices: Iterable[Any] = (),
+) -> Any:
+    """Declare a parameter that is a word of its own behind the op: `--resize 50%`.
+
+    Parameters
+    ----------
+    help, unit, ge, le, choices
+        As of `param`.
+    """
+    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "positional": True}
+    return dataclasses.field(metadata={_FIELD: facts})
+
+
+def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "") -> Any:
+    """Declare an input image as a dataclass field.
+
+    A field of type `tuple[Image, ...]` holds several. With `count` it follows the first input, and the parameter of
+    that name says how many images these are together.
+    """
+    return dataclasses.field(default=default, metadata={_FIELD: {"help": help, "count": count}})
+
+
+@functools.cache
+def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
+    """(input images, parameters) of an op's dataclass, in the order of declaration.
+
+    An op's own parameters come before those that it shares with others.
+    """
+    hints = typing.get_type_hints(op)
+    images, parameters = [], []
+    for field in dataclasses.fields(op):
+        facts, hint = field.metadata[_FIELD], hints[field.name]
+        if "unit" in facts:
+            parameters.append(Parameter(field.name.removesuffix("_"), _kinds(hint), field.default, **facts))
+        else:
+            several = typing.get_origin(hint) is tuple
+            images.append(Parameter(field.name, None, field.default, **facts, many=several))
+    own_first = list(dict.fromkeys(name for base in op.__mro__ for name in inspect.get_annotations(base)))
+    return tuple(images), tuple(sorted(parameters, key=lambda parameter: own_first.index(parameter.attribute)))
+
+
+def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
+    """An op's values by field, from modifier texts; a text of None is passed over, but its name must be right.
+
+    Input images that may be left out are asked for by a modifier of their name.
+
+    Raises
+    ------
+    ParameterError
+        An unknown modifier (the text names the nearest one), or a value that is not allowed.
+    """
+    images, parameters = declared(op)
+    known = {
+        p.name: p
+        for p in (*images, *parameters)
+        if not p.positional and not (p.kind is None and (p.required or p.many))
+    }
+    values = {}
+    for name, text in modifiers.items():
+        if name not in known:
+            raise ParameterError(
+                f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}"
+            )
+        if text is not None:
+            values[known[name].attribute] = known[name].parse(text)
+    return values
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """', did you mean ...?' where something known is close, be it in another case, else nothing."""
+    import difflib  # where something is wrong already: it is slow to import
+
+    by_lower = {each.lower(): each for each in known}
+    close = difflib.get_close_matches(name.lower(), list(by_lower), 1)
+    return f", did you mean '{by_lower[close[0]]}'?" if close else ""
+
+
+def _kinds(hint: Any) -> tuple[type, ...]:
+    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return tuple(k for k in (typing.get_args(hint) if union else (hint,)) if k is not type(None))
+
+
+def _parse(kind: type, text: str) -> Any:
+    if kind is bool:
+        if text.lower() not in _TRUE + _FALSE:
+            raise ValueError(text)
+        return text.lower() in _TRUE
+    if kind is Numbers:
+        return Numbers(_parse(float, piece.strip()) for piece in text.split(","))
+    if kind is Words:
+        words = Words(piece.strip() for piece in text.split(","))
+        if not all(words):
+            raise ValueError(text)
+        return words
+    if kind is Size:
+        width, _, height = text.lower().partition("x")
+        return Size(_parse(int, width), _parse(int, height))
+    if not text or (kind in (int, float) and not _NUMBER.fullmatch(text)):
+        raise ValueError(text)
+    return kind(text)
+
+
+def _convert(kind: type, value: Any) -> Any:
+    """A Python caller's value as `kind`; ValueError or TypeError where it is not one."""
+    if kind in (Size, Words) and isinstance(value, (str, bytes)):
+        raise TypeError(value)
+    if kind is Words:
+        if not len(value):
+            raise ValueError(value)
+        return Words(_convert(str, piece) for piece in value)
+    if kind is Size:
+        width, height = value
+        return Size(_convert(int, width), _convert(int, height))
+    if kind is Numbers:
+        numbers = value if isinstance(value, tuple) or np.ndim(value) else [value]
+        if not len(numbers):
+            raise ValueError(value)
+        return Numbers(_convert(float, n) for n in numbers)
+    if kind in (int, float):
+        if isinstance(value, (bool, str, bytes)) or getattr(value, "dtype", None) == "bool":
+            raise TypeError(value)
+        converted = kind(value)
+        if converted != value or not math.isfinite(converted):
+            raise ValueError(value)
+        return converted
+    if kind in (bool, str) and not isinstance(value, kind):
+        raise TypeError(value)
+    return kind(value)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where pixels of a result come from: one type, one encoding, and what is made of it, copies and coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from ..deferred import np, oiio
+from ..errors import ImageError
+from .image import Part, derived_spec, spec_beside
+from .op import Kind, Output
+from .window import Window
+
+COPIED = "pixels copied from the photo, all channels together, in its own colour space and type"
+ST = Output(
+    "st", Kind.COORDINATES, "where every pixel comes from, as --texwarp and --st_warp read it", asked_by="stmap"
+)
+STMAP = "1: source coordinates as part 'st' of the result; a file name: there"
+BITS = 16  # for x and for y, where one exemplar is spoken of: what kernels give and take (cl/offsets.h)
+NONE = 0xFFFFFFFF  # no pixel
+_AT_ONCE = 1 << 18  # pixels that a thread copies
+
+
+@dataclass(frozen=True, eq=False)
+class SourceMap:
+    """Pixels of exemplars, one for each pixel of a result, or for each of its patches their first one.
+
+    Attributes
+    ----------
+    packed : array of uint32, of any shape; uint64 where `bits` are more than 16; or an `io.row_store.RowStore` of such
+        number << 2 * bits | y << bits | x: the exemplar's number where there are several, row and column.
+    bits : int
+    """
+
+    packed: np.ndarray
+    bits: int = BITS
+
+    @classmethod
+    def of(cls, y: np.ndarray, x: np.ndarray, bits: int = BITS) -> SourceMap:
+        """Of rows and columns, which may have any shapes that go together."""
+        kind = np.uint32 if bits <= BITS else np.uint64
+        return cls(np.asarray(y, kind) << kind(bits) | np.asarray(x, kind), bits)
+
+    @classmethod
+    def of_coordinates(cls, st: np.ndarray, spec: oiio.ImageSpec, name: str) -> SourceMap:
+        """The inverse of `coordinates`; an ImageError with the map's name where some are NaN, Inf or outside."""
+        place = st[..., :2].astype(np.float64) * (spec.full_width, spec.full_height)
+        broken = np.count_nonzero(~np.isfinite(place))
+        if broken:
+            raise ImageError(f"{name} has {broken} NaN or Inf coordinates")
+        x = np.floor(place[..., 0]).astype(np.int64) + spec.full_x - spec.x
+        y = np.floor(place[..., 1]).astype(np.int64) + spec.full_y - spec.y
+        outside = np.count_nonzero((x < 0) | (x >= spec.width) | (y < 0) | (y >= spec.height))
+        if outside:
+            whole = f"the {spec.width}x{spec.height} pixels of the image"
+            raise ImageError(f"{name} has {outside} coordinates outside {whole}")
+        return cls.of(y, x, BITS if max(spec.width, spec.height) <= 1 << BITS else 2 * BITS)
+
+    def __getitem__(self, at: Any) -> SourceMap:
+        return SourceMap(self.packed[at], self.bits)
+
+    @property
+    def yx(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns, int64."""
+        packed, mask = np.asarray(self.packed).astype(np.int64), (1 << self.bits) - 1
+        return packed >> self.bits & mask, packed & mask
+
+    @property
+    def number(self) -> np.ndarray:
+        """The exemplar's, int64; 0 where there is one."""
+        return np.asarray(self.packed).astype(np.int64) >> 2 * self.bits
+
+    def flat(self, width: int) -> np.ndarray:
+        """As indices into rows of that width, one behind the other; int64."""
+        y, x = self.yx
+        y *= width
+        y += x
+        return y
+
+    def gather(self, pixels: np.ndarray) -> np.ndarray:
+        """What an exemplar, (h, w) or (h, w, channels), has there."""
+        return np.take(pixels.reshape(-1, *pixels.shape[2:]), self.flat(pixels.shape[1]), 0)
+
+    def coordinates(self, spec: oiio.ImageSpec, corner: tuple[int, int] = (0, 0), factor: float = 1.0) -> np.ndarray:
+        """(s, t) over the display window of an image with that spec: (..., 2) float32.
+
+        (0, 0) is the display window's top left corner and (1, 1) its bottom right, as --st_warp has it; pixel centres
+        lie half a pixel in. The exemplar may be cut out of the image's data window at a `corner` (x, y) after it was
+        enlarged by a `factor`.
+        """
+        y, x = self.yx
+        s = ((x + corner[0] + 0.5) / factor + spec.x - spec.full_x) / spec.full_width
+        t = ((y + corner[1] + 0.5) / factor + spec.y - spec.full_y) / spec.full_height
+        return np.stack([s, t], axis=-1).astype(np.float32)
+
+    def parts(self, name: str, exemplar: Part, tiling: str = "none", in_place: bool = False) -> dict[str, Part]:
+        """As `Sources.parts`, of a result as a whole.
+
+        Parameters
+        ----------
+        name : str
+            Of the op's image.
+        exemplar : Part
+        tiling : str
+            Axes along which the result goes on in itself: x, y, xy or none.
+        in_place : bool
+            It is as large as the exemplar and keeps its windows; else it lies at the origin.
+        """
+        spec = tile_spec(exemplar.spec, tiling, None if in_place else self.packed.shape[::-1])
+        whole = Window.data(spec)
+        return Sources(lambda window: self[window.inside(whole)], spec, ready=True).parts(name, exemplar)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """A source map that is read window by window, of a result with that spec; `spread` is as of `Session`."""
+
+    read: Callable[[Window], SourceMap]
+    spec: oiio.ImageSpec
+    spread: Callable[..., Iterable[np.ndarray]] = map
+    ready: bool = False  # reading costs nothing
+
+    def parts(self, name: str, exemplar: Part) -> dict[str, Part]:
+        """An op's image of that name, copied from its exemplar, and 'st'."""
+
+        def coordinates(window: Window) -> np.ndarray:
+            return self.read(window).coordinates(exemplar.spec)
+
+        st = Part("st", spec_beside(self.spec, ("R", "G")), coordinates, ready=self.ready)
+        return {name: self.copied(exemplar, self.spec), "st": st}
+
+    def copied(self, part: Part, spec: oiio.ImageSpec) -> Part:
+        """The pixels of a part, which are held, where they come to lie; as a part with that spec."""
+        pixels = np.ascontiguousarray(part.pixels())
+
+        def fetch(window: Window) -> np.ndarray:
+            where = self.read(window)
+            rows = max(1, _AT_ONCE // max(1, window.width))
+            pieces = [where[y : y + rows] for y in range(0, window.height, rows)]
+            return np.concatenate(list(self.spread(lambda piece: piece.gather(pixels), pieces)))
+
+        return Part(part.name, spec, fetch, part.stored, ready=self.ready, exact=part.exact)
+
+
+def require_addressable(shape: tuple[int, ...]) -> None:
+    """Raise an ImageError where an exemplar, (height, width, ...), has pixels that 32 bits do not name."""
+    if max(shape[:2]) > 1 << BITS:
+        raise ImageError(f"the exemplar of {shape[1]}x{shape[0]} px is larger than {1 << BITS} px on a side")
+
+
+def tile_spec(spec: oiio.ImageSpec, tiling: str, size: tuple[int, int] | None = None) -> oiio.ImageSpec:
+    """Of a result of (width, height), else in the windows of its exemplar, that goes on in itself along some axes."""
+    new = derived_spec(spec, *(size or ()))
+    new.attribute("wrapmodes", ",".join("periodic" if axis in tiling else "black" for axis in "xy"))
+    return new

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where pixels are: rectangles of them, and planes that may close on themselves. Imports nothing of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self
+
+from ..deferred import oiio
+
+
+class Window(NamedTuple):
+    """Pixels left <= x < right, top <= y < bottom, in the coordinates of the image (they may be negative)."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @classmethod
+    def data(cls, spec: oiio.ImageSpec) -> Window:
+        """The data window: where there are pixels."""
+        return cls(spec.x, spec.y, spec.x + spec.width, spec.y + spec.height)
+
+    @classmethod
+    def display(cls, spec: oiio.ImageSpec) -> Window:
+        """The display window: what is shown."""
+        return cls(spec.full_x, spec.full_y, spec.full_x + spec.full_width, spec.full_y + spec.full_height)
+
+    @classmethod
+    def sized(cls, left: int, top: int, width: int, height: int) -> Window:
+        """The window of that size at that corner.
+
+        Parameters
+        ----------
+        left, top : int
+            px; may be negative.
+        width, height : int
+            px.
+        """
+        return cls(left, top, left + width, top + height)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height)."""
+        return self.width, self.height
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return self.right - self.left
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return self.bottom - self.top
+
+    @property
+    def empty(self) -> bool:
+        """Whether it has no pixel."""
+        return self.right <= self.left or self.bottom <= self.top
+
+    def grown(self, x: int, y: int | None = None) -> Window:
+        """Wider by x pixels on the left and right, higher by y (or x) above and below."""
+        y = x if y is None else y
+        return Window(self.left - x, self.top - y, self.right + x, self.bottom + y)
+
+    def shifted(self, x: int, y: int) -> Window:
+        """Moved right by x and down by y."""
+        return Window(self.left + x, self.top + y, self.right + x, self.bottom + y)
+
+    def __and__(self, other: Window) -> Window:
+        """What both share; of no height or width where that is nothing."""
+        left, top = max(self.left, other.left), max(self.top, other.top)
+        return Window(left, top, max(left, min(self.right, other.right)), max(top, min(self.bottom, other.bottom)))
+
+    def __or__(self, other: Window) -> Window:
+        """The smallest window around both."""
+        return Window(
+            min(self.left, other.left),
+            min(self.top, other.top),
+            max(self.right, other.right),
+            max(self.bottom, other.bottom),
+        )
+
+    def inside(self, other: Window) -> tuple[slice, slice]:
+        """Rows and columns of this window in an array that holds `other`."""
+        return (
+            slice(self.top - other.top, self.bottom - other.top),
+            slice(self.left - other.left, self.right - other.left),
+        )
+
+    def cells(self, width: int, height: int, origin: tuple[int, int] | None = None) -> Iterator[Window]:
+        """Its pieces on a grid of that spacing through `origin` (its own corner when left out), row by row."""
+        x0, y0 = origin or (self.left, self.top)
+        for top in range(y0 + (self.top - y0) // height * height, self.bottom, height):
+            for left in range(x0 + (self.left - x0) // width * width, self.right, width):
+                yield Window.sized(left, top, width, height) & self
+
+    def roi(self, channels: int) -> oiio.ROI:
+        """As OpenImageIO takes it."""
+        return oiio.ROI(self.left, self.right, self.top, self.bottom, 0, 1, 0, channels)
+
+    def apply_to(self, spec: oiio.ImageSpec) -> oiio.ImageSpec:
+        """A copy of `spec` with this data window, untiled."""
+        new = oiio.ImageSpec(spec)
+        new.x, new.y, new.width, new.height = self.left, self.top, self.width, self.height
+        new.tile_width = new.tile_height = new.tile_depth = 0
+        return new
+
+    def __str__(self) -> str:
+        return f"{self.width}x{self.height}{self.left:+d}{self.top:+d}"
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A plane of pixels that closes on itself along the axes that wrap, and ends elsewhere.
+
+    Attributes
+    ----------
+    width, height : int
+        px.
+    wrap_x, wrap_y : bool
+        It is a torus along that axis.
+    """
+
+    width: int
+    height: int
+    wrap_x: bool = False
+    wrap_y: bool = False
+
+    @classmethod
+    def tiling(cls, width: int, height: int, axes: str, **more: Any) -> Self:
+        """That tiles along the axes x, y, xy or none."""
+        return cls(width, height, "x" in axes, "y" in axes, **more)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Columns and rows."""
+        return self.width, self.height
+
+    @property
+    def wraps(self) -> tuple[bool, bool]:
+        """Along x, along y."""
+        return self.wrap_x, self.wrap_y

@@ -1,0 +1,382 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The dominant texture: the largest group of texels that heat from the densest one reaches.
+
+LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance Manifolds, Eurographics 2009, section 5 step 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, maximum_filter
+from scipy.signal import find_peaks
+from scipy.sparse import csr_array, diags_array
+from threadpoolctl import threadpool_limits
+
+from ..color.lab_reduced import LabPixels
+from ..session import Session
+from .patch_manifold import (
+    Kernel,
+    Texels,
+    densities,
+    kernel_of,
+    landmark_squares,
+    landmarks,
+    neighbour_squares,
+    neighbour_weights,
+    patch_size,
+    squared_distances,
+    texels_of,
+    weights_of,
+)
+
+DOMINANT, SMALL, BRIDGE, SCATTERED = range(4)  # texel types 0, I, II, III: LDR09 section 4
+SHARE = 0.4  # of all texels that a dominant group holds
+MOST_STEPS = 200  # of the diffusion
+_LEAST_CORRELATION = 0.1  # of pixels with the next; the least of the textures at hand has 0.5
+_FAR = 64  # texels that all are joined with then
+_WIDER = (4.0, 16.0)  # kernel sizes that are tried, too, before an image is rejected
+_BINS, _SMOOTH, _PROMINENCE = 64, 2.0, 0.03
+_DEPTH = 12.0  # decades of heat below the hottest texel that are told apart
+_LOW = 0.2  # quantile of density where it has no valley
+_BLOCK = 1024  # texels that are looked at together
+_EVEN = 0.1  # of the mean weight, added to all before a normalised cut
+_MOST_KEPT = 0.75  # of the texels that are left, the hottest
+
+
+@dataclass(frozen=True)
+class Round:
+    """One pass of step 6: what the picture of LDR09 figure 4 (d) shows.
+
+    Attributes
+    ----------
+    seed : int
+        The texel that the heat comes from.
+    left : int
+        Texels that took part.
+    density, heat : float or None
+        Thresholds, heat as its decimal logarithm; None: no valley.
+    group : int
+        Texels above both.
+    small : bool
+        They are a small group, and were taken out.
+    """
+
+    seed: int
+    left: int
+    density: float
+    heat: float | None
+    group: int
+    small: bool
+
+
+@dataclass(frozen=True)
+class Dominant:
+    """What was found.
+
+    Attributes
+    ----------
+    texels : Texels
+    types : (N,) int8
+        0 to 3.
+    density, heat : (N,) float64
+        Eq. 4; decimal logarithm of eq. 3 in the last round.
+    kernel : Kernel or None
+        None: all texels are alike.
+    steps : int
+        tau.
+    rounds : list of Round
+    rejected : str
+        Why there is no dominant texture; empty where there is one.
+    """
+
+    texels: Texels
+    types: np.ndarray
+    density: np.ndarray
+    heat: np.ndarray
+    kernel: Kernel | None = None
+    steps: int = 0
+    rounds: list[Round] = field(default_factory=list)
+    rejected: str = ""
+
+    @property
+    def share(self) -> float:
+        """Of dominant texels among all."""
+        return float((self.types == DOMINANT).mean()) if len(self.types) else 0.0
+
+
+def dominant_texture(
+    pixels: LabPixels,
+    session: Session,
+    *,
+    patch: int | None = None,
+    step: int | None = None,
+    most: int = 12000,
+    mode: str = "diffusion",
+    rule: str = "repaired",
+    seed: int = 0,
+) -> Dominant:
+    """LDR09 section 5 but for the mask.
+
+    Parameters
+    ----------
+    pixels : LabPixels
+    session : Session
+    patch : int, optional
+        Side of a texel, px, odd; from the Fourier transform when left out.
+    step : int, optional
+        Between centres of texels; the smallest that leaves at most `most` texels when left out.
+    mode : str
+        "diffusion"; "euclidean": eq. 7 instead of eq. 1; "spectral": the larger half of a normalised cut.
+    rule : str
+        Of step 6: "paper", or "repaired" (see `_repaired`).
+    seed : int
+        Of the choice of landmarks.
+    """
+    with threadpool_limits(1, "blas"):
+        side = patch or patch_size(pixels.lab[..., 0])
+        texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), session)
+        nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
+        session.advance(2, 6)
+        if not texels.count:
+            return _after(2, session, Dominant(texels, *nothing, rejected="no patch is opaque"))
+        with session.stats.time("kernel and densities"):
+            chosen = landmarks(texels, seed)
+            kernel = kernel_of(texels, chosen)
+            session.advance(3, 6)
+            if kernel is None:
+                alike = np.full(texels.count, DOMINANT, np.int8), np.full(texels.count, float(len(chosen)))
+                return _after(3, session, Dominant(texels, *alike, np.zeros(texels.count)))
+            correlation = neighbour_correlation(pixels)
+            if correlation < _LEAST_CORRELATION and rule != "paper":
+                why = f"a pixel says nothing of the next one (correlation {correlation:.2f}): it is noise"
+                return _after(3, session, Dominant(texels, *nothing, kernel, rejected=why))
+            euclidean = mode == "euclidean"
+            density = densities(texels, chosen, kernel.size, euclidean, session)
+        with session.stats.time("neighbours"):
+            squares = neighbour_squares(texels, session)
+        session.advance(4, 6)
+        with session.stats.time("heat"):
+            weights = neighbour_weights(squares, kernel.size, euclidean)
+            if mode == "spectral":
+                types = _larger_half(texels, chosen, kernel, session)
+                dominant = Dominant(texels, types, density, np.zeros(texels.count), kernel)
+            else:
+                dominant = _classified(texels, kernel, density, weights, rule)
+            if dominant.rejected and mode == "diffusion" and rule != "paper":
+                # a pattern in regular order falls into groups, one of each phase, that no near neighbour joins: once
+                # more with wider kernels, and with every texel beside a few others drawn from all
+                far = landmark_squares(texels, chosen[:: max(1, len(chosen) // _FAR)], session)
+                for times in _WIDER:
+                    if dominant.rejected:
+                        wide = replace(kernel, size=times * kernel.size)
+                        density = densities(texels, chosen, wide.size, euclidean, session)
+                        joined = neighbour_weights(squares, wide.size, False)
+                        joined = joined.maximum(neighbour_weights(far, wide.size, False)).tocsr()
+                        again = _classified(texels, wide, density, joined, rule)
+                        dominant = dominant if again.rejected else again
+        session.advance(5, 6)
+    return dominant
+
+
+def neighbour_correlation(pixels: LabPixels) -> float:
+    """Of Lab with that of the next pixel to the right or below, the larger of the two.
+
+    The paper does not say how noise is told from a texture; through heat it looks like one, of which every patch is as
+    near to the next as to any other.
+    """
+    away = (pixels.lab - pixels.lab[pixels.seen].mean(0, dtype=np.float64)) * pixels.seen[..., None]
+    correlations = []
+    for here, there, pairs in (
+        (away[:, :-1], away[:, 1:], pixels.seen[:, :-1] & pixels.seen[:, 1:]),
+        (away[:-1], away[1:], pixels.seen[:-1] & pixels.seen[1:]),
+    ):
+        a, b = here[pairs], there[pairs]
+        correlations.append((a * b).sum() / max(float(np.sqrt((a * a).sum() * (b * b).sum())), 1e-9))
+    return float(max(correlations))
+
+
+def _after(step: int, session: Session, dominant: Dominant) -> Dominant:
+    for n in range(step + 1, 6):
+        session.advance(n, 6)
+    return dominant
+
+
+def step_for(shape: tuple[int, int], patch: int, most: int) -> int:
+    """The smallest step of texels that leaves at most `most` of them."""
+    rows, columns = (max(1, s - patch + 1) for s in shape)
+    step = 1
+    while -(-rows // step) * -(-columns // step) > most:
+        step += 1
+    return step
+
+
+def heat_steps(count: int, dimension: float) -> int:
+    """tau = d N^(1/d): LDR09 section 3; held below `MOST_STEPS`, which a small d would pass by orders."""
+    return int(np.clip(round(dimension * count ** (1 / dimension)), 1, MOST_STEPS))
+
+
+def heat_from(matrix: csr_array, seed: int, steps: int) -> np.ndarray:
+    """LDR09 eq. 3: A^tau chi, (N,) float64."""
+    heat = np.zeros(matrix.shape[0])
+    heat[seed] = 1.0
+    for _ in range(steps):
+        heat = matrix @ heat
+    return heat
+
+
+def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: csr_array, rule: str) -> Dominant:
+    """Step 6: groups are taken out until one is dominant."""
+    count = texels.count
+    matrix = (diags_array(1 / weights.sum(1)) @ weights.astype(np.float64)).tocsr()  # Table 1: A is row-normalised
+    steps = heat_steps(count, kernel.dimension)
+    types, left = np.full(count, SCATTERED, np.int8), np.ones(count, bool)
+    rounds: list[Round] = []
+    heat = np.zeros(count)
+    decide = _literal if rule == "paper" else _repaired
+    while left.sum() >= SHARE * count:
+        seed = int(np.flatnonzero(left)[density[left].argmax()])
+        heat = np.log10(np.maximum(heat_from(matrix, seed, steps), 1e-300))
+        dense_above, hot_above, small = decide(density[left], heat[left], count)
+        hot = left & (heat > hot_above) if hot_above is not None else left.copy()
+        group = hot & (density > dense_above)
+        rounds.append(Round(seed, int(left.sum()), dense_above, hot_above, int(group.sum()), small))
+        types[hot & ~group] = BRIDGE
+        if not small:
+            types[group] = DOMINANT
+            return Dominant(texels, types, density, heat, kernel, steps, rounds)
+        types[group] = SMALL
+        hot[seed] = True  # so that it ends
+        left &= ~hot
+    why = f"no group of texels holds {100 * SHARE:.0f} % of the image"
+    return Dominant(texels, types, density, heat, kernel, steps, rounds, why)
+
+
+def _literal(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
+    """Thresholds of density and heat, and whether the group is a small one: LDR09 step 6 as it is written."""
+    counts, edges = _histogram(density)
+    valleys, _ = _valleys(counts, 0.0)
+    dense = float(edges[valleys[0] + 1]) if len(valleys) else float(np.quantile(density, _LOW))
+    counts, edges = _histogram(_shown(heat))
+    # "the first valley beyond the 0.4-quantile point": counted from the hottest, as it makes sure of 40 %
+    point = np.quantile(_shown(heat), 1 - SHARE)
+    valleys, _ = _valleys(counts, 0.0)
+    below = [v for v in valleys if edges[v + 1] <= point]
+    if not below:
+        return dense, None, False  # "we simply consider all remaining texels": Type 0
+    hot = float(edges[below[-1] + 1])
+    return dense, hot, bool(((density > dense) & (heat > hot)).sum() <= SHARE * count)
+
+
+def _repaired(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
+    """As `_literal`, but a small group can be found small, and the last word has a limit.
+
+    The text keeps at least 40 % whatever it finds, so that a densest texel in a small group, a pipe on a wall, takes
+    the wall out with it. Here the seed's group is small where the deepest valley of heat leaves less than 40 % above
+    it, or where less than that many texels are warm at all. Where it is not, the first valley that keeps 40 % is the
+    threshold, but never more than the hottest `_MOST_KEPT` stay: texels that overlap an outlier cool down without a
+    valley, and those that are lost without need are covered again when the mask is dilated by a patch. Density is
+    looked at in decades, which outliers lack by the number, and among the hot; its valley must leave 40 %, too.
+    """
+    shown = _shown(heat)
+    counts, edges = _histogram(shown)
+    valleys, depths = _valleys(counts, _PROMINENCE)
+    kept = np.array([(shown > edges[v + 1]).sum() for v in valleys])
+    hot = float(np.quantile(shown, 1 - _MOST_KEPT))
+    if len(valleys):
+        deepest = int(np.argmax(depths))
+        if kept[deepest] < SHARE * count:
+            return -np.inf, float(edges[valleys[deepest] + 1]), True
+        hot = max(hot, float(edges[valleys[np.flatnonzero(kept >= SHARE * count)[-1]] + 1]))
+    coldest = float(shown.max() - _DEPTH)
+    if (shown > coldest).sum() < SHARE * count:
+        return -np.inf, coldest, True
+    decades = np.log10(np.maximum(density[shown > hot], 1e-9))
+    if not len(decades):  # all are equally warm
+        return -np.inf, None, len(heat) < SHARE * count
+    counts, edges = _histogram(decades)
+    valleys, _ = _valleys(counts, _PROMINENCE)
+    dense = float(edges[valleys[0] + 1]) if len(valleys) else -np.inf
+    if (decades > dense).sum() < SHARE * count:
+        dense = -np.inf
+    return 10.0**dense, hot, False
+
+
+def _shown(heat: np.ndarray) -> np.ndarray:
+    return np.maximum(heat, heat.max() - _DEPTH)
+
+
+def _histogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A smoothed histogram and its edges."""
+    counts, edges = np.histogram(values, _BINS)
+    return gaussian_filter1d(counts.astype(np.float64), _SMOOTH), edges
+
+
+def _valleys(counts: np.ndarray, prominence: float) -> tuple[np.ndarray, np.ndarray]:
+    """Minima between two peaks, in order, and how deep they are."""
+    valleys, facts = find_peaks(-counts, prominence=max(prominence * counts.max(), 1e-9))
+    return valleys, facts["prominences"]
+
+
+def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, session: Session) -> np.ndarray:
+    """The larger of two segments of a normalised cut as Type 0, the other as Type I (LDR09 section 7.4).
+
+    Of the landmarks, whose every pair is weighed; the other texels get the mean of the landmarks' eigenvector, by
+    their weights. A tenth of the mean weight is added to all, or one patch alone would be the smaller segment.
+    """
+    squares = squared_distances(texels.values[chosen], texels.values[chosen])
+    weights = weights_of(squares, kernel.landmark_size, False).astype(np.float64)
+    weights += _EVEN * weights.mean()
+    total = weights.sum(1)
+    vector = np.linalg.eigh(weights / np.sqrt(np.outer(total, total)))[1][:, -2] / np.sqrt(total)
+    order = np.argsort(vector, kind="stable")
+    weights, mass = weights[np.ix_(order, order)], total[order].cumsum()[:-1]
+    inside = np.diag(weights.cumsum(0).cumsum(1))[:-1]  # of weights, among the first n
+    cut = (mass - inside) / mass + (mass - inside) / (total.sum() - mass)
+    best = int(cut.argmin())
+    split = (vector[order[best]] + vector[order[best + 1]]) / 2
+    marks = texels.values[chosen]
+
+    def above(first: int) -> np.ndarray:
+        near = weights_of(squared_distances(texels.values[first : first + _BLOCK], marks), kernel.landmark_size, False)
+        near = near + np.float32(1e-12)
+        return (near @ vector) / near.sum(1, dtype=np.float64) > split
+
+    halves = np.concatenate(list(session.spread(above, range(0, texels.count, _BLOCK))))
+    return np.where(halves == (2 * halves.sum() > len(halves)), DOMINANT, SMALL).astype(np.int8)
+
+
+# --- what pixels get ---
+
+
+def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outside: float) -> np.ndarray:
+    """Values of texels at their centres, (h, w); where the step is wider, at the pixels that are nearest.
+
+    Parameters
+    ----------
+    texels : Texels
+    values : (N,)
+    shape : (int, int)
+        Of the image: height, width.
+    outside : float
+        What pixels get that no whole patch is around.
+    """
+    height, width = shape
+    half, step = texels.patch // 2, texels.step
+    down, across = (max(0, -(-(s - texels.patch + 1) // step)) for s in shape)
+    grid = np.full((down, across), outside, values.dtype)
+    grid[(texels.rows - half) // step, (texels.columns - half) // step] = values
+    pixels = np.full(shape, outside, values.dtype)
+    if not grid.size:
+        return pixels
+    inner = height - texels.patch + 1, width - texels.patch + 1
+    y, x = (np.minimum((np.arange(n) + step // 2) // step, g - 1) for n, g in zip(inner, grid.shape, strict=True))
+    pixels[half : half + inner[0], half : half + inner[1]] = grid[np.ix_(y, x)]
+    return pixels
+
+
+def dominant_mask(dominant: Dominant, seen: np.ndarray) -> np.ndarray:
+    """LDR09 step 7: centres of dominant texels dilated by a patch, (h, w) bool; never where nothing is seen."""
+    centres = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape, 0)
+    return (maximum_filter(centres, dominant.texels.patch, mode="constant") > 0) & seen

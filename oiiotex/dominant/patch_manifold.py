@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Texels: overlapping patches of a texture as points of a low-dimensional manifold.
+
+LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance Manifolds, Eurographics 2009, sections 4 to 6.
+Patches come from Lab on an integer grid; all products are of blocks of one fixed shape, on as many threads as there
+are, so that neither threads nor budget show.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.sparse import csr_array
+
+from ..color.lab_reduced import LabPixels
+from ..session import Session
+
+ENERGY = 0.999  # of the texels that the principal components keep: LDR09 section 6.1
+LANDMARKS = 0.7  # N' = N^0.7: LDR09 section 6.2
+LEAST_PATCH, MOST_PATCH = 5, 25  # px
+_BLOCK = 1024  # texels whose distances are looked at together
+_ROWS = 256  # texels whose neighbours are looked for together: what is found on the way stays in the cache
+_EVERY = 16  # of a row's distances, from which the k smallest of all are estimated
+_COVARIANCE = 4096  # texels that the components are learned from
+_CURVE = 96  # kernel sizes that are tried
+_STRONG = 0.7  # of the strongest response: a longer period that reaches it goes first
+
+
+def patch_size(light: np.ndarray) -> int:
+    """LDR09 step 1: the period that answers most strongly along one of four directions, an odd number of px.
+
+    Departures, because the text says no more than that: the window is Hann's; a direction is a wedge of 45 degrees; a
+    response is the power above a power law fitted to the mean of all directions, since textures have more power in low
+    frequencies anyway; of strong responses the lowest frequency goes first, the others being its harmonics.
+    """
+    height, width = light.shape
+    most = min(MOST_PATCH, min(height, width) // 8)
+    if most <= LEAST_PATCH:
+        return max(1, min(LEAST_PATCH, height, width) - (min(LEAST_PATCH, height, width) + 1) % 2)
+    flat = light - gaussian_filter(light.astype(np.float64), min(height, width) / 6)
+    flat *= np.outer(np.hanning(height), np.hanning(width))
+    size = scipy.fft.next_fast_len(2 * max(height, width))
+    power = np.abs(scipy.fft.rfft2(flat, (size, size))) ** 2
+    v, u = scipy.fft.fftfreq(size)[:, None], scipy.fft.rfftfreq(size)
+    ring = np.minimum((np.hypot(v, u) * size).astype(np.int64), size // 2)
+    rings = size // 2 + 1
+    wanted = np.flatnonzero((np.arange(rings) >= size / most) & (np.arange(rings) <= size / LEAST_PATCH))
+    mean = np.bincount(ring.ravel(), power.ravel(), rings) / np.maximum(np.bincount(ring.ravel(), minlength=rings), 1)
+    if len(wanted) < 8 or mean.max() <= 1e-9 * flat.size:
+        return LEAST_PATCH
+    log_ring = np.log(np.arange(rings) + 1.0)
+    background = np.polyval(np.polyfit(log_ring[wanted], np.log(mean[wanted] + 1e-12), 1), log_ring)
+    angle = np.arctan2(v, u)
+    responses = []
+    for turn in range(4):
+        away = np.abs((angle - turn * np.pi / 4 + np.pi / 2) % np.pi - np.pi / 2)
+        inside = away < np.pi / 8
+        number = np.maximum(np.bincount(ring[inside], minlength=rings), 1)
+        here = np.log(np.bincount(ring[inside], power[inside], rings) / number + 1e-12) - background
+        responses.append(gaussian_filter1d(here, 1.5)[wanted])
+    response = np.max(responses, axis=0)
+    peaks = [
+        i
+        for i in range(len(response))
+        if response[i] >= _STRONG * response.max() and response[i] == response[max(0, i - 3) : i + 4].max()
+    ]
+    period = round(size / wanted[peaks[0]])
+    return int(np.clip(period | 1, LEAST_PATCH, most - 1 + most % 2))
+
+
+@dataclass(frozen=True)
+class Texels:
+    """N overlapping patches.
+
+    Attributes
+    ----------
+    values : (N, d) float32
+        Principal components.
+    rows, columns : (N,) int
+        Centres.
+    patch, step : int
+        Side, and distance of neighbouring centres, px.
+    """
+
+    values: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    patch: int
+    step: int
+
+    @property
+    def count(self) -> int:
+        """N."""
+        return len(self.rows)
+
+
+def texels_of(pixels: LabPixels, patch: int, step: int, session: Session) -> Texels:
+    """LDR09 steps 2 and 6.1: patches around every `step`th pixel, where all of a patch is seen, reduced by PCA.
+
+    Parameters
+    ----------
+    pixels : LabPixels
+    patch : int
+        Side, px, odd.
+    step : int
+        Between centres, px.
+    session : Session
+    """
+    height, width = pixels.seen.shape
+    half = patch // 2
+    whole = np.lib.stride_tricks.sliding_window_view(pixels.seen, (patch, patch))[::step, ::step].all((2, 3))
+    at = np.flatnonzero(whole)
+    rows, columns = at // whole.shape[1] * step, at % whole.shape[1] * step
+    views = np.lib.stride_tricks.sliding_window_view(pixels.lab, (patch, patch), (0, 1))
+
+    def patches(of: np.ndarray) -> np.ndarray:
+        return views[rows[of], columns[of]].reshape(len(of), -1)
+
+    if not len(at):
+        return Texels(np.zeros((0, 1), np.float32), rows, columns, patch, step)
+    sample = patches(np.arange(0, len(at), max(1, len(at) // _COVARIANCE)))
+    mean = sample.mean(0, dtype=np.float64).astype(np.float32)
+    sample = (sample - mean).astype(np.float64)
+    energy, axes = np.linalg.eigh(sample.T @ sample)
+    energy, axes = np.maximum(energy[::-1], 0), axes[:, ::-1]
+    kept = int(np.searchsorted(np.cumsum(energy), ENERGY * energy.sum())) + 1
+    axes = np.ascontiguousarray(axes[:, :kept], np.float32)
+    blocks = [np.arange(first, min(first + _BLOCK, len(at))) for first in range(0, len(at), _BLOCK)]
+    values = np.concatenate(list(session.spread(lambda of: (patches(of) - mean) @ axes, blocks)))
+    return Texels(values, rows + half, columns + half, patch, step)
+
+
+def squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """|a_i - b_j|^2, (n, d) and (m, d) -> (n, m) float32."""
+    squares = a @ b.T
+    squares *= np.float32(-2)
+    squares += (a * a).sum(1)[:, None]
+    squares += (b * b).sum(1)
+    return np.maximum(squares, 0, out=squares)
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The kernel's size, and the manifold's dimension.
+
+    Attributes
+    ----------
+    size : float
+        epsilon of eq. 1, Lab^2 per texel, for all texels: eq. 6.
+    landmark_size : float
+        epsilon' for the landmarks.
+    dimension : float
+        d of eq. 2.
+    curve : (n, 2) float64
+        log epsilon, log of the sum of weights (LDR09 figure 3).
+    """
+
+    size: float
+    landmark_size: float
+    dimension: float
+    curve: np.ndarray
+
+
+def landmarks(texels: Texels, seed: int) -> np.ndarray:
+    """N' = N^0.7 texels chosen by a counter-based hash, in order: LDR09 section 6.2."""
+    count = max(2, int(texels.count**LANDMARKS))
+    if count >= texels.count:
+        return np.arange(texels.count)
+    drawn = np.random.Philox(key=[seed, 9]).random_raw(texels.count)
+    return np.sort(np.argsort(drawn, kind="stable")[:count])
+
+
+def kernel_of(texels: Texels, chosen: np.ndarray) -> Kernel | None:
+    """LDR09 step 4: epsilon where log sum w over log epsilon is steepest, which is its linear part; None: all alike.
+
+    The sum over pairs is one over classes of distances, a hundredth of an octave wide.
+    """
+    squares = squared_distances(texels.values[chosen], texels.values[chosen]).astype(np.float64)
+    np.fill_diagonal(squares, 0)
+    apart = squares[squares > 1e-4 * texels.patch**2]  # closer ones are equal on the grid of Lab
+    if not len(apart):
+        return None
+    cell = np.floor(100 * np.log2(apart)).astype(np.int64)
+    cell -= cell.min()
+    number = np.bincount(cell)
+    means = np.bincount(cell, apart)[number > 0] / number[number > 0]
+    number = number[number > 0]
+    sizes = np.geomspace(max(np.percentile(apart, 0.1) / 4, 1e-6), 4 * apart.max(), _CURVE)
+    equal = squares.size - len(apart)
+    sums = np.array([equal + (number * np.exp(-means / (2 * e))).sum() for e in sizes])
+    curve = np.stack([np.log(sizes), np.log(sums)], 1)
+    slope = np.gradient(curve[:, 1], curve[:, 0])
+    best = int(slope.argmax())
+    dimension = max(2 * float(slope[best]), 0.5)  # eq. 2
+    # eq. 6; by eq. 2 the exponent should be 2 / d, which made no difference that could be measured
+    size = float(sizes[best]) * (len(chosen) / texels.count) ** (1 / dimension)
+    return Kernel(size, float(sizes[best]), dimension, curve)
+
+
+def weights_of(squares: np.ndarray, size: float, euclidean: bool) -> np.ndarray:
+    """LDR09 eq. 1; eq. 7 where `euclidean`: 1 / distance, which is kept finite below a step of Lab."""
+    if euclidean:
+        return 1 / np.sqrt(np.maximum(squares, np.float32(1 / 64)))
+    return np.exp(squares * np.float32(-0.5 / size))
+
+
+def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, session: Session) -> np.ndarray:
+    """LDR09 eq. 4 with respect to the landmarks (section 6.2), (N,) float64.
+
+    Parameters
+    ----------
+    texels : Texels
+    chosen : (n,) int
+        The landmarks.
+    size : float
+        epsilon of eq. 1, Lab^2 per texel.
+    euclidean : bool
+        Eq. 7 instead of eq. 1.
+    session : Session
+    """
+    marks = texels.values[chosen]
+
+    def density(first: int) -> np.ndarray:
+        here = squared_distances(texels.values[first : first + _BLOCK], marks)
+        return weights_of(here, size, euclidean).sum(1, dtype=np.float64)
+
+    return np.concatenate(list(session.spread(density, range(0, texels.count, _BLOCK))))
+
+
+def neighbour_count(count: int) -> int:
+    """k = log^2 N: LDR09 section 6.3; the natural logarithm."""
+    return min(count, max(8, int(math.log(max(count, 2)) ** 2)))
+
+
+def neighbour_squares(texels: Texels, session: Session) -> csr_array:
+    """Squared distances to the k nearest, itself among them (LDR09 section 6.3), rows of k entries each.
+
+    The paper's neighbours are approximate; these are exact. Distances are one product of blocks, in which the squares
+    are two further dimensions. Of every `_EVERY`th of a row, one is found that k of all should not exceed; only those
+    that do not are sorted, unless they are fewer than k.
+    """
+    count = texels.count
+    k = neighbour_count(count)
+    norms = (texels.values * texels.values).sum(1)[:, None]
+    ones = np.ones_like(norms)
+    left = np.concatenate([texels.values * np.float32(-2), norms, ones], 1)
+    right = np.concatenate([texels.values, ones, norms], 1).T.copy()
+    expected = k / _EVERY
+    rank = min(int(expected + 3 * math.sqrt(expected)) + 2, -(-count // _EVERY) - 1)
+
+    def nearest(first: int) -> tuple[np.ndarray, np.ndarray]:
+        squares = left[first : first + _ROWS] @ right
+        here = np.arange(len(squares))
+        squares[here, first + here] = 0
+        bound = np.partition(squares[:, ::_EVERY], rank, axis=1)[:, rank]
+        within = squares <= bound[:, None]
+        neighbours = np.empty((len(squares), k), np.int32)
+        for n, row in enumerate(squares):
+            near = np.flatnonzero(within[n])
+            if len(near) < k:
+                near = np.arange(count)
+            neighbours[n] = near[np.argpartition(row[near], k - 1)[:k]]
+        return neighbours, np.maximum(np.take_along_axis(squares, neighbours, 1), 0)
+
+    pieces = list(session.spread(nearest, range(0, count, _ROWS)))
+    columns, values = (np.concatenate(p).ravel() for p in zip(*pieces, strict=True))
+    return csr_array((values, columns, np.arange(0, count * k + 1, k, dtype=np.int32)), shape=(count, count))
+
+
+def landmark_squares(texels: Texels, chosen: np.ndarray, session: Session) -> csr_array:
+    """Squared distances of all texels to some, as `neighbour_squares` has them to near ones."""
+
+    def away(first: int) -> np.ndarray:
+        return squared_distances(texels.values[first : first + _BLOCK], texels.values[chosen])
+
+    values = np.concatenate(list(session.spread(away, range(0, texels.count, _BLOCK))))
+    rows = np.arange(0, values.size + 1, len(chosen))
+    columns = np.tile(chosen.astype(np.int32), texels.count)
+    return csr_array((values.ravel(), columns, rows), shape=(texels.count, texels.count))
+
+
+def neighbour_weights(squares: csr_array, size: float, euclidean: bool) -> csr_array:
+    """The symmetric sparse kernel: a weight where either of two is a near neighbour of the other."""
+    weights = weights_of(squares.data, size, euclidean)
+    directed = csr_array((weights, squares.indices, squares.indptr), shape=squares.shape)
+    return directed.maximum(directed.T).tocsr()
+
+
+def memory_needed(pixels: int, texels: int, patch: int) -> int:
+    """Bytes that the search for a dominant texture holds at its height."""
+    k = neighbour_count(texels)
+    marks = texels**LANDMARKS
+    covariance = 20 * min(texels, _COVARIANCE) * 3 * patch * patch + 24 * (3 * patch * patch) ** 2
+    return int(60 * pixels + 400 * texels + 40 * texels * k + 40 * marks**2 + 16 * _BLOCK * texels * 4 + covariance)

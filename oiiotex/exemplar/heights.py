@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Height maps that are copied in pieces: the steps between the pieces, and the constants that close them.
+
+A piece is what was copied in one: neighbours that were neighbours in the photo. Colours of two pieces that meet may be
+alike while their heights are not, since a photo's relief goes on beyond what a patch sees; displaced, that is a cliff.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from ..color.config import as_float
+from ..color.lab import in_type
+from ..core.image import Image, Part, channels_of, dtype_of
+from ..core.source_map import SourceMap
+from ..core.window import Window
+from ..deferred import np
+from ..errors import ImageError
+from ..session import Session
+
+log = logging.getLogger("oiiotex")
+
+RELEVEL = (
+    "1: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants"
+    " can: its pixels are then copies plus a constant; goes with kinds=...,height"
+)
+_LARGE = 0.1  # a step, as a share of the map's range
+_MUCH = 0.005  # of all neighbours, beyond twice what the photo has
+_ANCHOR = 1e-6  # of a pair at a seam: how strongly a pixel holds its piece where it was; what has no seam stays
+_STILL = 1e6  # the same of a pixel that must stay
+_TOLERANCE, _MOST_ITERATIONS = 1e-7, 5000
+_PIXEL_BYTES = 240  # of a tile, while its pieces are levelled
+
+
+def height_tile(
+    flag: str,
+    tile: Part,
+    image: Image,
+    source: SourceMap,
+    wrap: tuple[bool, bool],
+    relevel: bool,
+    still: np.ndarray | None,
+    session: Session,
+) -> Part:
+    """A tile of a height map, levelled where that is asked for; its steps are said, and warned of where they are many.
+
+    Parameters
+    ----------
+    flag : str
+        Of the op, for messages.
+    tile : Part
+        The copied pixels.
+    image : Image
+        What they were copied from.
+    source : SourceMap
+        Where they were copied from, (height, width).
+    wrap : (bool, bool)
+        Whether the tile goes on beyond its right and its lower side.
+    relevel : bool
+    still : (height, width) bool or None
+        Pixels that keep their height.
+    session : Session
+
+    Raises
+    ------
+    ImageError
+        The map holds NaN or Inf, or levelling does not fit the budget.
+    """
+    colour = list(channels_of(image.first.spec).colour)
+    heights = as_float(image.first.pixels()[..., colour[0]])
+    if not np.isfinite(heights).all():
+        raise ImageError(f"{image.source} has {np.count_nonzero(~np.isfinite(heights))} NaN or Inf values")
+    raised = source.gather(heights)
+    if relevel:
+        height, width = source.packed.shape
+        session.require(_PIXEL_BYTES * source.packed.size, f"levelling {width}x{height} heights")
+        constants = levels(source, wrap, heights, still)
+        raised = raised + constants
+        tile = _raised(tile, constants, colour)
+        cut = np.count_nonzero((raised < 0) | (raised > 1)) if dtype_of(tile.spec)(0).dtype.kind == "u" else 0
+        if cut:
+            beyond = f"{cut} levelled heights of {image.source} lie beyond {tile.spec.format}"
+            log.warning("%s: %s and are cut: a map of floats holds them", flag, beyond)
+    least = _LARGE * float(np.ptp(heights))
+    own, shown = large_steps(heights, least), large_steps(raised, least, wrap)
+    text = (
+        f"{100 * shown:.2f} % of the neighbours in {image.source} differ by more than a tenth of its range,"
+        f" {100 * own:.2f} % in the photo"
+    )
+    log.info("%s: %s", flag, text)
+    if shown > 2 * own + _MUCH:
+        advice = "more of match= makes them fewer" + ("" if relevel else ", relevel=1 closes seams")
+        log.warning("%s: cliffs at seams: %s: %s", flag, text, advice)
+    return tile
+
+
+def large_steps(heights: np.ndarray, least: float, wrap: tuple[bool, bool] = (False, False)) -> float:
+    """The share of neighbours, right of and below each other, whose heights differ by more than `least`."""
+    large = total = 0
+    for axis, wraps in ((1, wrap[0]), (0, wrap[1])):
+        step = np.diff(heights, axis=axis, append=np.take(heights, [0], axis)) if wraps else np.diff(heights, axis=axis)
+        large += np.count_nonzero(np.abs(step) > least)
+        total += step.size
+    return large / max(1, total)
+
+
+# --- the constants ---
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """All neighbours in one direction: each pixel of a tile, and the next one right of it or below.
+
+    Attributes
+    ----------
+    first, second : (n,) int64
+        Flat indices of the two pixels.
+    together : (n,) bool
+        They were neighbours in the photo, too.
+    step : (n,) float64
+        By how much the first's piece lies above the second's: the mean of what it lies above it at both pixels, where
+        each piece goes on over the seam as the photo does.
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    together: np.ndarray
+    step: np.ndarray
+
+
+def neighbours(source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray) -> Iterator[Pairs]:
+    """Neighbours along x, then along y; parameters as of `levels`."""
+    numbers = np.arange(source.packed.size).reshape(source.packed.shape)
+    y, x = source.yx
+
+    def at(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return heights[np.clip(y, 0, heights.shape[0] - 1), np.clip(x, 0, heights.shape[1] - 1)].astype(np.float64)
+
+    for axis, (down, right), wraps in ((1, (0, 1), wrap[0]), (0, (1, 0), wrap[1])):
+        count = numbers.shape[axis] - (0 if wraps else 1)
+        (y1, x1, p), (y2, x2, q) = (
+            [np.take(each, np.arange(count) + ahead, axis, mode="wrap").ravel() for each in (y, x, numbers)]
+            for ahead in (0, 1)
+        )
+        together = (y2 == y1 + down) & (x2 == x1 + right)
+        at_first = at(y1, x1) - at(y2 - down, x2 - right)
+        at_second = at(y1 + down, x1 + right) - at(y2, x2)
+        yield Pairs(p, q, together, (at_first + at_second) / 2)
+
+
+def levels(
+    source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray, still: np.ndarray | None = None
+) -> np.ndarray:
+    """What each pixel's piece is to be raised by, (height, width) float32, for the steps at seams to be least.
+
+    The constants c minimize the sum over all neighbours in different pieces a and b of (c_a - c_b + step)^2: a Poisson
+    equation on the graph of pieces, whose right side is the sum of steps along each seam. The mean height stays, or
+    what is `still`.
+
+    Parameters
+    ----------
+    source : SourceMap
+        Where each pixel of a tile comes from, (height, width).
+    wrap : (bool, bool)
+        Whether the tile goes on beyond its right and its lower side.
+    heights : (h, w) float32
+        The photo's height map.
+    still : (height, width) bool, optional
+        Pixels whose pieces are not raised.
+    """
+    from scipy import sparse  # scipy is not loaded before it is needed
+    from scipy.sparse.csgraph import connected_components
+    from scipy.sparse.linalg import cg
+
+    shape = source.packed.shape
+    pairs = list(neighbours(source, wrap, heights))
+    p, q = (np.concatenate([getattr(one, end)[one.together] for one in pairs]) for end in ("first", "second"))
+    graph = sparse.coo_array((np.ones(len(p), bool), (p, q)), shape=(source.packed.size, source.packed.size))
+    count, piece = connected_components(graph, directed=False)
+    a, b = (piece[np.concatenate([getattr(one, end)[~one.together] for one in pairs])] for end in ("first", "second"))
+    step = np.concatenate([one.step[~one.together] for one in pairs])
+    area = np.bincount(piece, minlength=count)
+    fixed = np.zeros(count, np.int64) if still is None else np.bincount(piece[still.ravel()], minlength=count)
+    anchor = _ANCHOR * area + _STILL * fixed
+    diagonal = np.bincount(a, minlength=count) + np.bincount(b, minlength=count) + anchor
+    values = np.concatenate([diagonal, np.full(2 * len(a), -1.0)])
+    each = np.arange(count)
+    where = np.concatenate([each, a, b]), np.concatenate([each, b, a])
+    system = sparse.coo_array((values, where), shape=(count, count)).tocsr()
+    right = np.bincount(b, step, count) - np.bincount(a, step, count)
+    scale = sparse.diags_array(1 / system.diagonal())
+    constant, _ = cg(system, right, rtol=_TOLERANCE, maxiter=_MOST_ITERATIONS, M=scale)
+    if fixed.any():
+        constant[fixed > 0] = 0
+    else:
+        constant -= (constant * area).sum() / area.sum()
+    return constant[piece].reshape(shape).astype(np.float32)
+
+
+def _raised(tile: Part, constants: np.ndarray, colour: list[int]) -> Part:
+    """The tile with its heights raised, in its own type."""
+
+    def fetch(window: Window) -> np.ndarray:
+        pixels = tile.read(window).copy()
+        values = as_float(pixels[..., colour]) + constants[window.inside(tile.window)][..., None]
+        pixels[..., colour] = in_type(values, pixels.dtype)
+        return pixels
+
+    return replace(tile, fetch=fetch)

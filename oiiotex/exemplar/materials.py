@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The maps of a material, seen together: what patches of all of them are compared by."""
+
+from __future__ import annotations
+
+import logging
+
+from ..color.config import as_float
+from ..color.lab import working_values
+from ..core.image import Image, channels_of
+from ..core.op import Space
+from ..core.parameters import Numbers, Words
+from ..deferred import np
+from ..errors import ImageError, ParameterError
+from ..session import Session
+from .exemplar_masks import both
+
+log = logging.getLogger("oiiotex")
+
+KINDS = ("colour", "data", "normal", "height")
+KINDS_HELP = (
+    "what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as"
+    " without further maps, the others are data. What is no colour is tagged as data"
+)
+MATCH_HELP = (
+    "how much the maps count when patches are compared, in their order; 0: not at all; when left out 1"
+    " for every map, 0.25 for a height"
+)
+# of a height where match is left out: more makes the steps at its seams fewer, and takes its large shapes away; colours
+# fit as well as without it up to there (tests/test_heights.py)
+_HEIGHT_WEIGHT = 0.25
+_SHORTEST = 0.05  # length of a normal: less is the rounding of none at all
+_MOST_CHANNELS = 32  # values of a pixel that are compared
+
+
+def read_material(
+    maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, session: Session
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """The maps in a synthesis' working space.
+
+    Colour is seen in CIE Lab. Data, heights among them, are never colour-managed: their range becomes 0 .. 100.
+    Normals are vectors: decoded from 0 .. 1 where none of their values is negative, and brought to length 1 to be
+    compared. They are never written: what a synthesis copies are the map's own pixels.
+
+    Parameters
+    ----------
+    maps : tuple of Image
+        Of one size and one place.
+    kinds : Words or None
+        One of `KINDS` for each map; None: the first is colour, or data where `data` says so, the others are data.
+    match : Numbers or None
+        The weight of each map, >= 0, not all of them 0; None: 1, of a height among several 0.25.
+    data : bool
+        The first map is no colour; counts where `kinds` is None.
+    session : Session
+
+    Returns
+    -------
+    values : (height, width, channels) float32
+        Lab of the first map, or data scaled to 0 .. 100; then those of the others, each times the root of its weight.
+    opaque : (height, width) bool or None
+        Where all maps can be a source; None: everywhere.
+
+    Raises
+    ------
+    ParameterError
+        `kinds` or `match` do not fit the maps.
+    ImageError
+        The maps differ in size or windows, or there is no normal of any length.
+    """
+    named = kinds_of(kinds, len(maps), data)
+    weights = _weights(match, named)
+    _require_alike(maps)
+    layers, opaque = [], None
+    for image, kind, weight in zip(maps, named, weights, strict=True):
+        if weight == 0:
+            continue
+        values, seen = _normals(image) if kind == "normal" else _values(image, kind == "colour", session)
+        layers.append(values if weight == 1 else values * np.float32(np.sqrt(weight)))
+        opaque = both(opaque, seen)
+    values = layers[0] if len(layers) == 1 else np.concatenate(layers, axis=-1)
+    if values.shape[2] < 3:  # reports look at three
+        values = np.concatenate([values, np.zeros((*values.shape[:2], 3 - values.shape[2]), np.float32)], axis=-1)
+    if values.shape[2] > _MOST_CHANNELS:
+        raise ParameterError(
+            f"the maps have {values.shape[2]} channels to compare, at most {_MOST_CHANNELS} are allowed:"
+            " match= with 0 leaves a map out"
+        )
+    return values, opaque
+
+
+def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:
+    """What each of the maps is; raises ParameterError where `kinds` does not fit them."""
+    if kinds is None:
+        return ["data" if data else "colour", *["data"] * (count - 1)]
+    named = ["colour" if word == "color" else word for word in kinds]
+    if len(named) != count or any(word not in KINDS for word in named):
+        raise ParameterError(f"kinds={kinds}: allowed is one of {', '.join(KINDS)} for each of the {count} maps")
+    return named
+
+
+def _weights(match: Numbers | None, kinds: list[str]) -> list[float]:
+    if match is None:
+        return [_HEIGHT_WEIGHT if kind == "height" and len(kinds) > 1 else 1.0 for kind in kinds]
+    if len(match) != len(kinds) or max(match) == 0:
+        count = len(kinds)
+        raise ParameterError(f"match={match}: allowed is one number for each of the {count} maps, not all of them 0")
+    return list(match)
+
+
+def _require_alike(maps: tuple[Image, ...]) -> None:
+    """Refuse a set whose maps do not lie over each other, pixel for pixel."""
+    texts = [_windows(image) for image in maps]
+    for image, text in zip(maps[1:], texts[1:], strict=True):
+        if text != texts[0]:
+            raise ImageError(
+                f"the maps of a material must have the same size and windows: {maps[0].source} is {texts[0]},"
+                f" {image.source} is {text}"
+            )
+
+
+def _windows(image: Image) -> str:
+    spec = image.first.spec
+    text = f"{spec.width}x{spec.height}{spec.x:+d}{spec.y:+d}"
+    if (spec.full_x, spec.full_y, spec.full_width, spec.full_height) != (spec.x, spec.y, spec.width, spec.height):
+        text += f" in {spec.full_width}x{spec.full_height}{spec.full_x:+d}{spec.full_y:+d}"
+    return text
+
+
+def _values(image: Image, colour: bool, session: Session) -> tuple[np.ndarray, np.ndarray | None]:
+    """Lab or scaled data, without the copies that gray data come in."""
+    values, opaque = working_values(image, session, Space.LAB if colour else Space.DATA)
+    count = 3 if colour else len(channels_of(image.first.spec).colour)
+    return values[..., :count], opaque
+
+
+def _normals(image: Image) -> tuple[np.ndarray, np.ndarray | None]:
+    """Unit vectors on the scale of data, -1 .. 1 as 0 .. 100, and where there are any."""
+    part = image.first
+    channels = channels_of(part.spec)
+    if len(channels.colour) not in (2, 3):
+        raise ImageError(f"{image.source} has {len(channels.colour)} channels beside alpha: normals have two or three")
+    vectors = as_float(part.pixels()[..., list(channels.colour)])
+    if not np.isfinite(vectors).all():
+        raise ImageError(f"{image.source} has {np.count_nonzero(~np.isfinite(vectors))} NaN or Inf values")
+    if vectors.min() >= 0:  # encoded; black, as it lies around UV islands, is none
+        vectors = np.where(vectors.any(-1, keepdims=True), 2 * vectors - 1, np.float32(0))
+    if vectors.shape[2] == 2:
+        rest = np.sqrt(np.maximum(0, 1 - (vectors**2).sum(-1, keepdims=True)))
+        vectors = np.concatenate([vectors, rest.astype(np.float32)], axis=-1)
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    known = length[..., 0] >= _SHORTEST
+    if not known.any():
+        raise ImageError(f"{image.source} has no normal of any length: say data in kinds= where it holds none")
+    if not known.all():
+        count = np.count_nonzero(~known)
+        log.warning("%s: %d normals of length 0: these pixels are never a source", image.source, count)
+    unit = np.where(known[..., None], vectors / np.maximum(length, np.float32(_SHORTEST)), np.float32(0))
+    return 50 * (unit + 1), None if known.all() else known

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""preset= of --texstationarize: three ways with structures, each a set of modifiers."""
+
+from __future__ import annotations
+
+import logging
+import shlex
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ..core.image import Image
+from ..core.op import Op
+from ..exemplar.large_structures import CONTRAST
+from ..session import Session
+from .dominant import Dominant
+
+if TYPE_CHECKING:
+    from .stationarize import Stationarize
+
+log = logging.getLogger("oiiotex")
+
+EVEN, CLEAN, KEEP = PRESETS = "even", "clean", "keep"
+LARGE_PATCH = 21  # px
+LARGE_SIGMA = 8  # times it is the longer side
+PRESET_HELP = (
+    f"a set of modifiers, for those that are left out: even (drift alone goes): contrast={CONTRAST}; clean (objects go,"
+    " too): contrast=0 and the mask that --texdominant makes; keep (structures stay whole): sigma = longer side /"
+    f" {LARGE_SIGMA}, patch={LARGE_PATCH}, contrast={CONTRAST}; -v prints the line that makes the same pixels"
+)
+
+
+def filled(op: Stationarize, session: Session) -> Stationarize:
+    """The op with what its preset chooses where it was left out, and without preset; -v says its line.
+
+    Parameters
+    ----------
+    op : Stationarize
+        With a preset.
+    session : Session
+    """
+    size = op.size or (op.exemplar.first.spec.width, op.exemplar.first.spec.height)
+    chosen: dict[str, Any] = {}
+    if op.within is None:
+        chosen["contrast"] = 0.0 if op.preset == CLEAN else CONTRAST
+    if op.preset == KEEP:
+        chosen["patch"] = LARGE_PATCH
+        if op.amount is None and op.sigmamap is None:
+            chosen["sigma"] = max(size) / LARGE_SIGMA
+    plain = replace(op, preset=None, **{name: v for name, v in chosen.items() if getattr(op, name) is None})
+    before = ""
+    if op.preset == CLEAN and op.mask is None:
+        plain.planned(session)  # what can be wrong is known before pixels are asked for
+        dominant = Dominant(source=op.exemplar, data=op.data)
+        mask = dominant.compute(session)["dominant"]
+        if mask.pixels().any():  # else it has warned
+            plain = replace(plain, mask=Image((mask,), mask.name))
+            before = f"{_words(dominant)}:keep=1 "
+    others = "".join(f"{shlex.quote(image.source)} " for image in op.operands()[1:])
+    log.info(
+        "%s: preset=%s: the same as %s%s%s",
+        op.flag(),
+        op.preset,
+        before,
+        others,
+        _words(plain, "mask" if before else ""),
+    )
+    return plain
+
+
+def _words(op: Op, masked: str = "") -> str:
+    """An op and its modifiers, but for those that are as when they are left out.
+
+    Images come from the stack, but for the one called `masked`: that is the part 'dominant' of the first.
+    """
+    words = [op.flag()]
+    optional = (slot.name for slot, _ in op.given() if slot in op.optional_images())
+    words += [f"{name}={'dominant' if name == masked else 1}" for name in optional]
+    for parameter in op.parameters():
+        value = getattr(op, parameter.attribute)
+        if value != parameter.default:
+            words.append(f"{parameter.name}={int(value) if isinstance(value, bool) else shlex.quote(str(value))}")
+    return ":".join(words)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One texture laid over another where a mask says so, cut along a band around the mask's border (KSE03 §3).
+
+The cut is made tile by tile: on the borders of tiles the mask itself decides, so neighbours agree without knowing of
+each other. A pixel follows from the mask and both textures within its tile and a band around it, and from nothing
+farther away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..core.demand import PieceCache, assembled
+from ..core.source_map import SourceMap
+from ..core.window import Window
+from ..deferred import np
+from .seams import Source, cut
+
+TILE = 128  # px
+
+
+@dataclass(frozen=True, eq=False)  # its pieces in a cache are its own
+class SeamOverlay:
+    """Two textures of one exemplar.
+
+    Attributes
+    ----------
+    lab : (h, w, 3) int16
+        The exemplar in grid steps.
+    below : callable
+        Window -> its sources.
+    above : callable
+        Window -> (where it is to be seen, bool; its sources).
+    whole : Window
+    band : int
+        px from the mask's border to which the cut may stray.
+    """
+
+    lab: np.ndarray
+    below: Callable[[Window], SourceMap]
+    above: Callable[[Window], tuple[np.ndarray, SourceMap]]
+    whole: Window
+    band: int
+
+    def sources(self, window: Window, cache: PieceCache) -> SourceMap:
+        """Of the pixels of any window."""
+
+        def tile(place: Window) -> np.ndarray:
+            return cache.get((self, place), lambda: self._tile(place).packed[..., None])
+
+        return SourceMap(assembled(window, (TILE, TILE), self.whole, tile)[..., 0])
+
+    def _tile(self, place: Window) -> SourceMap:
+        from scipy.ndimage import distance_transform_cdt  # when it is needed: it is slow to import
+
+        around = place.grown(self.band) & self.whole
+        mask = self.above(around)[0]
+        inside = place.inside(around)
+        below, (seen, above) = self.below(place), self.above(place)
+        if not seen.any() and not mask.any():
+            return below
+        # distances to the other side of the mask; without another side there is no border
+        far = self.band + 1
+        near = np.minimum(
+            distance_transform_cdt(mask) if not mask.all() else np.full(mask.shape, far),
+            self.band + 1,
+        ) + np.minimum(distance_transform_cdt(~mask) if mask.any() else np.full(mask.shape, far), self.band + 1)
+        free = near[inside] <= self.band
+        free[[0, -1]] = free[:, [0, -1]] = False
+        if not free.any():
+            return SourceMap(np.where(seen, above.packed, below.packed))
+        old, new = (np.stack(source.yx) for source in (below, above))
+        taken = cut(Source(self.lab), old, ~seen | free, new, seen | free)
+        return SourceMap(np.where(taken, above.packed, below.packed))

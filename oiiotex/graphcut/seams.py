@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a new patch is cut against what is there: minimum cuts on a grid with the costs of old seams (KSE03 §3).
+
+Everything is whole numbers, and of all minimum cuts the one with the fewest old pixels is taken. It is unique, so the
+result depends neither on the order in which a library finds its flow nor on which library that is.
+
+Departures from KSE03: the gradients of eq. 2 are differences between the two pixels of an edge. The seam nodes of
+figure 5 are folded into the arcs of the pixels: a seam node pays min(old seam, both new seams), which is a function of
+two pixels that arcs can hold without a node of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..deferred import np
+
+COST_STEPS = 64  # whole numbers per unit of KSE03 eq. 2, a ratio of differences to gradients
+MOST_COST = 1 << 13  # of one edge; sums over a patch of 512 x 512 stay below 2^31
+_FLOOR = 8.0  # grid steps added to gradients: where nothing changes, small differences must not cost without bound
+NEIGHBOURS = ((0, 1), (1, 0))  # (y, x) to the neighbours that an edge leads to
+
+
+def lengths(values: np.ndarray) -> np.ndarray:
+    """Euclidean lengths of (..., 3) whole numbers below 2^14; exact but for the last rounding, so alike everywhere."""
+    v = values.astype(np.int32)
+    return np.sqrt(v[..., 0] ** 2 + v[..., 1] ** 2 + v[..., 2] ** 2, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Source:
+    """An exemplar as seams see it: (height, width, 3) int16 Lab in grid steps."""
+
+    lab: np.ndarray
+
+    def at(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Its colours; beyond the border those of the nearest pixel."""
+        return self.lab[np.clip(y, 0, self.lab.shape[0] - 1), np.clip(x, 0, self.lab.shape[1] - 1)]
+
+    def costs(self, a: np.ndarray, b: np.ndarray, step: tuple[int, int]) -> np.ndarray:
+        """M(s, t, A, B) of KSE03 eq. 2 in whole numbers, for edges from s to t = s + step.
+
+        Parameters
+        ----------
+        a : (2, n) int
+            Source (y, x) of s in patch A.
+        b : (2, n) int
+            Source (y, x) of t in patch B.
+        step : (int, int)
+
+        Returns
+        -------
+        (n,) int64
+            0 where A and B are the same patch.
+        """
+        offset = np.array(step)[:, None]
+        same = (a + offset == b).all(axis=0)
+        out = np.zeros(same.shape, np.int64)
+        apart = np.flatnonzero(~same)
+        if len(apart):
+            out[apart] = self._apart(a[:, apart], b[:, apart], offset)
+        return out
+
+    def _apart(self, a: np.ndarray, b: np.ndarray, step: np.ndarray) -> np.ndarray:
+        a_s, a_t, b_s, b_t = (self.at(*p).astype(np.int32) for p in (a, a + step, b - step, b))
+        difference = lengths(a_s - b_s) + lengths(a_t - b_t)
+        gradient = 2.0 * (lengths(a_s - a_t) + lengths(b_s - b_t)) + _FLOOR
+        # a seam between equal colours is not free: of two like it, the shorter one is better
+        return np.clip(np.rint(COST_STEPS * difference / gradient).astype(np.int64), 1, MOST_COST)
+
+
+def edges(shape: tuple[int, int], step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Flat indices (s, t) of all edges of a grid along a step."""
+    index = np.arange(shape[0] * shape[1]).reshape(shape)
+    return index[: shape[0] - step[0], : shape[1] - step[1]].ravel(), index[step[0] :, step[1] :].ravel()
+
+
+def seam_costs(source: Source, places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Costs of the seams that are there: to the right (h, w - 1) and below (h - 1, w).
+
+    Parameters
+    ----------
+    source : Source
+    places : (2, h, w) int
+        Source (y, x) of every pixel.
+    filled : (h, w) bool
+    """
+    flat, there, shape = places.reshape(2, -1), filled.ravel(), filled.shape
+    costs = []
+    for step in NEIGHBOURS:
+        s, t = edges(shape, step)
+        cost = np.where(there[s] & there[t], source.costs(flat[:, s], flat[:, t], step), 0)
+        costs.append(cost.reshape(shape[0] - step[0], shape[1] - step[1]))
+    return costs[0], costs[1]
+
+
+def cut(source: Source, places: np.ndarray, filled: np.ndarray, patch: np.ndarray, covers: np.ndarray) -> np.ndarray:
+    """Which pixels of a window become those of a new patch.
+
+    Pixels that are not filled take the patch where it covers them; where it does not, what is there stays.
+
+    Parameters
+    ----------
+    source : Source
+    places : (2, h, w) int
+        Source (y, x) of what is there.
+    filled : (h, w) bool
+        Where something is there.
+    patch : (2, h, w) int
+        Source (y, x) of the new patch.
+    covers : (h, w) bool
+        Where it may be taken.
+
+    Returns
+    -------
+    (h, w) bool
+    """
+    shape = filled.shape
+    there, covered = filled.ravel(), covers.ravel()
+    new = covered & ~there
+    free = covered & there
+    number = np.cumsum(free) - 1
+    count = int(free.sum())
+    if count == 0:
+        return new.reshape(shape)
+    old_at, new_at = places.reshape(2, -1), patch.reshape(2, -1)
+    lean = np.zeros(len(free), np.int64)  # cost of being new less cost of being old
+    arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for step in NEIGHBOURS:
+        s, t = edges(shape, step)
+        kept = (free[s] & (there[t] | covered[t])) | (free[t] & (there[s] | covered[s]))
+        s, t = s[kept], t[kept]
+        # costs of an edge by what becomes of s and t: both old, t new, s new; both new costs nothing
+        both_old = np.where(there[s] & there[t], source.costs(old_at[:, s], old_at[:, t], step), 0)
+        t_new = np.where(there[s] & covered[t], source.costs(old_at[:, s], new_at[:, t], step), 0)
+        s_new = np.where(covered[s] & there[t], source.costs(new_at[:, s], old_at[:, t], step), 0)
+        for fixed, other, old, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
+            alone = free[other] & new[fixed]
+            np.add.at(lean, other[alone], -old[alone])
+            alone = free[other] & ~covered[fixed]
+            np.add.at(lean, other[alone], change[alone] - both_old[alone])
+        pair = free[s] & free[t]
+        s, t, t_new, s_new = s[pair], t[pair], t_new[pair], s_new[pair]
+        old = np.minimum(both_old[pair], t_new + s_new)  # what a seam node pays
+        np.add.at(lean, s, s_new - old)
+        np.add.at(lean, t, -s_new)
+        arcs.append((number[s], number[t], t_new + s_new - old))
+    taken = minimum_cut(count, arcs, lean[free])
+    out = new.copy()
+    out[free] = taken
+    return out.reshape(shape)
+
+
+def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]], lean: np.ndarray) -> np.ndarray:
+    """x in {0, 1}^count that minimises sum lean_i x_i + sum capacity_st (1 - x_s) x_t, the one with the most ones.
+
+    Parameters
+    ----------
+    count : int
+    arcs : list of (s, t, capacity)
+        Capacities are not negative.
+    lean : (count,) int64
+
+    Returns
+    -------
+    (count,) bool
+    """
+    from scipy.sparse import csr_array  # when it is needed: it is slow to import
+    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+    node = np.arange(count)
+    top, bottom = count, count + 1
+    dear, cheap = lean > 0, lean < 0
+    start = [*(a[0] for a in arcs), np.full(int(dear.sum()), top), node[cheap]]
+    end = [*(a[1] for a in arcs), node[dear], np.full(int(cheap.sum()), bottom)]
+    capacity = np.concatenate([*(a[2] for a in arcs), lean[dear], -lean[cheap]])
+    graph = csr_array(
+        (capacity.astype(np.int32), (np.concatenate(start), np.concatenate(end))), shape=(count + 2, count + 2)
+    )
+    graph.eliminate_zeros()
+    if graph.nnz == 0:
+        return np.ones(count, bool)
+    flow = maximum_flow(graph, top, bottom).flow
+    residual = graph - flow
+    residual.eliminate_zeros()
+    reached = breadth_first_order(residual, top, return_predecessors=False)
+    ones = np.ones(count + 2, bool)
+    ones[reached] = False
+    return ones[:count]

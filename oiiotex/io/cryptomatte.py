@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Label maps as Cryptomatte 1.2: compositors pick labels by clicking.
+
+The specification is Psyop's (github.com/Psyop/Cryptomatte, specification/cryptomatte_specification.pdf). A label map
+has one label per pixel; its borders are made soft (`covered`), and one layer of two ranks holds the two labels that
+cover most of a pixel.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+
+import mmh3
+
+from ..core.image import Part
+from ..core.label_map import LabelMap
+from ..core.window import Window
+from ..deferred import np, oiio
+
+
+def hashed(name: str) -> int:
+    """The 32 bits that stand for a name: MurmurHash3_x86_32, never the pattern of a float that is no number."""
+    bits = mmh3.hash(name.encode(), 0, signed=False)
+    exponent = bits >> 23 & 255
+    return bits ^ 1 << 23 if exponent in (0, 255) else bits
+
+
+def hashes(names: Iterable[str]) -> dict[str, int]:
+    """Names and what stands for them: a name whose hash is taken gets a mark until it is not."""
+    taken: dict[int, str] = {0: ""}
+    for name in names:
+        while (bits := hashed(name)) in taken:
+            name += "'"
+        taken[bits] = name
+    return {name: bits for bits, name in taken.items() if bits}
+
+
+_AROUND = [(dy, dx) for dy in range(3) for dx in range(3)]
+_WEIGHTS = (1, 2, 1, 2, 4, 2, 1, 2, 1)  # of `_AROUND`: a binomial filter one pixel wide
+
+
+def covered(labels: Part, window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """The two labels that cover most of every pixel of a window, and how much: (h, w, 2) int64, (h, w, 2) float32.
+
+    Labels are weighed over 3 x 3 pixels, so that a straight border falls off over two. Where there is no label (0)
+    nothing covers, and it takes nothing from its neighbours: what is transparent there is so in the image's alpha.
+    The two shares are of their sum, which so is 1 wherever there is a label.
+    """
+    whole = labels.window
+    around = window.grown(1, 1) & whole
+    edges = [(around.top - window.top + 1, window.bottom + 1 - around.bottom),
+             (around.left - window.left + 1, window.right + 1 - around.right)]  # fmt: skip
+    ids = np.pad(labels.read(around)[..., 0].astype(np.int64), edges, "edge")
+    height, width = window.height, window.width
+    centre = ids[1:-1, 1:-1]
+    first = np.stack([centre, np.zeros_like(centre)], -1)
+    shares = np.zeros((height, width, 2), np.float32)
+    shares[..., 0] = centre > 0
+    seen = [ids[dy : dy + height, dx : dx + width] for dy, dx in _AROUND]
+    border = (centre > 0) & np.any([one != centre for one in seen], axis=0)
+    nine = np.stack([one[border] for one in seen], -1)
+    weights = np.where(nine > 0, ((nine[:, :, None] == nine[:, None, :]) * np.array(_WEIGHTS, np.int64)).sum(-1), 0)
+    rows = np.arange(len(nine))
+    weights[:, 4] = 2 * weights[:, 4] + 1  # of equals the pixel's own label comes first
+    weights[:, :4] *= 2
+    weights[:, 5:] *= 2
+    most = weights.argmax(1)
+    best = nine[rows, most]
+    rest = np.where(nine == best[:, None], 0, weights)
+    next_best = rest.argmax(1)
+    both = np.stack([weights[rows, most] // 2, rest[rows, next_best] // 2], -1).astype(np.float32)
+    first[border] = np.stack([best, np.where(both[:, 1] > 0, nine[rows, next_best], 0)], -1)
+    shares[border] = both / both.sum(-1, keepdims=True)
+    return first, shares
+
+
+def cryptomatte_part(
+    maps: Sequence[LabelMap], manifest_file: str | None = None, image: Part | None = None
+) -> tuple[Part, dict[str, str]]:
+    """One part of 32-bit floats with four channels for each label map of an image, and what stands for all names.
+
+    Parameters
+    ----------
+    maps : sequence of LabelMap
+        Of one image.
+    manifest_file : str, optional
+        Where the manifest will lie, as seen from the image; in the metadata when left out.
+    image : Part, optional
+        Whose channels come first in the part, which then has no name: so renderers write it, and so every compositor
+        finds it.
+    """
+    like = maps[0].part
+    spec = oiio.ImageSpec((image or like).spec)
+    before = 0 if image is None else spec.nchannels
+    layers = [f"label{labels.level}_" for labels in maps]  # Blender strips digits at the end
+    names = spec.channelnames[:before] + tuple(f"{layer}00.{c}" for layer in layers for c in "RGBA")
+    spec.nchannels, spec.channelnames = len(names), names
+    spec.set_format(oiio.FLOAT)
+    spec.channelformats = ()
+    if image is None:
+        spec.alpha_channel = -1
+        spec.attribute("oiio:subimagename", "cryptomatte")
+    else:
+        spec.erase_attribute("name")
+        spec.erase_attribute("oiio:subimagename")
+    spec.erase_attribute("oiiotex:.*")  # what is said of one of the label maps alone
+    tables, whole = [], {}
+    for layer, labels in zip(layers, maps, strict=True):
+        bits = hashes(labels.name(label) for label in range(1, labels.count + 1))
+        manifest = {name: f"{value:08x}" for name, value in bits.items()}
+        whole |= manifest
+        tables.append(np.array([0, *bits.values()], np.uint32).view(np.float32))
+        for name, value in _metadata(layer, manifest, manifest_file).items():
+            spec.attribute(name, value)
+
+    def fetch(window: Window) -> np.ndarray:
+        out = np.zeros((window.height, window.width, before + 4 * len(maps)), np.float32)
+        if image is not None:
+            pixels = image.read(window)
+            out[..., :before] = pixels / np.float32(np.iinfo(pixels.dtype).max if pixels.dtype.kind in "ui" else 1)
+        for n, (labels, table) in enumerate(zip(maps, tables, strict=True)):
+            ids, shares = covered(labels.part, window)
+            at = before + 4 * n
+            out[..., at : at + 4 : 2] = table[ids]
+            out[..., at + 1 : at + 4 : 2] = shares
+        return out
+
+    name = "cryptomatte" if image is None else image.name
+    return Part(name, spec, fetch, oiio.TypeDesc(oiio.FLOAT), ready=like.ready), whole
+
+
+def _metadata(name: str, manifest: Mapping[str, str], manifest_file: str | None) -> dict[str, str]:
+    key = f"{mmh3.hash(name.encode(), 0, signed=False):08x}"[:7]
+    facts = {"name": name, "hash": "MurmurHash3_32", "conversion": "uint32_to_float32"}
+    if manifest_file is None:
+        facts["manifest"] = json.dumps(manifest, separators=(",", ":"))
+    else:
+        facts["manif_file"] = manifest_file
+    return {f"cryptomatte/{key}/{k}": v for k, v in facts.items()}

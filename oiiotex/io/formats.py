@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a file format can hold of an image, and what it is asked to."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..core.attributes import WINDOW
+from ..core.image import Image, Part, cropped
+from ..core.window import Window
+from ..deferred import oiio
+from ..errors import ImageError
+from .description import describe, is_ours
+
+log = logging.getLogger("oiiotex")
+
+_IDS = ("uint", "int")  # the types of ids
+
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """How to write.
+
+    Attributes
+    ----------
+    pixel_type : oiio.TypeDesc or None
+        Asked for by the user; an error where the format cannot hold it.
+    computed_type : oiio.TypeDesc or None
+        Of parts that ops of the host have computed, as far as the format has it; None: as they are.
+    computed_channels : dict of str to oiio.TypeDesc
+        Of single channels of computed parts, by name.
+    computed_tile : (int, int) or None
+        Width and height of tiles of computed parts; None: scanlines.
+    bits : int
+        Significant bits, where they are fewer than the type has; 0: as in the source.
+    channel_types : dict of str to oiio.TypeDesc
+        Of single channels by name, or by 'part.name'.
+    tile : (int, int) or None
+        Width and height of tiles; None: as in a file that is only copied, else scanlines.
+    scanline : bool
+        Never tiles.
+    attributes : dict
+        Set on all parts: compression, Software and so on. None erases one.
+    autocrop : bool
+        Formats without a display window get exactly its pixels.
+    format_name : str
+        Which format to write; by the file's extension when left out.
+    """
+
+    pixel_type: oiio.TypeDesc | None = None
+    computed_type: oiio.TypeDesc | None = None
+    computed_channels: dict[str, oiio.TypeDesc] = field(default_factory=dict)
+    computed_tile: tuple[int, int] | None = None
+    bits: int = 0
+    channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
+    tile: tuple[int, int] | None = None
+    scanline: bool = False
+    attributes: dict[str, Any] = field(default_factory=dict)
+    autocrop: bool = True
+    format_name: str = ""
+
+
+# --- what the format cannot hold ---
+
+
+def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Image:
+    """The image as far as the format has channels, windows and origins for it, as oiiotool fits it.
+
+    Parameters
+    ----------
+    image : Image
+    out : oiio.ImageOutput
+        Of the format; not opened.
+    path : Path
+        For messages.
+    how : Format
+
+    Raises
+    ------
+    ImageError
+        There are several parts in a format of one image, or no pixel is left.
+    """
+    if len(image.parts) > 1 and not out.supports("multiimage"):
+        names = ", ".join(p.name for p in image.parts)
+        raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
+    parts = [_with_fitting_channels(part, out, path) for part in image.parts]
+    if how.autocrop and not out.supports("displaywindow"):
+        parts = [_in_window(part, Window.display(part.spec)) for part in parts]
+    if how.autocrop and not out.supports("negativeorigin"):
+        parts = [_without_negative_origin(part) for part in parts]
+    if any(part.window.empty for part in parts):
+        raise ImageError(f"{path}: there is no pixel to write")
+    return Image(tuple(parts), image.source)
+
+
+def _with_fitting_channels(part: Part, out: oiio.ImageOutput, path: Path) -> Part:
+    count, fit = part.spec.nchannels, part.spec.nchannels
+    alpha_fourth = count > 3 and (part.spec.alpha_channel == 3 or part.spec.channelnames[3].lower() in ("a", "alpha"))
+    if count > 4 and not out.supports("nchannels"):
+        fit = 4
+    if count > 3 and not out.supports("alpha" if alpha_fourth else "nchannels"):
+        fit = 3
+    if fit == count:
+        return part
+    names = part.spec.channelnames[:fit]
+    log.warning("%s: %s cannot hold %d channels; only %s are written", path, out.format_name(), count, ", ".join(names))
+
+    def fewer(spec: oiio.ImageSpec) -> None:
+        spec.nchannels = fit
+        spec.channelnames = tuple(names)
+        spec.alpha_channel = 3 if alpha_fourth and fit == 4 else -1
+
+    narrow = part.respecced(fewer)
+    return dataclasses.replace(narrow, fetch=lambda window: part.read(window)[..., :fit], levels=())
+
+
+def _in_window(part: Part, window: Window) -> Part:
+    """Cropped, but in tiles as it was."""
+    fitted = cropped(part, window)
+    spec = fitted.spec
+    spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(part.spec)
+    return fitted
+
+
+def tile_of(spec: oiio.ImageSpec) -> tuple[int, int, int]:
+    """Width, height and depth of its tiles; 0 for scanlines."""
+    return spec.tile_width, spec.tile_height, spec.tile_depth
+
+
+def _without_negative_origin(part: Part) -> Part:
+    """Without the pixels left of and above 0, as oiiotool has it; a window of a plane without end is moved instead."""
+    display = Window.display(part.spec)
+    endless = bool(part.spec.get_string_attribute(WINDOW))  # of which nothing might be left
+    right, down = (max(0, -n) if endless else 0 for n in (display.left, display.top))
+
+    def move(spec: oiio.ImageSpec) -> None:
+        spec.x, spec.full_x = spec.x + right, spec.full_x + right
+        spec.y, spec.full_y = spec.y + down, spec.full_y + down
+
+    part = part.respecced(move) if right or down else part
+    window = part.window
+    if window.left >= 0 and window.top >= 0:
+        return part
+    left, top = max(0, window.left), max(0, window.top)
+    return _in_window(part, Window(left, top, max(left + 1, window.right), max(top + 1, window.bottom)))
+
+
+# --- specs ---
+
+
+def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.ImageSpec]]:
+    """For each part the specs of its levels, as they are to be opened."""
+    tiled = out.supports("tiles") and not how.scanline
+    several = len(image.parts) > 1
+    shared = image.first.spec.getattribute("PixelAspectRatio")  # EXR wants one for all parts
+    ours = any(part.exact or is_ours(part.spec) for part in image.parts)  # else as oiiotool writes it
+    specs = []
+    for n, part in enumerate(image.parts):
+        levels = []
+        for level in (part, *_levels(part, out, how, several)):
+            spec = oiio.ImageSpec(level.spec)
+            _set_types(spec, part, how)
+            _set_tiles(spec, part, how, out, tiled)
+            if n > 0 and out.format_name() == "openexr":  # OpenImageIO opens all parts as the first
+                spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(specs[0][0])
+            if several and not re.fullmatch(r"part\d+", part.name):  # OpenImageIO numbers the nameless
+                spec.attribute("oiio:subimagename", part.name)
+            if several and n > 0 and shared is not None:
+                spec.attribute("PixelAspectRatio", shared)
+            if not spec.tile_width or not part.levels:
+                spec.erase_attribute("textureformat")
+            if out.format_name() == "pnm":  # it writes floats from the bottom up, and reads them from the top down
+                spec.attribute("pnm:pfmflip", 0)
+            for name, value in how.attributes.items():
+                if value is None:
+                    spec.erase_attribute(name)
+                else:
+                    spec.attribute(name, value)
+            if ours:
+                describe(spec, out.format_name())
+            levels.append(spec)
+        specs.append(levels)
+    return specs
+
+
+def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tuple[Part, ...]:
+    """The smaller versions that are written: TIFF has them as further images, which must be tiled to be known."""
+    if several or how.scanline:
+        return ()
+    if out.supports("mipmap"):
+        return part.levels
+    return part.levels if part.spec.tile_width and out.format_name() == "tiff" else ()
+
+
+def _kept(part: Part) -> bool:
+    """Whether a file must hold the part's own type: rounded ids would be other ids."""
+    return part.exact or str(part.stored) in _IDS
+
+
+def wanted_type(part: Part, how: Format) -> oiio.TypeDesc | None:
+    """The type that a file must have for the part, or be refused: what the user asks for, or what may not change."""
+    return part.stored if _kept(part) else how.pixel_type
+
+
+def _set_types(spec: oiio.ImageSpec, part: Part, how: Format) -> None:
+    by_channel = dict(how.channel_types)
+    if how.pixel_type is not None and not _kept(part):
+        spec.set_format(how.pixel_type)
+    elif part.stored is not None:
+        if part.stored != spec.format:
+            spec.set_format(part.stored)
+    else:
+        spec.set_format(how.computed_type or spec.format)
+        by_channel = {**how.computed_channels, **by_channel}
+    types = [spec.channelformat(c) for c in range(spec.nchannels)]
+    for c, name in enumerate(spec.channelnames):
+        keys = (f"{part.name}.{name}", f"{part.name}.*", name)
+        types[c] = next((by_channel[key] for key in keys if key in by_channel), types[c])
+    if any(kind != types[0] for kind in types):
+        spec.channelformats = tuple(types)
+    else:
+        spec.set_format(types[0])
+    if how.bits:
+        spec.attribute("oiio:BitsPerSample", how.bits)
+    elif how.pixel_type is not None or part.stored is None:
+        spec.erase_attribute("oiio:BitsPerSample")
+
+
+def _set_tiles(spec: oiio.ImageSpec, part: Part, how: Format, out: oiio.ImageOutput, tiled: bool) -> None:
+    tile = how.tile or (how.computed_tile if part.stored is None else None)
+    if tiled and tile is not None:
+        spec.tile_width, spec.tile_height, spec.tile_depth = *tile, 1
+    elif not tiled or (out.format_name() == "tiff" and (spec.tile_width % 16 or spec.tile_height % 16)):
+        spec.tile_width = spec.tile_height = spec.tile_depth = 0

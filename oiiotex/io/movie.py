@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Frames as one file to look at: GIF by Pillow, MP4 (H.264) by ffmpeg, where these are."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from ..deferred import np
+from ..errors import ImageError
+from .atomic import temporary_beside
+
+# What screens take it for is said in the file; H.264 of 4:2:0 has even sides.
+_FILTERS = "pad=ceil(iw/2)*2:ceil(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv"
+_SPACE = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1")
+_SAYS = (*_SPACE, "-movflags", "+faststart+write_colr")
+
+
+def require_encoder(path: Path) -> None:
+    """Refuse what cannot be written here.
+
+    Raises
+    ------
+    ImageError
+        The suffix is no movie's, or the program that writes it is missing.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (".gif", ".mp4"):
+        raise ImageError(f"{path}: a movie is a .gif or a .mp4")
+    if suffix == ".gif" and importlib.util.find_spec("PIL") is None:
+        raise ImageError(f"{path}: GIFs are written by Pillow, which is not installed: pip install pillow")
+    if suffix == ".mp4":
+        _ffmpeg(path)
+
+
+def write_movie(path: Path, frames: Iterable[np.ndarray], rate: float) -> None:
+    """Write a movie, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+    frames : iterable of (height, width, 3) uint8
+        sRGB, all of one size.
+    rate : float
+        Frames a second.
+
+    Raises
+    ------
+    ImageError
+        As by `require_encoder`, or ffmpeg fails.
+    """
+    require_encoder(path)
+    write = _write_gif if path.suffix.lower() == ".gif" else _write_mp4
+    with temporary_beside(path) as temporary:
+        write(temporary, iter(frames), rate)
+
+
+def _write_gif(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+    from PIL import Image
+
+    first, *others = (Image.fromarray(frame).quantize(256, dither=Image.Dither.FLOYDSTEINBERG) for frame in frames)
+    hundredths = max(2, round(100 / rate))  # less is taken for 'as slow as ever' by browsers
+    first.save(path, "GIF", save_all=True, append_images=others, duration=10 * hundredths, loop=0)
+
+
+def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+    first = next(frames)
+    height, width = first.shape[:2]
+    source = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {rate:g} -i pipe:0".split()
+    target = f"-an -vf {_FILTERS} -c:v libx264 -crf 18 -pix_fmt yuv420p".split()
+    command = [_ffmpeg(path), "-y", "-loglevel", "error", *source, *target, *_SAYS, "-f", "mp4", str(path.absolute())]
+    import subprocess
+
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as ffmpeg:
+        try:
+            for frame in itertools.chain([first], frames):
+                ffmpeg.stdin.write(np.ascontiguousarray(frame).tobytes())
+            _, message = ffmpeg.communicate()
+        except BrokenPipeError:  # it says why
+            message = ffmpeg.stderr.read()
+        except BaseException:
+            ffmpeg.kill()
+            raise
+    if ffmpeg.returncode:
+        raise ImageError(f"{path.name}: ffmpeg: {' '.join(message.decode(errors='replace').split())[-300:]}")
+
+
+def _ffmpeg(path: Path) -> str:
+    """The program, of a folder that $PATH names in full: nothing of the current folder runs."""
+    folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if os.path.isabs(folder)]
+    import shutil  # few lines make movies: both are slow to import
+
+    program = shutil.which("ffmpeg", path=os.pathsep.join(folders)) if folders else None
+    if program is None:
+        raise ImageError(f"{path}: MP4s are written by ffmpeg, which is not in $PATH; .gif needs none")
+    return program

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Palettes of painting programs: .gpl (GIMP, Krita, Inkscape) and .aco (Photoshop)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ..errors import ImageError, one_line
+from .atomic import temporary_beside
+
+
+class Paint(NamedTuple):
+    """A colour, sRGB in 8 bits, and what it is called."""
+
+    name: str
+    red: int
+    green: int
+    blue: int
+
+
+def require_palette(path: Path) -> None:
+    """Refuse, with ImageError, a name that no such file has."""
+    _writer(path)
+
+
+def write_palette(path: Path, paints: Sequence[Paint]) -> None:
+    """Write a palette, whole or not at all.
+
+    Raises
+    ------
+    ImageError
+        The suffix is no palette's, or the file cannot be written.
+    """
+    text = _writer(path)(path.stem, paints)
+    with temporary_beside(path) as temporary:
+        temporary.write_bytes(text)
+
+
+def _writer(path: Path) -> Callable[[str, Sequence[Paint]], bytes]:
+    writers = {".gpl": _gimp, ".aco": _photoshop}
+    if path.suffix.lower() not in writers:
+        raise ImageError(f"{path}: a palette is a .gpl (GIMP, Krita, Inkscape) or an .aco (Photoshop)")
+    return writers[path.suffix.lower()]
+
+
+def _gimp(title: str, paints: Sequence[Paint]) -> bytes:
+    lines = ["GIMP Palette", f"Name: {one_line(title)}", "Columns: 0", "#"]
+    lines += [f"{p.red:3} {p.green:3} {p.blue:3}\t{one_line(p.name)}" for p in paints]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _photoshop(_: str, paints: Sequence[Paint]) -> bytes:
+    """Two lists, for programs old and new: the second has names, as UTF-16 with their length."""
+    plain, named = b"", b""
+    for paint in paints:
+        colour = struct.pack(">5H", 0, *(257 * n for n in paint[1:]), 0)
+        name = f"{one_line(paint.name)}\0".encode("utf-16-be")
+        plain += colour
+        named += colour + struct.pack(">I", len(name) // 2) + name
+    count = len(paints)
+    return struct.pack(">2H", 1, count) + plain + struct.pack(">2H", 2, count) + named

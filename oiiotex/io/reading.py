@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How image files enter: through ImageInput, in pieces, decoded ahead. How they leave is in `writing`."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import threading
+import weakref
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ..core.demand import PieceCache, assembled
+from ..core.image import Image, Part, dtype_of
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..errors import ImageError, one_line
+from .atomic import name_beside
+from .description import restore
+from .documents import require_regular
+
+_PIECE_BYTES = 4 << 20
+_BLOCK = 16  # rows of a piece are a multiple of those compressed together, or of this where a file does not say it
+_CACHE_BYTES = 256 << 20
+_sources: weakref.WeakSet[_Source] = weakref.WeakSet()
+
+
+def read(
+    path: str | os.PathLike,
+    cache: PieceCache | None = None,
+    *,
+    native: bool = False,
+    config: oiio.ImageSpec | None = None,
+) -> Image:
+    """Open an image file; pixels are read when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+    cache : PieceCache, optional
+        Where decoded pieces are kept; one of its own when left out.
+    native : bool
+        Ops of the host work on the file's own pixel type.
+    config : oiio.ImageSpec, optional
+        Hints for the file's reader, as its attributes.
+
+    Raises
+    ------
+    ImageError
+        It is not there, or not an image, or of a kind that cannot be used (deep, volume).
+    """
+    path = checked_name(path)
+    if not os.path.exists(path):
+        raise ImageError(f"{path}: no such file")
+    require_regular(path)
+    source = _Source(path, config)
+    cache = cache or PieceCache(_CACHE_BYTES)
+    parts = []
+    for specs in source.specs():
+        levels = [_part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)]
+        parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
+    return Image(tuple(parts), path)
+
+
+def checked_name(path: str | os.PathLike) -> str:
+    """A file's name as OpenImageIO takes it.
+
+    Raises
+    ------
+    ImageError
+        It is not UTF-8.
+    """
+    path = os.fspath(path)
+    try:
+        path.encode()
+    except UnicodeEncodeError:
+        shown = path.encode(errors="surrogateescape").decode(errors="backslashreplace")
+        raise ImageError(f"{shown}: OpenImageIO opens only names that are UTF-8") from None
+    return path
+
+
+def keep_readable(path: Path) -> None:
+    """Have images that are still read from a file, which is about to be replaced, go on with what it holds now."""
+    for source in list(_sources):
+        if os.path.exists(path) and os.path.exists(source.place) and os.path.samefile(path, source.place):
+            source.keep()
+
+
+def error_text(geterror: Callable[[], str]) -> str:
+    """What OpenImageIO says, in one line: it quotes names from broken files, whatever bytes they are of."""
+    try:
+        return one_line(geterror())
+    except UnicodeDecodeError as error:
+        return one_line(error.object.decode(errors="backslashreplace"))
+
+
+class _Source:
+    """An open file; one thread reads at a time."""
+
+    def __init__(self, path: str, config: oiio.ImageSpec | None):
+        self.path = path
+        self.place = os.path.abspath(path)  # whoever calls may go to another folder
+        self._config = config
+        self._lock = threading.Lock()
+        self._state = _state_of(path)
+        self._input = self._open()
+        self.format = self._input.format_name()
+        _sources.add(self)
+
+    def _open(self) -> oiio.ImageInput:
+        config = (self._config,) if self._config else ()
+        opened = oiio.ImageInput.open(self.place, *config)
+        if opened is None:
+            message = error_text(oiio.geterror) or "unknown format"
+            raise ImageError(f"{self.path}: not an image that can be read: {message}")
+        return opened
+
+    def keep(self) -> None:
+        """Go on reading under another name: most readers open the file anew to go back to earlier rows."""
+        kept = name_beside(Path(self.place))
+        with self._lock:
+            try:
+                os.link(self.place, kept)
+            except OSError:  # a file system without links
+                import shutil
+
+                shutil.copyfile(self.place, kept)
+            weakref.finalize(self, kept.unlink, missing_ok=True)
+            self.place = str(kept)
+            self._state = _state_of(self.place)
+            self._input = self._open()
+
+    def specs(self) -> Iterator[list[oiio.ImageSpec]]:
+        """For each subimage the specs of its MIP levels."""
+        subimage = 0
+        while self._input.seek_subimage(subimage, 0):
+            levels: list[oiio.ImageSpec] = []
+            while self._input.seek_subimage(subimage, len(levels)):
+                spec = oiio.ImageSpec(self._input.spec())
+                if spec.deep or spec.depth > 1:
+                    raise ImageError(f"{self.path}: deep and volume images are not supported")
+                if self.format == "tiff" and spec.format == oiio.DOUBLE:
+                    raise ImageError(f"{self.path}: TIFF files of doubles are not supported")
+                restore(spec, self.format, self.place)
+                levels.append(spec)
+            yield levels
+            subimage += 1
+        error_text(self._input.geterror)  # there is no subimage after the last
+        if self.format == "webp":  # its reader does not recover from being asked for one
+            self._input = self._open()
+
+    def read(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int]) -> np.ndarray:
+        """Pixels of whole rows, or of whole tiles, of (subimage, level)."""
+        channels = spec.nchannels
+        with self._lock:
+            if spec.tile_width == 0:
+                pixels = self._input.read_scanlines(*where, place.top, place.bottom, 0, 0, channels, spec.format)
+            else:
+                pixels = self._input.read_tiles(
+                    *where, place.left, place.right, place.top, place.bottom, 0, 1, 0, channels, spec.format
+                )
+            message = error_text(self._input.geterror)
+            if _state_of(self.place) != self._state:  # rows of two files, or of none
+                raise ImageError(f"{self.path}: was changed by someone else while it was read")
+        if pixels is None or message:  # libjpeg fills up what is missing, and only says so
+            rows = f"rows {place.top - spec.y} to {place.bottom - spec.y - 1}"
+            raise ImageError(f"{self.path}: {rows} cannot be read: {message or 'the file is damaged'}")
+        return pixels.reshape(place.height, place.width, channels)
+
+
+def _state_of(path: str) -> tuple[int, ...] | None:
+    """Which file this is and whether it is as it was; None where it is no more."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _part(source: _Source, cache: PieceCache, spec: oiio.ImageSpec, where: tuple[int, int], native: bool) -> Part:
+    name = spec.get_string_attribute("oiio:subimagename") or f"part{where[0]}"
+    whole, cell = Window.data(spec), _piece_size(spec)
+    dtype_of(spec)  # refuses pixels that numpy lacks
+
+    def make(place: Window) -> Callable[[], np.ndarray]:
+        return lambda: source.read(place, spec, where)
+
+    def piece(place: Window) -> np.ndarray:
+        below = Window.sized(whole.left, place.bottom, *cell) & whole
+        right = Window.sized(place.right, place.top, *cell) & whole
+        pixels = cache.get((source, where, place), make(place))
+        following = right if not right.empty else below
+        if not following.empty:
+            cache.ahead((source, where, following), make(following))
+        return pixels
+
+    def fetch(window: Window) -> np.ndarray:
+        return assembled(window, cell, whole, piece)
+
+    return Part(name, spec, fetch, spec.format, native, ready=True)
+
+
+def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:
+    """(width, height) of what is decoded at once: rows of tiles, or full rows."""
+    pixel = spec.nchannels * np.dtype(dtype_of(spec)).itemsize
+    if spec.tile_width:
+        across = -(-spec.width // spec.tile_width)
+        fit = max(1, _PIECE_BYTES // (pixel * spec.tile_width * spec.tile_height))
+        return min(across, fit) * spec.tile_width, spec.tile_height * max(1, fit // across)
+    row = max(1, spec.width * pixel)
+    together = spec.get_int_attribute("oiio:RowsPerChunk") or spec.get_int_attribute("tiff:RowsPerStrip") or _BLOCK
+    if together * row > 8 * _PIECE_BYTES:  # decoded again for each piece, but the memory stays bounded
+        together = 1
+    return spec.width, max(1, _PIECE_BYTES // row // together) * together

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rows of an image that is worked on in bands: in memory, or in an unnamed temporary file."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+from ..core.demand import scratch_file, write_at
+from ..deferred import np
+
+if TYPE_CHECKING:
+    from numpy.typing import DTypeLike
+
+_AT_ONCE = 256  # rows
+
+
+class RowStore:
+    """An array that is read and written by rows, and is not held in memory where it lies in a file.
+
+    Indices are those of an array: rows, or rows and columns, as slices. As a whole it is `np.asarray` of it.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows first.
+    dtype : dtype
+    in_memory : bool
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, in_memory: bool):
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        self._row_bytes = int(np.prod(shape[1:], dtype=np.int64)) * self.dtype.itemsize
+        self._array = np.empty(shape, dtype) if in_memory else None
+        self._file = None if in_memory else scratch_file(self._row_bytes * shape[0])
+
+    @classmethod
+    def of(cls, array: np.ndarray) -> RowStore:
+        """An array that is there."""
+        store = cls((0, *array.shape[1:]), array.dtype, in_memory=True)
+        store.shape, store._array = array.shape, array
+        return store
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, at: Any) -> np.ndarray:
+        if self._array is not None:
+            return self._array[at]
+        rows, columns = at if isinstance(at, tuple) else (at, slice(None))
+        first, last, _ = rows.indices(self.shape[0])
+        out = np.empty((max(0, last - first), *self.shape[1:]), self.dtype)
+        if out.size:
+            os.preadv(self._file.fileno(), [memoryview(out).cast("B")], first * self._row_bytes)
+        return out[:, columns]
+
+    def __setitem__(self, rows: slice, values: np.ndarray) -> None:
+        if self._array is not None:
+            self._array[rows] = values
+        else:
+            first = rows.indices(self.shape[0])[0]
+            write_at(self._file, np.ascontiguousarray(values, self.dtype), first * self._row_bytes)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
+        out = np.empty(self.shape, self.dtype)
+        for first in range(0, self.shape[0], _AT_ONCE):  # the system reads 2 GB at once at most
+            out[first : first + _AT_ONCE] = self[first : first + _AT_ONCE]
+        return out if dtype is None else out.astype(dtype)

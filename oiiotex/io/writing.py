@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How images leave: streamed into a temporary file beside the name, which is looked at and renamed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ..core.demand import BAND_BYTES, rows_for, stream
+from ..core.image import Image, Part
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..errors import ImageError
+from .atomic import name_beside, temporary_beside
+from .description import warn_of_loss
+from .formats import Format, fitted, specs_of, tile_of, wanted_type
+from .reading import checked_name, error_text, keep_readable, read
+
+_BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more rows of scanlines together, but DWAB with 256
+_NOT_WHOLE = "the file could not be written whole: is the disk full?"
+_COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # whoever writes must not wait for ever
+
+
+def write(
+    image: Image,
+    path: str | os.PathLike,
+    how: Format | oiio.TypeDesc | None = None,
+    advance: Callable[[int, int], object] | None = None,
+) -> None:
+    """Write to a temporary file beside `path` and rename it: a run that fails leaves what was there.
+
+    Parameters
+    ----------
+    image : Image
+        All its parts are written; each in its own type, or as `how` says.
+    path : path
+    how : Format or oiio.TypeDesc, optional
+        A type alone asks for it for the first part.
+    advance : callable, optional
+        Called with (rows done, rows in all).
+
+    Raises
+    ------
+    ImageError
+        The format is unknown or cannot hold a part, or the disk says no.
+    """
+    path = Path(checked_name(path))
+    with temporary_beside(path) as temporary:
+        out, image, specs = _prepared(image, temporary, path, how)
+        with _way_to(temporary, path, out) as way:
+            try:
+                _write_parts(out, way, path, image, specs, advance)
+            finally:
+                closed = out.close()
+            if not closed:
+                raise ImageError(f"{path}: {_error_text(out, way, path)}")
+        format_name = out.format_name()
+        del out  # a MIP-mapped EXR is finished only now
+        if not temporary.stat().st_size:
+            raise ImageError(f"{path}: {format_name} writes no file")
+        _check_arrived(temporary, path, image, format_name)
+        keep_readable(path)
+
+
+def require_writable(image: Image, path: str | os.PathLike, how: Format | oiio.TypeDesc | None = None) -> None:
+    """Refuse, before the work, what `write` would refuse of the name and the parts' types: no pixel is asked for."""
+    path = Path(checked_name(path))
+    temporary = name_beside(path)
+    try:
+        _prepared(image, temporary, path, how)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _prepared(
+    image: Image, temporary: Path, path: Path, how: Format | oiio.TypeDesc | None
+) -> tuple[oiio.ImageOutput, Image, list[list[oiio.ImageSpec]]]:
+    """The format that writes it, the image as that holds it, and the specs of its parts."""
+    how = how if isinstance(how, Format) else Format(pixel_type=how)
+    out = oiio.ImageOutput.create(how.format_name or str(temporary))
+    if out is None:
+        oiio.geterror()  # it names the temporary file
+        raise ImageError(f"{path}: no format writes '{how.format_name or path.suffix}'")
+    image = fitted(image, out, path, how)
+    specs = specs_of(image, out, how)
+    _require_types(out, temporary, path, image, specs, how)
+    return out, image, specs
+
+
+@contextlib.contextmanager
+def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path]:
+    """Where OpenImageIO writes: for JPEG a pipe to the file, because libjpeg ends the process where a disk is full."""
+    if out.format_name() != "jpeg" or not os.path.isdir("/dev/fd"):
+        yield temporary
+        return
+    import shutil  # of all formats JPEG alone asks for them
+    import subprocess
+
+    shell = shutil.which("sh")
+    if shell is None:
+        yield temporary
+        return
+    source, sink = os.pipe()
+    with open(temporary, "wb") as file:  # no thread could copy: OpenImageIO holds the GIL while it closes
+        copier = subprocess.Popen(
+            [shell, "-c", _COPY], stdin=source, stdout=file, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+    os.close(source)
+    try:
+        yield Path(f"/dev/fd/{sink}")
+    finally:
+        os.close(sink)
+        code = copier.wait()
+    if code:
+        raise ImageError(f"{path}: {_NOT_WHOLE}")
+
+
+def _error_text(out: oiio.ImageOutput, temporary: Path, path: Path) -> str:
+    """The format's error, of the name that the user knows."""
+    return error_text(out.geterror).replace(str(temporary), str(path))
+
+
+# --- writing ---
+
+
+def _write_parts(
+    out: oiio.ImageOutput,
+    temporary: Path,
+    path: Path,
+    image: Image,
+    specs: list[list[oiio.ImageSpec]],
+    advance: Callable[[int, int], object] | None,
+) -> None:
+    total = sum(spec.height for levels in specs for spec in levels)
+    written = 0  # rows
+    for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
+        for m, spec in enumerate(levels):
+            _open(out, temporary, path, [s[0] for s in specs], n, m, spec)
+            opened = out.spec()  # some formats have only tiles, or begin at 0
+            spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(opened)
+            x, y = opened.x - spec.x, opened.y - spec.y
+            for window, pixels in stream(part.levels[m - 1] if m else part, _bands(part, spec)):
+                if not _put(out, spec, window.shifted(x, y), np.ascontiguousarray(pixels)):
+                    row = window.top - spec.y
+                    raise ImageError(f"{path}: writing failed at row {row}: {_error_text(out, temporary, path)}")
+                written += window.height if window.right == spec.x + spec.width else 0
+                if advance is not None:
+                    advance(written, total)
+
+
+def _open(
+    out: oiio.ImageOutput,
+    temporary: Path,
+    path: Path,
+    firsts: list[oiio.ImageSpec],
+    part: int,
+    level: int,
+    spec: oiio.ImageSpec,
+) -> None:
+    if level > 0:
+        opened = out.open(str(temporary), spec, "AppendMIPLevel" if out.supports("mipmap") else "AppendSubimage")
+    elif part > 0:
+        opened = out.open(str(temporary), spec, "AppendSubimage")
+    elif len(firsts) > 1 and out.format_name() == "openexr":  # multi-part EXR wants all specs up front
+        opened = out.open(str(temporary), tuple(firsts))
+    else:
+        opened = out.open(str(temporary), spec)
+    if not opened:
+        raise ImageError(f"{path}: cannot be written: {_error_text(out, temporary, path)}")
+
+
+def _bands(part: Part, spec: oiio.ImageSpec) -> Iterator[Window]:
+    """Full rows where they fit, else runs of tiles: always in the order of the file."""
+    whole = Window.data(spec)
+    multiple = spec.tile_height or _BLOCK_ROWS
+    rows = rows_for(part, BAND_BYTES, multiple)
+    width = whole.width
+    if spec.tile_width and rows == multiple:
+        tile = multiple * spec.tile_width * max(part.pixel_bytes, 4 * spec.nchannels)
+        width = max(1, 4 * BAND_BYTES // tile) * spec.tile_width
+    elif rows == multiple:
+        rows = min(multiple, rows_for(part, 4 * BAND_BYTES))
+    return whole.cells(min(width, whole.width), rows)
+
+
+def _put(out: oiio.ImageOutput, spec: oiio.ImageSpec, window: Window, pixels: np.ndarray) -> bool:
+    if spec.tile_width:
+        return out.write_tiles(window.left, window.right, window.top, window.bottom, 0, 1, pixels)
+    return out.write_scanlines(window.top, window.bottom, 0, pixels)
+
+
+def _require_types(
+    out: oiio.ImageOutput, temporary: Path, path: Path, image: Image, specs: list[list[oiio.ImageSpec]], how: Format
+) -> None:
+    """Refuse a type that the format would silently exchange, before the work begins: asked of one-pixel images."""
+    for part, levels in zip(image.parts, specs, strict=True):
+        wanted = wanted_type(part, how)
+        if part is image.first and how.pixel_type not in (None, wanted):
+            change = f"as {how.pixel_type}, part '{part.name}' of {wanted} would lose its values"
+            raise ImageError(f"{path}: {change}")
+        if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
+            raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see reading
+        if wanted is None:
+            continue
+        trial = oiio.ImageOutput.create(how.format_name or str(temporary))
+        place = os.devnull if out.format_name() == "jpeg" else str(temporary)  # see _way_to
+        spec = Window(0, 0, 1, 1).apply_to(levels[0])
+        spec.full_x, spec.full_y, spec.full_width, spec.full_height = 0, 0, 1, 1
+        if not trial.open(place, spec):
+            raise ImageError(f"{path}: cannot be written: {_error_text(trial, temporary, path)}")
+        stored = trial.spec().format
+        trial.write_image(np.zeros((1, 1, spec.nchannels), np.float32))
+        trial.close()
+        if stored != wanted and not levels[0].channelformats:
+            raise ImageError(f"{path}: {trial.format_name()} cannot hold part '{part.name}' as {wanted}")
+
+
+def _check_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:
+    """Refuse a file that did not reach the disk whole: several of OpenImageIO's writers do not notice a full one.
+
+    Warn of what it does not say of the image.
+    """
+    disk = os.statvfs(temporary) if hasattr(os, "statvfs") else None
+    try:
+        if disk is not None and disk.f_bfree == 0:
+            raise ImageError("no space left")
+        arrived = read(temporary).parts
+        for part in arrived:
+            last = part.window.bottom - 1
+            part.read(Window(part.window.left, last, part.window.right, last + 1))
+    except (ImageError, ValueError) as error:
+        raise ImageError(f"{path}: {_NOT_WHOLE}") from error
+    warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])

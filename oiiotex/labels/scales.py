@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Labels at several scales: which scales, by the way up; a tree of labels, by the way down (LSA16 section 4.3).
+
+Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest. Departures:
+
+1. The paper goes on to the first scale at which *every* superpixel overlaps two labels; one superpixel that does not
+   ends the search. Here a `share` of them is enough (1: the paper).
+2. A coarsest level may be given, which no walk has found (`label_maps`).
+3. The walk gets longer from level to level: what is left of the largest eigenvalue below 1 is `persistence` to the
+   power of the level, so that larger patterns come with fewer labels. The paper leaves 0.95 at every level.
+4. A node has at most n / 13 neighbours: the paper's 256 of n at fine scales would be all of them at coarse ones.
+5. Above `MOST` superpixels a fixed sample of them is factored, and the others take the mean membership of those
+   that are nearest to them.
+6. The paper cuts a label wherever a coarser border crosses it, which leaves rings of crumbs where two levels do not
+   quite agree. Here a label is a child of the coarser one that has most of it, and of others that have a fair share;
+   a superpixel in none of its children takes the likeliest (`literal`: the paper). So do superpixels
+   among others: G is multiplied by what its neighbours are, a Potts step.
+
+`literal` takes back 3, 4 and 6, and the floor of the walk's eigenvalue; with share 1 and no level given, the levels are
+the paper's.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
+
+from ..color.lab import Lens
+from ..core.image import Image
+from ..core.window import Window
+from ..errors import ImageError
+from ..session import Session
+from ..superpixels.hierarchy import Hierarchy, hierarchy
+from ..superpixels.slic import SeedGrid
+from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
+from .affinity_graph import NEIGHBOURS, PERSISTENCE, SLOWEST, Spread, Walk, similarity_graph
+from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
+from .stochastic_nmf import Factors, factored
+
+MOST = 20000  # superpixels up to which all are nodes of the graph
+_PIXEL_BYTES, _EDGE_BYTES = 300, 80  # held at once, per pixel of the reduced image and per edge of the graph
+_NEAREST = 6  # sampled superpixels that one which was left out looks at
+_NODES_PER_NEIGHBOUR, _FEWEST_NEIGHBOURS = 13, 8
+_PART = 0.25  # of a label that lies in a coarser one, for it to be a child of that
+_COUPLING, _UPDATES = 4.0, 6  # of a superpixel with its neighbours, nats; and how often
+_UNLIKELY = 1e-3  # of a label that a superpixel does not belong to at all
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelSettings:
+    """How labels are found; see `filters.label` for what each does."""
+
+    cluster: str = "nmf"
+    neighbours: int = NEIGHBOURS
+    persistence: float = PERSISTENCE
+    share: float = 0.5
+    literal: bool = False
+    tries: int = 0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class LabelLevel:
+    """Labels at one scale.
+
+    Attributes
+    ----------
+    scale : float
+        rho, px.
+    groups : (n,) int32
+        The level's superpixel of every finest superpixel, 0 .. m - 1.
+    labels : (n,) int64
+        The label of every finest superpixel, 1 .. count; none of them is empty.
+    count : int
+    parents : (count,) int64
+        The label of the next coarser level that holds label i + 1; 0 at the coarsest.
+    features : (m, d)
+    F : (m, r)
+        Where the walk goes from a label; divided by its column's largest value it says how well a superpixel fits.
+    G : (r, m)
+        Which label a superpixel belongs to.
+    """
+
+    scale: float
+    groups: np.ndarray
+    labels: np.ndarray
+    count: int
+    parents: np.ndarray
+    features: np.ndarray
+    F: np.ndarray
+    G: np.ndarray
+
+
+@dataclass(frozen=True)
+class LabelMaps:
+    """All that is known of an image's labels.
+
+    Attributes
+    ----------
+    superpixels : Superpixels
+        n finest ones.
+    levels : tuple of LabelLevel
+        Finest first.
+    """
+
+    superpixels: Superpixels
+    levels: tuple[LabelLevel, ...]
+
+
+def label_maps(
+    image: Image,
+    lens: Lens,
+    session: Session,
+    features: str = "textons",
+    settings: LabelSettings | None = None,
+    *,
+    runs: int = 1,
+    minsize: int | None = None,
+    coarsest: Callable[[Superpixels, SmallLab, Session], np.ndarray] | None = None,
+) -> LabelMaps:
+    """Label maps of the image's first part.
+
+    Parameters
+    ----------
+    image, lens, session
+    features : str
+        One of `features.KINDS`.
+    settings : LabelSettings, optional
+    runs, minsize
+        As `superpixels` takes them.
+    coarsest : callable, optional
+        Gives a coarsest level of its own: the label of every superpixel, (n,) int64, 0 .. r - 1, none of them empty.
+
+    Raises
+    ------
+    ImageError
+        Alpha is 0 everywhere, NaN or Inf, or what does not fit.
+    """
+    settings = settings or LabelSettings()
+    window = image.first.window
+    seeds = SeedGrid.of(window.width, window.height, finest_scale(window), COMPACTNESS).count
+    _require(session, window, seeds, settings)  # there will hardly be fewer superpixels: it is said before the work
+    total = 2 * runs + 3
+
+    def advance(done: int, _: int) -> None:
+        session.advance(done, total)
+
+    with session.stats.time("superpixels"):
+        finest = superpixels(image, lens, session, runs=runs, minsize=minsize, seed=settings.seed, advance=advance)
+        if not finest.count:
+            raise ImageError(f"{image.source}: alpha is 0 everywhere: there is nothing to label")
+    _require(session, finest.window, finest.count, settings)
+    small = small_lab(finest)
+    # One BLAS thread: the products are thin, waiting threads would spin, and sums must not depend on their number.
+    with threadpool_limits(1, "blas"):
+        with session.beside(functools.partial(hierarchy, finest)) as tree, session.stats.time("describe superpixels"):
+            described = features_of(features, finest, small, session)
+        session.advance(total - 1, total)
+        top = (lambda _: None) if coarsest is None else functools.partial(coarsest, finest, small)
+        with session.beside(top) as coarse, session.stats.time("label superpixels"):
+            levels = label_levels(tree(), described, settings, finest.edges, coarse, session.spread)
+    session.advance(total, total)
+    return LabelMaps(finest, levels)
+
+
+def _require(session: Session, window: Window, count: int, settings: LabelSettings) -> None:
+    """Refuse what `count` superpixels of a window need, where it does not fit."""
+    pixels = min(window.width * window.height, WORKING_PIXELS)
+    need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbours * _EDGE_BYTES
+    session.require(need, "labelling", "take fewer :neighbours=")
+
+
+def label_levels(
+    hierarchy: Hierarchy,
+    features: Features,
+    settings: LabelSettings,
+    edges: np.ndarray,
+    coarsest: Callable[[], np.ndarray | None] = lambda: None,
+    spread: Spread = map,
+) -> tuple[LabelLevel, ...]:
+    """The levels of labels, finest first, as a tree.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+        Of n finest superpixels.
+    features : Features
+    settings : LabelSettings
+    edges : (m, 2) int
+        Pairs of finest superpixels that touch.
+    coarsest : callable
+        Gives a level above all when the others are there: (n,) int64, labels from 0 on; or None.
+    spread : callable
+        Does pieces of work on several threads.
+    """
+    levels = _bottom_up(hierarchy, features, settings, edges, spread)
+    top = coarsest()
+    if top is not None:
+        levels.append(_given(hierarchy, features, top))
+    return top_down(levels, settings.literal)
+
+
+# --- one scale ---
+
+
+def labelled(points: np.ndarray, settings: LabelSettings, level: int, spread: Spread = map) -> Factors:
+    """Labels of m points, (m, d), found at that level (0: the finest). Every label has a point.
+
+    Raises
+    ------
+    ImageError
+        Clusters are asked for that need scikit-learn, and it is not there.
+    """
+    m = len(points)
+    if m > MOST:
+        return _labelled_by_sample(points, settings, level, spread)
+    neighbours, persistence, slowest = settings.neighbours, settings.persistence, SLOWEST
+    if settings.literal:
+        slowest = 0.0
+    else:
+        neighbours = min(neighbours, max(_FEWEST_NEIGHBOURS, m // _NODES_PER_NEIGHBOUR))
+        persistence = persistence ** (level + 1)
+    graph = similarity_graph(points, neighbours, spread)
+    walk = Walk(graph.weights, persistence=persistence, slowest=slowest)
+    factors = factored(walk, settings.seed, settings.tries)
+    F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
+    if settings.cluster != "nmf" and F.shape[1] > 1:
+        labels = _by_scikit_learn(settings, points, graph.weights, F.shape[1], graph.node)
+        G = (labels == np.arange(labels.max() + 1)[:, None]).astype(np.float64)
+        F = (G / G.sum(1, keepdims=True)).T
+    return _without_empty(F, G, factors.error)
+
+
+def _without_empty(F: np.ndarray, G: np.ndarray, error: float) -> Factors:
+    """Labels that are nobody's most likely one go; what they had goes to the others."""
+    used = np.unique(G.argmax(0))
+    kept = G[used]
+    kept = kept / np.maximum(kept.sum(0), 1e-300)
+    return Factors(F[:, used], kept, error)
+
+
+def _by_scikit_learn(
+    settings: LabelSettings, points: np.ndarray, weights: object, count: int, node: np.ndarray
+) -> np.ndarray:
+    """The paper's comparison (figure 3d): as many clusters as our own way finds."""
+    try:
+        from sklearn.cluster import KMeans, SpectralClustering
+    except ImportError:
+        raise ImageError(
+            f"cluster={settings.cluster} needs scikit-learn: pip install 'oiiotex[cluster]'; cluster=nmf does not"
+        ) from None
+    if settings.cluster == "kmeans":
+        return KMeans(count, n_init=10, random_state=settings.seed).fit(points).labels_
+    if weights.shape[0] <= count:  # as many kinds as clusters
+        return node
+    by_rows = weights.tocsr()
+    by_rows.indices, by_rows.indptr = by_rows.indices.astype(np.int32), by_rows.indptr.astype(np.int32)
+    model = SpectralClustering(count, affinity="precomputed", random_state=settings.seed, assign_labels="kmeans")
+    return np.unique(model.fit(by_rows).labels_, return_inverse=True)[1][node]
+
+
+def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, spread: Spread) -> Factors:
+    random = np.random.default_rng(settings.seed)
+    chosen = np.sort(random.choice(len(points), MOST, replace=False))
+    small = labelled(points[chosen], settings, level, spread)
+    _, near = cKDTree(points[chosen]).query(points, _NEAREST)
+    G = small.G[:, near].mean(2)
+    F = small.F[near].mean(1)
+    G[:, chosen], F[chosen] = small.G, small.F
+    return _without_empty(F / F.sum(0), G, small.error)
+
+
+# --- up ---
+
+
+def _bottom_up(
+    hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, spread: Spread
+) -> list[LabelLevel]:
+    """Levels labelled each for itself, finest first; neither parents nor intersections yet."""
+    levels: list[LabelLevel] = []
+    at = 0
+    while True:
+        levels.append(_level(hierarchy, features, settings, edges, at, len(levels), spread))
+        following = _next_scale(hierarchy, levels[-1].labels, at, settings.share)
+        if following is None:
+            return levels
+        at = following
+
+
+def _level(
+    hierarchy: Hierarchy,
+    features: Features,
+    settings: LabelSettings,
+    edges: np.ndarray,
+    at: int,
+    level: int,
+    spread: Spread,
+) -> LabelLevel:
+    groups = hierarchy.partition(at)
+    values = features(groups)
+    factors = labelled(values, settings, level, spread)
+    count, likely = len(factors.G), factors.G[:, groups]
+    labels = likely.argmax(0) if settings.literal else settled(likely.T, edges)
+    scale, parents = float(hierarchy.sigmas[at]), np.zeros(count, np.int64)
+    return LabelLevel(scale, groups, labels + 1, count, parents, values, factors.F, factors.G)
+
+
+def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> LabelLevel:
+    """A level that no walk has found: every superpixel is a group, and wholly a member of its label."""
+    groups, count = np.arange(len(labels), dtype=np.int32), int(labels.max()) + 1
+    G = (labels == np.arange(count)[:, None]).astype(np.float64)
+    F = (G / G.sum(1, keepdims=True)).T
+    scale, parents = float(hierarchy.sigmas[-1]), np.zeros(count, np.int64)
+    return LabelLevel(scale, groups, labels + 1, count, parents, features(groups), F, G)
+
+
+def settled(likely: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Labels of superpixels that mind their neighbours: the mean field of a Potts model.
+
+    Parameters
+    ----------
+    likely : (n, r) float64
+        How likely each is of a label by itself.
+    edges : (m, 2) int
+        Pairs of neighbours.
+
+    Returns
+    -------
+    (n,) int64
+    """
+    n = len(likely)
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    near = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
+    near = diags_array(1.0 / np.maximum(near.sum(1), 1.0)) @ near
+    member, alone = likely, np.log(likely + _UNLIKELY)
+    for _ in range(_UPDATES):
+        pull = alone + _COUPLING * (near @ member)
+        member = np.exp(pull - pull.max(1, keepdims=True))
+        member /= member.sum(1, keepdims=True)
+    return member.argmax(1)
+
+
+def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float) -> int | None:
+    """The finest level above `at` of whose superpixels at least that share overlaps two labels.
+
+    Superpixels only merge, and a merged one overlaps what its pieces did: the search may halve.
+    """
+    low, high = at, len(hierarchy.sigmas)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _mixed_share(hierarchy.partition(middle), labels) >= share:
+            high = middle
+        else:
+            low = middle
+    return high if high < len(hierarchy.sigmas) else None
+
+
+def _mixed_share(groups: np.ndarray, labels: np.ndarray) -> float:
+    """The share of groups in which there are two labels or more."""
+    pairs = np.unique(np.stack([groups, labels], axis=1), axis=0)
+    return float((np.bincount(pairs[:, 0]) >= 2).mean())
+
+
+# --- down ---
+
+
+def top_down(levels: list[LabelLevel], literal: bool = False) -> tuple[LabelLevel, ...]:
+    """LSA16 algorithm 2: every label is intersected with those of the next coarser level; see departure 6."""
+    intersected: list[LabelLevel] = []
+    above = np.zeros(len(levels[-1].labels), np.int64)
+    for level in reversed(levels):
+        own = level.labels - 1 if literal or not intersected else _within(above, level)
+        pairs, labels = np.unique(np.stack([above, own], axis=1), axis=0, return_inverse=True)
+        above = labels.reshape(-1) + 1
+        intersected.append(replace(level, labels=above, count=len(pairs), parents=pairs[:, 0]))
+    return tuple(reversed(intersected))
+
+
+def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:
+    """Of every superpixel a label of that level that is a child of its coarser label, (n,) 0 .. r - 1."""
+    own = level.labels - 1
+    table = np.zeros((above.max() + 1, len(level.G)))
+    np.add.at(table, (above, own), 1.0)
+    whole = np.maximum(table.sum(0), 1.0)
+    child = (table >= _PART * whole) & (table > 0)
+    child[table.argmax(0), np.arange(len(whole))] = table.max(0) > 0
+    childless = np.flatnonzero(~child.any(1))
+    child[childless, table[childless].argmax(1)] = True
+    outside = np.flatnonzero(~child[above, own])
+    likely = level.G[:, level.groups[outside]].T + 1e-9 * table[above[outside]] + _UNLIKELY
+    own[outside] = np.where(child[above[outside]], likely, 0.0).argmax(1)
+    return own

@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The analysis stage: for every stack texel K = 2 spatially dispersed candidates and their transfer functions.
+
+HRRG08 sections 4.4, 5 and 6. Everything is decided on integers, so that every device finds the same candidates.
+
+Departures: one basis serves all levels (from level 4 of 7 on it holds at most .03 less of the variance than one each);
+neighbours are searched as PatchMatch does instead of exactly (tests/test_candidates.py states how near they come);
+a transfer function is found for levels of one exemplar, too, where HRRG08 takes the identity: self-loops lose their
+contrast without it; and where a zoom turns, candidates are found by shape, whatever their mean colour is. The last two
+are left out where `Levels.literal` says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+from ..deferred import np
+from ..errors import DeviceError
+from ..io.disk_cache import Arrays, cached_arrays, hash_of
+from ..opencl.buffers import Buffers
+from ..opencl.device import Device
+from .superexemplar import Levels
+
+DIMS = 16  # of cl/projected.h
+MOST_PROJECTED = 5790
+NONE = 0xFFFFFFFF  # no texel is excluded
+DISC = 0.06  # radius that keeps two candidates apart, in exemplar sides (the sheet's; HRRG08 gives none)
+_BITS = 12  # of the fraction of the basis
+_JUMPS = (8, 4, 2, 1)
+_ROUNDS = 5
+_SAMPLES = 2000  # neighbourhoods of a level that the basis is found from
+_VERSION = "oiiotex candidates 4"  # to be counted up where the same stacks lead to another analysis
+
+
+@dataclass(frozen=True)
+class Stacks:
+    """What is analysed.
+
+    Attributes
+    ----------
+    levels : Levels
+    planes : (levels, side, side, 4) int16
+        Colour of every texel on the integer grid (`stacks.grid_stack`).
+    usable : (levels, side, side) bool
+        Texels that may be candidates of themselves.
+    targets : (levels, side, side) bool
+        Texels that may be candidates of others.
+    periodic : tuple of bool
+        Of every level, whether its exemplar is a torus; else neighbourhoods are mirrored at its borders.
+    """
+
+    levels: Levels
+    planes: np.ndarray
+    usable: np.ndarray
+    targets: np.ndarray
+    periodic: tuple[bool, ...]
+
+    @property
+    def side_bits(self) -> int:
+        """log2 of the exemplars' side."""
+        return self.planes.shape[1].bit_length() - 1
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What synthesis looks up.
+
+    Attributes
+    ----------
+    stacks : Stacks
+    basis : (75, 16) int16
+        Principal components of 5 x 5 neighbourhoods (rows, columns, channels), times 4096.
+    links : (levels, side^2, 2) uint32
+        The two candidates of every texel, as texels.
+    records : (levels, side^2, 2, 16) int16
+        Their projected neighbourhoods, transformed by their transfer functions (HRRG08 section 6).
+    offsets : (levels, side^2, 2, 4) int16
+        The transfer functions c + b (HRRG08 eq. 4): b, and 0.
+    variance : float
+        Share of the neighbourhoods' variance that the basis holds.
+    """
+
+    stacks: Stacks
+    basis: np.ndarray
+    links: np.ndarray
+    records: np.ndarray = field(repr=False)
+    offsets: np.ndarray = field(repr=False)
+    variance: float = 0.0
+
+
+def neighbourhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray:
+    """The 5 x 5 neighbourhoods of a plane's texels: (side^2, 75) float64, in the order rows, columns, channels."""
+    side = len(plane)
+    at = _places_around(side, spacing, periodic)
+    padded = plane[at][:, at, :3].astype(np.float64)
+    steps = [n * spacing for n in range(5)]
+    return np.concatenate([padded[y : y + side, x : x + side] for y in steps for x in steps], -1).reshape(-1, 75)
+
+
+def _around(plane: np.ndarray, spacing: int, periodic: bool, rows: np.ndarray) -> np.ndarray:
+    """Those rows of `neighbourhoods`."""
+    at = _places_around(len(plane), spacing, periodic)
+    y, x = np.divmod(rows, len(plane))
+    steps = [n * spacing for n in range(5)]
+    return np.concatenate([plane[at[y + v], at[x + u], :3] for v in steps for u in steps], -1).astype(np.float64)
+
+
+def _places_around(side: int, spacing: int, periodic: bool) -> np.ndarray:
+    """Which line of a plane is looked at where, from two spacings before its border to two behind the other."""
+    return np.pad(np.arange(side), 2 * spacing, mode="wrap" if periodic else "symmetric")
+
+
+def basis_of(stacks: Stacks, dims: int) -> tuple[np.ndarray, float]:
+    """The first `dims` principal components, times 4096, the rest 0: (75, 16) int16; and the variance they hold."""
+    random = np.random.default_rng(0)
+    sampled = []
+    for number, plane in enumerate(stacks.planes):
+        usable = np.flatnonzero(stacks.usable[number])
+        rows = usable[random.integers(0, len(usable), _SAMPLES)]
+        sampled.append(_around(plane, stacks.levels.spacing(number), stacks.periodic[number], rows))
+    variances, vectors = np.linalg.eigh(np.cov(np.concatenate(sampled).T))
+    basis = np.zeros((75, DIMS), np.int16)
+    chosen = vectors[:, ::-1][:, :dims]
+    chosen = chosen * np.where(chosen[np.abs(chosen).argmax(0), np.arange(dims)] < 0, -1.0, 1.0)  # a sign of its own
+    basis[:, :dims] = np.rint(chosen * (1 << _BITS))
+    return basis, float(variances[::-1][:dims].sum() / max(variances.sum(), 1e-12))
+
+
+def texels_at_once(device: Device) -> int:
+    """RUN of cl/projected.h: how many texels or pixels of a row a work item does; a power of two, at most 16."""
+    return 16 if device.lanes > 1 else 1
+
+
+def project(around: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Neighbourhoods (n, 75) of whole numbers -> (n, 16) int16, exactly as cl/multiscale.cl does it."""
+    return _scaled(around @ basis.astype(np.float64))
+
+
+def _scaled(sums: np.ndarray) -> np.ndarray:
+    """Sums of products, whole numbers in floats, to projected coordinates."""
+    rounded = np.floor((sums + (1 << (_BITS - 1))) / (1 << _BITS))
+    return np.clip(rounded, -MOST_PROJECTED, MOST_PROJECTED).astype(np.int16)
+
+
+def analyse(
+    device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, advance: Callable[[int, int], None],
+    cache: Path | None,
+) -> Analysis:  # fmt: skip
+    """Candidates and transfer functions of all levels.
+
+    Parameters
+    ----------
+    device : Device
+    stacks : Stacks
+    dims : int
+        Dimensions of projected neighbourhoods, at most 16.
+    correct : bool
+        Find transfer functions; else all are the identity.
+    budget : int
+        Bytes of memory that there are.
+    advance : callable
+        Told (done, total).
+    cache : Path or None
+        A folder where it is kept from one run to the next.
+
+    Raises
+    ------
+    DeviceError
+        It does not fit.
+    """
+    if 2 * stacks.usable.size > 1 << 32:  # cl/multiscale.cl names a candidate by twice its texel's number
+        raise DeviceError(f"{stacks.usable.size} texels in all levels are beyond 2^31: take fewer or smaller exemplars")
+    facts = (getattr(stacks, of.name) for of in fields(stacks))
+    name = hash_of(_VERSION, *facts, dims, correct, DISC, _ROUNDS, _JUMPS)
+    steps = 2 * len(stacks.planes) + 1
+
+    told = 0
+
+    def step(number: int) -> None:
+        nonlocal told
+        told = number
+        advance(number, steps)
+
+    basis, links, records, offsets, variance = cached_arrays(
+        cache, name, lambda: _analysed(device, stacks, dims, correct, budget, step)
+    )
+    for number in range(told + 1, steps + 1):  # all of them, where it was kept from an earlier run
+        step(number)
+    return Analysis(stacks, basis, links, records, offsets, float(variance[0]))
+
+
+def _analysed(
+    device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, step: Callable[[int], None]
+) -> Arrays:
+    """What follows from the stacks, of an `Analysis`: basis, links, records, offsets, variance."""
+    basis, variance = basis_of(stacks, dims)
+    count, side = stacks.planes.shape[:2]
+    projections = np.empty((count, side * side, DIMS), np.int16)
+    shapes = projections
+    if correct and any(map(stacks.levels.turns, range(count))):
+        shapes = np.empty_like(projections)
+    means = np.empty((count, side * side, 3))
+    for number, plane in enumerate(stacks.planes):
+        around = neighbourhoods(plane, stacks.levels.spacing(number), stacks.periodic[number])
+        projections[number] = project(around, basis)
+        means[number] = around.reshape(-1, 25, 3).mean(1)
+        if shapes is not projections:
+            shapes[number] = project(around - np.tile(np.rint(means[number]), 25), basis)
+        step(number + 1)
+    links = _searched(device, stacks, projections, shapes, budget, step)
+    of = np.array([exemplar for exemplar, _ in stacks.levels.stacks])
+    alike = of[:, None] == of if stacks.levels.literal else np.eye(count, dtype=bool)
+    offsets, records = _transfers(links, projections, means, basis, correct, alike)
+    return basis, links, records, offsets, np.array([variance])
+
+
+def _transfers(
+    links: np.ndarray, projections: np.ndarray, means: np.ndarray, basis: np.ndarray, correct: bool, alike: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(offsets, records) of an `Analysis`; `alike` (levels, levels) bool says which need no transfer function."""
+    count, texels = links.shape[:2]
+    offsets = np.zeros((count, texels, 2, 4), np.int16)
+    records = np.empty((count, texels, 2, DIMS), np.int16)
+    whole = basis.astype(np.int64).reshape(25, 3, DIMS).sum(0)  # the projection of one colour everywhere
+    flat, flat_means = projections.reshape(-1, DIMS), means.reshape(-1, 3)
+    for number in range(count):
+        chosen = links[number].astype(np.int64)
+        if correct:
+            # HRRG08 eq. 4 with r(c) = c + b: b is the difference of the neighbourhoods' means
+            away = np.rint(means[number][:, None] - flat_means[chosen]).astype(np.int64)
+            away[alike[number][chosen // texels]] = 0  # an exemplar agrees with itself (section 5)
+            offsets[number, ..., :3] = away
+        shift = _scaled(offsets[number, ..., :3].astype(np.float64) @ whole).astype(np.int32)
+        records[number] = np.clip(flat[chosen] + shift, -MOST_PROJECTED, MOST_PROJECTED)
+    return offsets, records
+
+
+# --- the search ---
+
+
+def _searched(
+    device: Device, stacks: Stacks, projections: np.ndarray, shapes: np.ndarray, budget: int,
+    step: Callable[[int], None],
+) -> np.ndarray:  # fmt: skip
+    """The candidates of every texel: (levels, side^2, 2) uint32.
+
+    Where a zoom turns, neighbourhoods are compared by `shapes`, less their means: the transfer function takes up the
+    difference of these, and a flat place of any colour may come to detail of any other.
+    """
+    count, texels = projections.shape[:2]
+    links = np.empty((count, texels, 2), np.uint32)
+    layout = {"projections": projections.nbytes, "usable": stacks.usable.size, "excluded": 4 * texels}
+    layout |= dict.fromkeys(("texel", "cost", "texel_next", "cost_next"), 4 * texels)
+    with Buffers(device, layout, budget, "the analysis of the exemplars", held=projections.nbytes) as buffers:
+        device.write(buffers["usable"], stacks.targets.view(np.uint8))
+        for number in range(count):
+            if number == 0 or stacks.levels.turns(number) != stacks.levels.turns(number - 1):
+                device.write(buffers["projections"], shapes if stacks.levels.turns(number) else projections)
+            links[number] = _level(device, buffers, stacks, number)
+            step(count + number + 1)
+    return links
+
+
+def _level(device: Device, buffers: Buffers, stacks: Stacks, number: int) -> np.ndarray:
+    """(side^2, 2) uint32: the candidates of one level's texels."""
+    texels = stacks.planes[0].shape[0] ** 2
+    own = number * texels + np.arange(texels, dtype=np.uint32)
+    usable = stacks.usable[number].ravel()
+    first = np.where(usable, own, np.uint32(NONE))
+    if stacks.levels.admissible[number][0][0] != number:  # the level itself is not admissible
+        first[:] = NONE
+    if (first == NONE).any():
+        candidates = search(device, buffers, stacks, number, np.full(texels, NONE, np.uint32))
+        first = np.where(first == NONE, candidates, first)
+    return np.stack([first, search(device, buffers, stacks, number, first)], -1)
+
+
+def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, excluded: np.ndarray) -> np.ndarray:
+    """The best texel found for each of a level, outside the discs around `excluded`: (side^2,) uint32.
+
+    Where a disc leaves nothing, it is what was excluded.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+        With the projections and the usable texels of all levels in them.
+    stacks : Stacks
+    number : int
+        Of the level.
+    excluded : (side^2,) uint32
+        For each texel the one whose surroundings are out of the question; `NONE`: nothing is.
+    """
+    at_once, side = texels_at_once(device), stacks.side_bits
+    run, shape = device.program("candidates", RUN=at_once), ((1 << side) // at_once, 1 << side)
+    admissible = device.upload(np.array(stacks.levels.admissible[number], np.int32))
+    device.write(buffers["excluded"], excluded)
+    disc = round((DISC * (1 << side)) ** 2)
+    searched = (
+        buffers["projections"], buffers["usable"], admissible, len(stacks.levels.admissible[number]),
+        buffers["excluded"], disc,
+    )  # fmt: skip
+    run("start", shape, *searched, buffers["texel"], buffers["cost"], number, side, np.uint32(0))
+    for turn in range(_ROUNDS):
+        for jump in _JUMPS:
+            now, after = (buffers["texel"], buffers["cost"]), (buffers["texel_next"], buffers["cost_next"])
+            run("propagate", shape, *searched, *now, *after, number, side, jump)
+            buffers.swap("texel", "texel_next")
+            buffers.swap("cost", "cost_next")
+        run("search", shape, *searched, buffers["texel"], buffers["cost"], number, side, np.uint32(0), np.uint32(turn))
+    texels = device.read(buffers["texel"], (1 << 2 * side,), np.uint32)
+    missed = device.read(buffers["cost"], (1 << 2 * side,), np.uint32) == NONE
+    return np.where(missed & (excluded != NONE), excluded, texels)

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an analysed exemplar graph will not show well, before a pixel is made: HRRG08 section 8.
+
+Exemplars that others are preferred to everywhere never appear; regions that nothing finer is alike come out with
+colours moved far, or with somebody else's structure.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..color.lab_grid import FINE_STEPS
+from ..core.source_map import SourceMap
+from ..deferred import np
+from .candidate_sets import Analysis, neighbourhoods
+from .graph import Graph
+
+FAR = 15.0  # Lab units between the means of two neighbourhoods that are not alike
+RARE = 0.01  # an exemplar that is a candidate of fewer of the texels that it may replace does not show
+MUCH = 0.1  # of an exemplar without anything alike: shows
+
+
+class Share(NamedTuple):
+    """How often an exemplar is taken: of the texels that it may replace, how many it is a candidate of, 0 to 1."""
+
+    exemplar: int
+    share: float
+
+
+class Unmatched(NamedTuple):
+    """What of an exemplar's last level finds nothing alike to go on with.
+
+    `share` is 0 to 1; (x, y) the middle of the texel that is farthest off, in px of the exemplar; `away` by how much,
+    Lab units.
+    """
+
+    exemplar: int
+    share: float
+    x: int
+    y: int
+    away: float
+
+
+def shares(graph: Graph, analysis: Analysis) -> tuple[Share, ...]:
+    """Of every exemplar that may replace another."""
+    levels = analysis.stacks.levels
+    of = np.array([exemplar for exemplar, _ in levels.stacks])
+    entries = []
+    for n in range(len(graph.names)):
+        numbers = [m for m, onward in enumerate(levels.admissible) if of[m] != n and n in of[[k for k, _ in onward]]]
+        if numbers:
+            into = of[SourceMap(analysis.links[numbers], analysis.stacks.side_bits).number]
+            entries.append(Share(n, float((into == n).any(-1).mean())))
+    return tuple(entries)
+
+
+def unmatched(analysis: Analysis) -> tuple[Unmatched, ...]:
+    """Of every exemplar that is left for others: texels whose first candidate's mean is more than `FAR` away."""
+    stacks = analysis.stacks
+    texels, side = stacks.planes[0].shape[0] ** 2, stacks.planes.shape[1]
+    gaps = []
+    for number, onward in enumerate(stacks.levels.admissible):
+        exemplar = stacks.levels.stacks[number][0]
+        if any(stacks.levels.stacks[to][0] == exemplar for to, _ in onward):
+            continue
+        means = {n: _means(analysis, n) for n in {number, *(to for to, _ in onward)}}
+        link = SourceMap(analysis.links[number, :, 0], stacks.side_bits)
+        target = np.empty((texels, 3))
+        for to, _ in onward:
+            here = link.number == to
+            target[here] = means[to][link[here].flat(side)]
+        away = np.sqrt(np.square(means[number] - target).sum(-1)) / FINE_STEPS
+        away[~stacks.usable[number].ravel()] = 0
+        y, x = divmod(int(away.argmax()), side)
+        gaps.append(Unmatched(exemplar, float((away > FAR).mean()), x, y, float(away.max())))
+    return tuple(gaps)
+
+
+def _means(analysis: Analysis, number: int) -> np.ndarray:
+    """(side^2, 3): of the neighbourhoods of a level."""
+    stacks = analysis.stacks
+    seen = neighbourhoods(stacks.planes[number], stacks.levels.spacing(number), stacks.periodic[number])
+    return seen.reshape(-1, 25, 3).mean(1)

@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plane without end, ready to be looked at: a graph's exemplars read and analysed, and windows of it as pixels.
+
+What --texsynth and --texzoom share. Pixels are made as texels and offsets (`States`), and shown as copies of exemplars'
+pixels with their offset on them (`Plane.pixels`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+from .. import __version__
+from ..color.lab import Lens
+from ..color.lab_grid import FINE_STEPS
+from ..core.demand import assembled, cells_of
+from ..core.image import Image
+from ..core.op import Space
+from ..core.source_map import SourceMap
+from ..core.window import Window
+from ..deferred import np
+from ..io.disk_cache import hash_of
+from ..io.reading import read
+from ..regularity.offset_prices import InStep
+from ..session import Session
+from .candidate_sets import Analysis, analyse
+from .coverage import MUCH, RARE, shares, unmatched
+from .graph import Graph, read_graph
+from .stacks import Exemplar, load_exemplars, nearest_opaque, shown_level
+from .synthesizer import KEPT_IN_LOOPS, LatticeSteps, PlaneSettings, State, Synthesizer, default_jitter
+from .targets import stacks_of
+
+log = logging.getLogger("oiiotex")
+
+_CELL = 1 << 19  # pixels made at once: large beside their halo, small beside the memory
+_SLAB = 1 << 17  # pixels shown at once: what is computed on the way fits the caches
+_STATE_BYTES = 12  # of a pixel that is kept as texel and offset
+_LAYOUT = 2  # of what is kept of a cell; to be counted up where it changes
+_FARTHEST = 1 << 30  # px; a file's windows lie nearer
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A graph with its exemplars.
+
+    Attributes
+    ----------
+    graph : Graph
+    images : tuple of Image
+        One for each exemplar.
+    exemplars : tuple of Exemplar
+    lens : Lens
+        How the root is seen.
+    analysis : Analysis
+    finest : int
+        L: on that level a pixel is as large as one of the root.
+    """
+
+    graph: Graph
+    images: tuple[Image, ...]
+    exemplars: tuple[Exemplar, ...]
+    lens: Lens
+    analysis: Analysis
+    finest: int
+    _planes: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
+
+    @property
+    def root(self) -> Image:
+        """The image that says space, channels, type and size."""
+        return self.images[self.graph.root]
+
+    def settings(
+        self, *, seed: int | None, lock: bool | int, around: tuple[int, int] | None = None, around_level: int = 0,
+        in_step: InStep | None = None,
+    ) -> PlaneSettings:  # fmt: skip
+        """How it is made; the graph's own seed and jitter where they are not said.
+
+        Parameters
+        ----------
+        seed : int or None
+            None: the graph's, or else 0.
+        lock : bool or int
+            The last level without jitter (HRRG08 figure 7); 0: none, 1 or True: L.
+        around : (int, int) or None
+            Width and height after which the plane repeats, in pixels of `around_level`.
+        around_level : int
+        in_step : InStep or None
+            The lattice of the one exemplar, in px of its square, where the plane keeps it.
+        """
+        looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
+        loops = looping and not self.analysis.stacks.levels.literal
+        jitter = self.graph.jitter or default_jitter(self.finest, endless=loops)
+        if lock:
+            last = self.finest if lock == 1 else int(lock)
+            longer = (*jitter, *jitter[-1:] * (last + 1))
+            jitter = tuple(0.0 if n <= last else rho for n, rho in enumerate(longer))
+        return PlaneSettings(
+            seed=seed if seed is not None else self.graph.seed or 0,
+            jitter=jitter,
+            kept=KEPT_IN_LOOPS if loops else 1.0,
+            around=around,
+            around_level=around_level,
+            steps=None if in_step is None else LatticeSteps.of(in_step),
+        )
+
+    def key(self, settings: PlaneSettings, level: int) -> str:
+        """What texels and offsets of a level follow from, as a word: another graph, seed or version has another."""
+        values = (getattr(self.analysis, f.name) for f in fields(self.analysis))
+        arrays = (value for value in values if isinstance(value, np.ndarray))
+        stacks = self.analysis.stacks
+        return hash_of(__version__, _LAYOUT, stacks.levels, settings, level, stacks.planes, *arrays)
+
+    def pixels(self, state: State) -> np.ndarray:
+        """What pixels look like: (height, width, channels) of the root's pixel type.
+
+        All channels of what they copy, with their offset added in Lab.
+        """
+        exemplar = self.exemplars[0].pixels
+        out = np.empty((*state.texel.shape, exemplar.shape[2]), exemplar.dtype)
+        rows = max(1, _SLAB // max(1, out.shape[1]))
+        for top in range(0, len(out), rows):
+            piece = slice(top, top + rows)
+            self._copy(self.source(state)[piece], out[piece])
+            if state.offset is not None:
+                self._move(state.offset[piece], out[piece])
+        return out
+
+    def source(self, state: State) -> SourceMap:
+        """What pixels copy; exemplars' numbers are those of the stack's levels."""
+        return SourceMap(state.texel, self.analysis.stacks.side_bits)
+
+    def _copy(self, source: SourceMap, out: np.ndarray) -> None:
+        number = source.number
+        numbers = np.flatnonzero(np.bincount(number.ravel()))
+        if len(numbers) == 1:  # as always where one exemplar is seen at its own scale
+            out[...] = source.gather(self._shown(int(numbers[0])))
+            return
+        for n in numbers:
+            mine = number == n
+            out[mine] = source[mine].gather(self._shown(int(n)))
+
+    def _move(self, offset: np.ndarray, out: np.ndarray) -> None:
+        moved = offset.any(-1)
+        if moved.any():
+            rows = out[moved][None]
+            values, opaque = self.lens.values(rows)
+            values[..., :3] += offset[moved][None, :, :3] * np.float32(1 / FINE_STEPS)
+            out[moved] = self.lens.replaced(rows, values, opaque)[0]
+
+    def _shown(self, number: int) -> np.ndarray:
+        """(side, side, channels) of a stack level; transparent pixels show the nearest opaque one."""
+        if number not in self._planes:
+            of, level = self.analysis.stacks.levels.stacks[number]
+            plane = shown_level(self.exemplars[of], level, self.finest)
+            opaque = self.exemplars[of].opaque
+            self._planes[number] = plane if opaque is None else nearest_opaque(opaque).gather(plane)
+        return self._planes[number]
+
+
+def graph_images(path: str | Path, session: Session) -> tuple[Graph, tuple[Image, ...]]:
+    """The graph of a document, and its exemplars' files, opened.
+
+    Raises
+    ------
+    ImageError
+        As by `exemplars.read_graph` and `files.read`.
+    """
+    graph = read_graph(path)
+    return graph, tuple(read(file, session.cache) for file in graph.files)
+
+
+def opened(
+    session: Session, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int, correct: bool,
+    literal: bool, space: Space,
+) -> Plane:  # fmt: skip
+    """Read and analyse the exemplars of a graph.
+
+    Parameters
+    ----------
+    session : Session
+    graph : Graph
+    images : sequence of Image
+    name : str
+        The graph's, for messages.
+    side : int
+        Of the exemplars' squares, at most; px.
+    dims : int
+        Of projected neighbourhoods.
+    correct : bool
+        Bring exemplars that do not agree in colour together.
+    literal : bool
+        HRRG08 by the letter.
+    space : Space
+        Where the op works.
+
+    Raises
+    ------
+    ImageError, ColorError, DeviceError
+        As by `stacks.load_exemplars`, `Graph.require_levels` and `candidates.analyse`.
+    """
+    with session.stats.time("read and colour"):
+        exemplars, lens = load_exemplars(images, graph, session, space, side)
+    finest = exemplars[0].side.bit_length() - 1
+    graph.require_levels(finest, name)
+    looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]
+    key = hash_of(graph, dims, correct, literal, *looks)
+    analysis = session.resources.once(key, lambda: _analysed(session, graph, exemplars, dims, correct, literal))
+    return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
+
+
+def _analysed(
+    session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool, literal: bool
+) -> Analysis:
+    import platformdirs
+
+    with session.stats.time("Gaussian stacks"):
+        stacks = stacks_of(graph, exemplars, literal)
+    folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
+    analysis = analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    _report(graph, exemplars, analysis)
+    return analysis
+
+
+def _report(graph: Graph, exemplars: Sequence[Exemplar], analysis: Analysis) -> None:
+    """Say how often each exemplar is taken, and warn of what will not show well (HRRG08 section 8)."""
+    for n, share in shares(graph, analysis):
+        name = graph.names[n]
+        log.info("exemplar '%s' is a candidate of %.1f %% of the texels that it may replace", name, 100 * share)
+        if share < RARE:
+            log.warning(
+                "exemplar '%s' appears %s: others match better (%.2g %% of the texels that it may replace; HRRG08"
+                " section 8)", name, "nowhere" if share == 0 else "hardly anywhere", 100 * share,
+            )  # fmt: skip
+    for n, share, x, y, away in unmatched(analysis):
+        if share >= MUCH:
+            place, factor = exemplars[n].place, exemplars[n].factor
+            log.warning(
+                "exemplar '%s': nothing finer is like %.0f %% of it (%.0f Lab units off at most, at %d,%d px):"
+                " its detail is another's there (HRRG08 section 8)",
+                graph.names[n], 100 * share, away, (place.left + x) / factor, (place.top + y) / factor,
+            )  # fmt: skip
+
+
+class States:
+    """Pixels of a level as texels and offsets, made in cells that are kept for a while.
+
+    `place` and `display` are in an image's own coordinates, which begin at 0 where the plane's do not fit 32 bits.
+    With a `key` (`Plane.key`) cells are also kept beside the file that is being written, for a run that goes on.
+
+    Parameters
+    ----------
+    session : Session
+    maker : Synthesizer
+    level : int
+    window, display : Window
+        What can be read and what is displayed, in pixels of the level.
+    key : str
+        As by `Plane.key`; '': cells are not kept from one run to the next.
+    """
+
+    def __init__(
+        self, session: Session, maker: Synthesizer, level: int, window: Window, display: Window, key: str = ""
+    ):
+        self._session, self._maker, self._level, self._key = session, maker, level, key
+        near = max(map(abs, display)) < _FARTHEST
+        self._shift = (0, 0) if near else (display.left, display.top)
+        self.place, self.display = (w.shifted(-self._shift[0], -self._shift[1]) for w in (window, display))
+        row = _STATE_BYTES * self.place.width
+        height = max(32, min(512, session.cache.limit // 3 // row))
+        self._cell = max(32, _CELL // height), height
+        self._ahead: dict[Window, Callable[[], State]] = {}
+
+    def read(self, window: Window) -> State:
+        """The pixels of a window."""
+        cache, cells = self._session.cache, cells_of(window, self._cell, self.place)
+        following = dict(itertools.pairwise(cells))
+
+        def piece(at: Window) -> np.ndarray:
+            return cache.get((self, at), lambda: self._kept(at, following.get(at)))
+
+        packed = assembled(window, self._cell, self.place, piece)
+        return State(packed[..., 0], packed[..., 1:].view(np.int16) if packed.shape[2] > 1 else None)
+
+    def _kept(self, place: Window, following: Window | None) -> np.ndarray:
+        """(height, width, 1 or 3) uint32: a texel number, and where there are such the four halves of an offset."""
+        keeper = self._session.resources.keeper
+        if keeper is None or not self._key:
+            return self._made(place, following)
+        return keeper.piece(self._key, place.shifted(*self._shift), lambda: self._made(place, None))
+
+    def _made(self, place: Window, following: Window | None) -> np.ndarray:
+        """The cell, while the device goes on with the one after it."""
+        begun = self._ahead.pop(place, None) or self._begun(place)
+        if following is not None and not self._session.cache.holds((self, following)):
+            self._ahead[following] = self._begun(following)
+        texel, offset = begun()
+        self._session.device.collect(self._session.stats, wait=False)  # a stream would hold the events of all its cells
+        if offset is None:
+            return texel[..., None]
+        packed = np.empty((*texel.shape, 3), np.uint32)
+        packed[..., 0], packed[..., 1:] = texel, offset.view(np.uint32)
+        return packed
+
+    def _begun(self, place: Window) -> Callable[[], State]:
+        return self._maker.begin(self._level, place.shifted(*self._shift))

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OpenCL: a runtime that works here, devices, programs, memory."""

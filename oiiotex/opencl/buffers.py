@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Device memory: declared as a whole, checked, taken, given back; and what comes from it while others work."""
+
+from __future__ import annotations
+
+import logging
+import math
+import weakref
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeVar
+
+from ..deferred import np
+from ..errors import DeviceError, OutOfDeviceMemory
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+    from .device import Device
+
+log = logging.getLogger("oiiotex")
+
+Made = TypeVar("Made")
+
+INT_RANGE = 1 << 31  # of what kernels count in
+_WORTH_SAYING = 1 << 30  # bytes: who takes so much says it
+
+
+@dataclass(frozen=True)
+class Download:
+    """What comes from the device while the host and kernels go on."""
+
+    _device: Device = field(repr=False)
+    event: cl.Event = field(repr=False)
+    _array: np.ndarray = field(repr=False)
+
+    def array(self) -> np.ndarray:
+        """It, as soon as it is there."""
+        with self._device._needing_memory("download"):
+            self.event.wait()
+        return self._array
+
+
+class Buffers:
+    """Device memory declared as a whole: summed, checked against the budget and the device, then allocated.
+
+    Parameters
+    ----------
+    device : Device
+    layout : dict of name to bytes
+    budget : int
+        Bytes of the host's memory that this process may use; `Device.memory_budget` says what follows for the device.
+    asker : str
+        Who asks, for the error's text.
+    held : int
+        Bytes of the host's memory that the asker holds beside them.
+    tables : dict of name to array
+        What is only read; it must not change. Where the device computes in the host's memory it is not copied.
+
+    Raises
+    ------
+    DeviceError
+        It does not fit; the text says how much is needed and what there is.
+    OutOfDeviceMemory
+        The device does not give what it says to have.
+    """
+
+    def __init__(
+        self, device: Device, layout: dict[str, int], budget: int, asker: str, held: int = 0,
+        tables: dict[str, np.ndarray] | None = None,
+    ):  # fmt: skip
+        tables = tables or {}
+        total = require_room(device, layout, budget, asker, held, tables)
+        cl = device._cl
+        if total >= _WORTH_SAYING:
+            log.info("%s takes %d MB of %s", asker, megabytes(total), device.info.name)
+        flags = cl.mem_flags.READ_WRITE
+        device.taken += total
+        self._buffers: dict[str, cl.Buffer] = {}
+        self._release = weakref.finalize(self, _released, device, self._buffers, total)
+        try:
+            for name, size in layout.items():
+                self._buffers[name] = cl.Buffer(device._context, flags, max(1, size))
+            for name, table in tables.items():
+                self._buffers[name] = device.lend(table)
+        except (cl.Error, OutOfDeviceMemory) as error:
+            self._release()
+            raise OutOfDeviceMemory(f"{asker}: {device.info.name} could not allocate {megabytes(total)} MB") from error
+
+    def __getitem__(self, name: str) -> cl.Buffer:
+        return self._buffers[name]
+
+    def swap(self, first: str, second: str) -> None:
+        """Exchange two buffers of equal size: what was written becomes what is read."""
+        buffers = self._buffers
+        buffers[first], buffers[second] = buffers[second], buffers[first]
+
+    def __enter__(self) -> Buffers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._release()
+
+
+def require_room(
+    device: Device, layout: Mapping[str, int], budget: int, asker: str, held: int = 0,
+    tables: Mapping[str, np.ndarray] | None = None,
+) -> int:  # fmt: skip
+    """Refuse what does not fit; returns bytes in all.
+
+    It is what `Buffers` begins with, for who can ask before pixels are read: of a device that is not opened, too.
+
+    Parameters
+    ----------
+    device, layout, budget, asker, held, tables
+        As of `Buffers`.
+
+    Raises
+    ------
+    DeviceError
+        With the figures.
+    """
+    lent = sum(table.nbytes for table in (tables or {}).values())
+    sizes = [*layout.values(), *(table.nbytes for table in (tables or {}).values())]
+    total, largest = sum(sizes), max(sizes)
+    on_host = held + (lent if device.own_memory else total)
+    if on_host > budget:
+        raise DeviceError(
+            f"{asker} needs {megabytes(on_host)} MB, the budget is {megabytes(budget)} MB:"
+            " raise --cache, or make the tile or the photo smaller"
+        )
+    most = device.memory_budget(budget) - device.taken if device.own_memory else device.memory
+    for size, limit in ((total, most), (largest, device.largest)):
+        if size > limit:
+            raise DeviceError(
+                f"{asker} needs {megabytes(size)} MB, {device.info.name} gives {megabytes(max(0, limit))} MB"
+                " at most: make the tile or the photo smaller"
+            )
+    return total
+
+
+def in_smaller_pieces(work: Callable[[int], Made], size: int, least: int) -> Made:
+    """`work(size)`; where the device runs out of memory all over again with half the size, `least` at least.
+
+    Raises
+    ------
+    OutOfDeviceMemory
+        With the smallest, too.
+    """
+    while True:
+        try:
+            return work(size)
+        except OutOfDeviceMemory as error:
+            if size <= least:
+                raise
+            log.warning("%s; going on in smaller pieces", error)
+        size = max(least, size // 2)
+
+
+def offset_table(offsets: np.ndarray) -> np.ndarray:
+    """Offsets as kernels read them, int32.
+
+    Raises
+    ------
+    DeviceError
+        They do not fit.
+    """
+    if offsets.size and int(offsets.max()) >= INT_RANGE:
+        raise DeviceError(f"a table of {int(offsets.max())} entries is beyond 2^31: make the tile or the photo smaller")
+    return offsets.astype(np.int32)
+
+
+def _released(device: Device, buffers: dict[str, cl.Buffer], total: int) -> None:
+    for buffer in buffers.values():
+        buffer.release()
+    device.taken -= total
+
+
+def megabytes(size: int) -> int:
+    """Of so many bytes, rounded up."""
+    return math.ceil(size / (1 << 20))

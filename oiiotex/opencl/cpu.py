@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The CPU that a runtime compiles for: PoCL 3.0 can be told one where it does not know the machine's.
+
+PoCL 3.0 asks LLVM 14 for the CPU's name, gets 'generic' for a newer one, and hands that to a compiler that refuses it:
+every kernel fails to build. The name is a text that the device's struct points to, so it can be pointed at another.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+# The build in the wheel pocl-binary-distribution 3.0; where another keeps the name, and whether, nobody has looked.
+_POCL_3_0 = "OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, RELOC, LLVM 14.0.6, SLEEF, DISTRO, POCL_DEBUG"
+_UNKNOWN = "generic"
+_STRUCT = 1024  # bytes at the start of a device's struct that may hold the pointer; it is at 640
+_WORD = 8
+
+# What a compiler emits by itself, as Linux names it: features that only named instructions use are left out, because
+# hypervisors like to hide some of them (pku, wbnoinvd, rdpru).
+_V2 = {"cx16", "lahf_lm", "popcnt", "pni", "sse4_1", "sse4_2", "ssse3"}
+_V3 = _V2 | {"abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"}
+_ZEN2 = _V3 | {"adx", "aes", "pclmulqdq", "sse4a"}
+_V4 = _V3 | {"avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"}
+_SKYLAKE = _V4 | {"adx", "aes", "pclmulqdq"}
+_ICELAKE = _SKYLAKE | {
+    "avx512_bitalg", "avx512_vbmi2", "avx512_vnni", "avx512_vpopcntdq", "avx512ifma", "avx512vbmi", "gfni", "vaes",
+    "vpclmulqdq",
+}  # fmt: skip
+# CPUs that LLVM 14 knows, the best first, with the features of the machine that each needs.
+KNOWN = {
+    "znver3": _ZEN2 | {"vaes", "vpclmulqdq"},
+    "znver2": _ZEN2,
+    "icelake-server": _ICELAKE,
+    "skylake-avx512": _SKYLAKE,
+    "haswell": _V3 | {"pclmulqdq"},
+    "x86-64-v3": _V3,
+    "x86-64-v2": _V2,
+    "x86-64": set(),
+}
+
+_named: list[ctypes.Array] = []  # PoCL reads the name as long as the process lives
+
+
+@functools.cache
+def cpu() -> dict[str, str]:
+    """What Linux says of the first CPU: 'vendor_id', 'model name', 'flags' ...; empty elsewhere."""
+    try:
+        first = Path("/proc/cpuinfo").read_text().split("\n\n")[0]
+    except OSError:
+        return {}
+    return {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in first.splitlines())}
+
+
+def best_known(features: Iterable[str]) -> str:
+    """The best CPU of `KNOWN` that runs on one with these features."""
+    has = set(features)
+    return next(name for name, needed in KNOWN.items() if needed <= has)
+
+
+def name_for(device: cl.Device) -> str:
+    """The CPU to name to this device's runtime, where it calls the machine's 'generic' and can be told; else ''."""
+    if device.platform.version != _POCL_3_0 or not device.version.strip().endswith(f"-{_UNKNOWN}"):
+        return ""
+    return best_known(cpu().get("flags", "").split())
+
+
+def name_cpu(device: cl.Device, name: str) -> None:
+    """Let PoCL 3.0 compile for the CPU `name`: before the first context, and after a process of its own has tried it.
+
+    Raises
+    ------
+    LookupError
+        This is not that PoCL, its device has a name, or the name is not found at exactly one place.
+    """
+    if device.platform.version != _POCL_3_0:
+        raise LookupError(f"the CPU can be named to the PoCL 3.0 of PyPI alone, not to {device.platform.version}")
+    place = _pointer_to(f"{_UNKNOWN}\0".encode(), device.int_ptr)
+    _named.append(ctypes.create_string_buffer(name.encode()))
+    ctypes.c_uint64.from_address(place).value = ctypes.addressof(_named[-1])
+
+
+def _pointer_to(text: bytes, start: int) -> int:
+    """The address of the one pointer to `text` in the struct at `start`; reads only what is mapped.
+
+    Raises
+    ------
+    LookupError
+        There is none, or more than one.
+    """
+    ranges = _mapped()
+    last = next((end for begin, end, writable in ranges if writable and begin <= start < end), start)
+    places = range(start, min(start + _STRUCT, last) - _WORD + 1, _WORD)
+    matches = []
+    for place in places:
+        target = ctypes.c_uint64.from_address(place).value
+        inside = any(begin <= target <= end - len(text) for begin, end, _ in ranges)
+        if inside and ctypes.string_at(target, len(text)) == text:
+            matches.append(place)
+    if len(matches) != 1:
+        raise LookupError(f"the CPU's name is at {len(matches)} places of PoCL's device, not at one")
+    return matches[0]
+
+
+def _mapped() -> list[tuple[int, int, bool]]:
+    """(begin, end, writable) of this process's own readable memory: no devices, nothing shared."""
+    ranges = []
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        addresses, rights = line.split()[:2]
+        if rights[0] == "r" and rights[3] == "p" and "[v" not in line:  # [vvar] is mapped and cannot be read
+            begin, end = (int(a, 16) for a in addresses.split("-"))
+            ranges.append((begin, end, rights[1] == "w"))
+    return ranges

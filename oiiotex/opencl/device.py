@@ -1,0 +1,383 @@
+# SPDX-License-Identifier: Apache-2.0
+"""OpenCL: choose a device, build programs once, run kernels, own buffers, know the memory budget.
+
+The only room that knows pyopencl, which is imported when the first device is asked for: what needs no device
+starts without it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import os
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from ..deferred import np
+from ..errors import BuildError, DeviceError, NoDeviceError, OutOfDeviceMemory
+from ..stats import Stats
+from . import runtime
+from .buffers import INT_RANGE, Download, megabytes
+from .source import kernel_source
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+log = logging.getLogger("oiiotex")
+
+TEAM = 32  # cl/team.h
+_ROUNDS_CORRECTLY = 1 << 7  # CL_FP_CORRECTLY_ROUNDED_DIVIDE_SQRT
+_GROUP = 64  # items; fixed, because PoCL compiles a kernel again for each work-group shape
+_OWN_SHARE = 7 / 8  # of a GPU's memory that is asked for: its driver and the desktop hold some
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """What `--devices` lists and `--device` chooses from."""
+
+    number: int
+    kind: str  # "gpu", "cpu" or "other"
+    name: str
+    platform: str
+    version: str
+    memory: int  # bytes
+    handle: cl.Device = field(repr=False, compare=False)
+
+    @property
+    def rounds_correctly(self) -> bool:
+        """Division and square root of float are rounded correctly when a program asks for it."""
+        return bool(self.handle.single_fp_config & _ROUNDS_CORRECTLY)
+
+    def matches(self, wanted: str) -> bool:
+        """`wanted` is a number of the list, a kind, or part of the device's or platform's name."""
+        if wanted.isdigit():
+            return int(wanted) == self.number
+        return wanted.lower() == self.kind or wanted.lower() in f"{self.platform} {self.name}".lower()
+
+
+def devices(threads: int = 0) -> list[DeviceInfo]:
+    """All usable OpenCL devices, GPUs first.
+
+    Parameters
+    ----------
+    threads : int
+        CPU threads that a CPU runtime may use; 0 means as many as the process is allowed. It takes effect only
+        before the first call in a process, because runtimes read it when they start.
+
+    Returns
+    -------
+    list of DeviceInfo
+        Empty where the machine has no OpenCL at all.
+    """
+    cl = runtime.load(threads)
+    infos = []
+    try:
+        platforms = cl.get_platforms()
+    except cl.Error:  # the ICD loader reports "no platform" as an error
+        return []
+    kinds = {cl.device_type.GPU: "gpu", cl.device_type.CPU: "cpu"}
+    for platform in platforms:
+        try:
+            handles = platform.get_devices()
+        except cl.Error:  # one broken driver must not hide the others (pyopencl #821)
+            continue
+        for handle in handles:
+            kind = next((name for bit, name in kinds.items() if handle.type & bit), "other")
+            if platform.name == "Oclgrind":  # checks kernels, a thousand times slower: only when it is asked for
+                kind = "other"
+            name, version = handle.name.strip(), handle.version.strip()
+            infos.append(DeviceInfo(0, kind, name, platform.name, version, handle.global_mem_size, handle))
+    # of CPUs first those whose division has the same bits everywhere: PoCL before Intel's
+    infos.sort(key=lambda d: (("gpu", "cpu", "other").index(d.kind), d.kind == "cpu" and not d.rounds_correctly))
+    return [replace(info, number=n) for n, info in enumerate(infos)]
+
+
+def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
+    """The device to use: `wanted`, else $OIIOTEX_DEVICE, else the first GPU, else the first CPU that works.
+
+    A device that cannot compile is passed over, loudly, for the next one that `wanted` means; 'cpu' means all CPUs.
+
+    Raises
+    ------
+    DeviceError
+        None of that name.
+    NoDeviceError
+        No device, or none that can compile here. The text ends with the command that helps.
+    """
+    broken = []
+    for info in _candidates(wanted, threads):
+        trial = trial_of(info)
+        if trial is None or trial.works is not None:
+            for other, failed in broken:
+                runtime.keep(other.handle, failed)
+                _say(f"{other.name} ({other.platform}) cannot compile: {failed.why}; {info.name} is used instead")
+            if trial is not None:
+                runtime.use(info.handle)
+            return info
+        broken.append((info, trial))
+    if not broken:
+        raise NoDeviceError("no OpenCL device", runtime.remedy([]))
+    reasons = "; ".join(f"{info.name} ({info.platform}): {trial.why}" for info, trial in broken)
+    raise NoDeviceError(f"no OpenCL device can compile here: {reasons}", runtime.remedy([t for _, t in broken]))
+
+
+def require_named(wanted: str | None, threads: int = 0) -> None:
+    """Refuse a name that no device has.
+
+    Raises
+    ------
+    DeviceError
+        It lists those that there are.
+    """
+    _candidates(wanted, threads)
+
+
+def trial_of(info: DeviceInfo, again: bool = False) -> runtime.Trial | None:
+    """What came of trying the device, see `runtime.tried`; None for a checker of kernels, which is not tried."""
+    return None if info.kind == "other" else runtime.tried(info.handle, again)
+
+
+def _candidates(wanted: str | None, threads: int) -> list[DeviceInfo]:
+    """The devices that `wanted` means, or may be chosen unasked."""
+    wanted = wanted or named_by_environment()
+    available = devices(threads)
+    if not available or wanted is None:
+        unasked = [d for d in available if d.kind != "other"] or available
+        return [d for d in unasked if d.handle.int_ptr not in _refused]
+    named = [d for d in available if d.matches(wanted)]
+    if not named:
+        listed = ", ".join(f"{d.number} = {d.name} ({d.kind})" for d in available)
+        raise DeviceError(f"no device '{wanted}'; there is {listed}")
+    return named
+
+
+def named_by_environment() -> str | None:
+    """What $OIIOTEX_DEVICE names."""
+    return os.environ.get("OIIOTEX_DEVICE") or None
+
+
+_refused: set[int] = set()  # devices, by address, whose compiler refused a program in this process
+
+
+def refuse(info: DeviceInfo, threads: int = 0) -> DeviceInfo | None:
+    """Choose `info` unasked no more in this process; the device that is chosen instead, None where there is none."""
+    _refused.add(info.handle.int_ptr)
+    try:
+        return choose(None, threads)
+    except NoDeviceError:
+        _refused.discard(info.handle.int_ptr)  # what it says of itself is the better error
+        return None
+    finally:
+        open_device.cache_clear()
+
+
+@functools.cache
+def _say(text: str) -> None:
+    """Warn once."""
+    log.warning("%s", text)
+
+
+@functools.cache
+def open_device(wanted: str | None = None, threads: int = 0) -> Device:
+    """The device chosen by `choose`, opened once per process: contexts are dear and hold the built kernels."""
+    return Device(choose(wanted, threads))
+
+
+class Device:
+    """An opened OpenCL device: one context, two in-order queues, the programs built so far.
+
+    Kernels run in one queue, what moves beside them (`read_later`) in the other; events hold them together.
+    """
+
+    def __init__(self, info: DeviceInfo):
+        cl = runtime.load()
+        self._cl = cl
+        self.info = info
+        self._context = cl.Context([info.handle])
+        self._queue, self._transfers = (
+            cl.CommandQueue(self._context, properties=cl.command_queue_properties.PROFILING_ENABLE) for _ in range(2)
+        )
+        self._programs: dict[tuple, Program] = {}
+        self._events: list[tuple[str, cl.Event | float]] = []
+        self.record = False  # keep events, so that `collect` can say where the time went
+        self._measure(info)
+
+    def _measure(self, info: DeviceInfo) -> None:
+        """Note what there is of memory."""
+        self.memory, self.largest = info.memory, info.handle.max_mem_alloc_size  # bytes in all, and of one buffer
+        # a CPU and a GPU on its chip compute in the host's memory, other devices have their own
+        self.own_memory = info.kind != "cpu" and not info.handle.host_unified_memory
+        self.taken = 0  # bytes of all `Buffers`
+
+    @property
+    def lanes(self) -> int:
+        """16-bit lanes of a register of what the runtime compiles for, as cl/lanes.h wants it: 1 on GPUs."""
+        return runtime.tried(self.info.handle).lanes if self.info.kind == "cpu" else 1
+
+    def memory_budget(self, budget: int) -> int:
+        """Bytes that buffers may take where `budget` is the host's.
+
+        On a device with memory of its own that is a figure of its own; elsewhere both are the same memory.
+        """
+        return int(self.memory * _OWN_SHARE) if self.own_memory else min(budget, self.memory)
+
+    @property
+    def team(self) -> int:
+        """How many work-items do one thing together, as cl/team.h wants it: 1 on CPUs."""
+        return TEAM if self.lanes == 1 else 1
+
+    def program(self, stem: str, **macros: int) -> Program:
+        """Kernels of cl/<stem>.cl compiled with `macros` defined; built once per process."""
+        key = (stem, *sorted(macros.items()))
+        if key not in self._programs:
+            self._programs[key] = Program(self, stem, macros)
+        return self._programs[key]
+
+    def upload(self, array: np.ndarray) -> cl.Buffer:
+        """A read-only buffer holding a copy of `array`: for small tables; big data belongs into `Buffers`."""
+        flags = self._cl.mem_flags
+        return self._buffer(flags.READ_ONLY | flags.COPY_HOST_PTR, array)
+
+    def lend(self, array: np.ndarray) -> cl.Buffer:
+        """The same for an array that does not change: where the device is the CPU, it is read where it lies."""
+        flags = self._cl.mem_flags
+        return self._buffer(flags.READ_ONLY | (flags.COPY_HOST_PTR if self.own_memory else flags.USE_HOST_PTR), array)
+
+    def _buffer(self, flags: int, array: np.ndarray) -> cl.Buffer:
+        array = np.ascontiguousarray(array)
+        with self._needing_memory(f"a table of {megabytes(array.nbytes)} MB"):
+            return self._cl.Buffer(self._context, flags, hostbuf=array)
+
+    def write(self, buffer: cl.Buffer, array: np.ndarray, offset: int = 0) -> None:
+        """Copy `array` into `buffer`, `offset` bytes from its start."""
+        self._enqueue("upload", self._cl.enqueue_copy, buffer, np.ascontiguousarray(array), dst_offset=offset)
+
+    def read(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type, offset: int = 0) -> np.ndarray:
+        """What stands in `buffer`, `offset` bytes from its start, as a new array."""
+        array = np.empty(shape, dtype)
+        self._enqueue("download", self._cl.enqueue_copy, array, buffer, src_offset=offset)
+        return array
+
+    def read_later(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type) -> Download:
+        """As `read`, behind the kernels asked for so far and beside those to come.
+
+        What writes the buffer again must be asked for when it has come: buffers take turns.
+        """
+        array = np.empty(shape, dtype)
+        options = {"queue": self._transfers, "is_blocking": False, "wait_for": [self.mark()]}
+        event = self._enqueue("download", self._cl.enqueue_copy, array, buffer, **options)
+        self._transfers.flush()
+        return Download(self, event, array)
+
+    def mark(self) -> cl.Event:
+        """What has come when all kernels asked for so far are done."""
+        event = self._cl.enqueue_marker(self._queue)
+        self._queue.flush()
+        return event
+
+    def fill(self, buffer: cl.Buffer, value: np.generic, count: int) -> None:
+        """Set the first `count` elements of `buffer` to `value`."""
+        self._enqueue("fill", self._cl.enqueue_fill_buffer, buffer, value, 0, count * value.itemsize)
+
+    def finish(self) -> None:
+        """Wait until all work is done."""
+        with self._needing_memory("what is queued"):
+            self._queue.finish()
+            self._transfers.finish()
+
+    def collect(self, stats: Stats, wait: bool = True) -> None:
+        """Add the time of all events since the last call to `stats`, each kernel by name; those that came, or all."""
+        if wait:
+            self.finish()
+        complete = self._cl.command_execution_status.COMPLETE
+        events, self._events = self._events, []
+        for name, event in events:
+            if isinstance(event, float):
+                stats.add(name, event)
+            elif event.command_execution_status == complete:
+                stats.add(name, _seconds(event))
+            else:
+                self._events.append((name, event))
+
+    def _enqueue(
+        self, name: str, command: Callable[..., cl.Event], *arguments: object, queue: cl.CommandQueue | None = None,
+        **options: object,
+    ) -> cl.Event:  # fmt: skip
+        """Put a command on a queue. Drivers give memory when it is first used, so here is where it may be missing."""
+        with self._needing_memory(name):
+            event = command(queue or self._queue, *arguments, **options)
+        if self.record:
+            # a copy's event holds the host's array: a look at an image, band by band, would hold all of it
+            complete = event.command_execution_status == self._cl.command_execution_status.COMPLETE
+            self._events.append((name, _seconds(event) if complete else event))
+        return event
+
+    @contextlib.contextmanager
+    def _needing_memory(self, name: str) -> Iterator[None]:
+        try:
+            yield
+        except self._cl.Error as error:
+            codes = self._cl.status_code
+            missing = codes.MEM_OBJECT_ALLOCATION_FAILURE, codes.OUT_OF_RESOURCES, codes.OUT_OF_HOST_MEMORY
+            if not isinstance(error, self._cl.MemoryError) and error.code not in missing:
+                raise
+            raise OutOfDeviceMemory(
+                f"{self.info.name} ran out of memory in {name}: {megabytes(self.taken)} MB are taken of"
+                f" {megabytes(self.memory)} MB that it says to have; make the tile or the photo smaller"
+            ) from error
+
+
+class Program:
+    """A built .cl file. Call it with a kernel's name less the file's: `program("score", shape, *arguments)`."""
+
+    def __init__(self, device: Device, stem: str, macros: dict[str, int]):
+        cl = device._cl
+        self._device, self._stem = device, stem
+        options = ["-w", f"-DLANES={device.lanes}", *(f"-D{k}={v}" for k, v in macros.items())]
+        if device.info.rounds_correctly:
+            options.append("-cl-fp32-correctly-rounded-divide-sqrt")
+        try:
+            with warnings.catch_warnings():  # what a compiler has to say of a program that it can build
+                warnings.simplefilter("ignore", cl.CompilerWarning)
+                built = cl.Program(device._context, kernel_source(stem)).build(options)
+        except cl.Error as error:
+            words = runtime.compilers_words(str(error))
+            raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
+        self._kernels = {k.function_name: k for k in built.all_kernels()}
+
+    def __call__(
+        self, name: str, shape: tuple[int, ...], *arguments: object, group: int = _GROUP, team: bool = False
+    ) -> None:
+        """Run one work-item per element of `shape` (the first axis fastest); integers and floats go as 32 bit.
+
+        `group`: items of a work-group, at most. A CPU runs a group on one thread, so long items want small groups.
+        Kernels count in `int`: what does not fit is an error, along each axis and in each argument.
+        `team`: where items form teams, one team per element.
+        """
+        if team and self._device.team > 1:
+            shape, group = (self._device.team * shape[0], *shape[1:]), self._device.team
+        name = f"{self._stem}_{name}"
+        kernel = self._kernels[name]
+        local = _work_group(shape, group)
+        global_size = tuple(-(-n // k) * k for n, k in zip(shape, local, strict=True))
+        for number in (*global_size, *(a for a in arguments if type(a) is int)):
+            if not -INT_RANGE <= number < INT_RANGE:
+                raise DeviceError(f"{name} would count to {number}, beyond 2^31: make the tile or the photo smaller")
+        typed = [np.int32(a) if isinstance(a, int) else np.float32(a) if type(a) is float else a for a in arguments]
+        self._device._enqueue(name, kernel, global_size, local, *typed)
+
+
+def _seconds(event: cl.Event) -> float:
+    return (event.profile.end - event.profile.start) * 1e-9
+
+
+def _work_group(shape: tuple[int, ...], most: int = _GROUP) -> tuple[int, ...]:
+    """A work-group of up to `most` items, filled along the first axes: small ones drown in the runtime's overhead."""
+    left, local = most, []
+    for n in shape:
+        local.append(min(left, 1 << (n - 1).bit_length()))
+        left //= local[-1]
+    return tuple(local)

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Images that pass through the device's memory in bands of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..deferred import np
+from ..io.row_store import RowStore
+from .buffers import Buffers
+from .device import Device
+
+
+class Rows:
+    """The rows of one image of 16 or 32 bit; buffer `name` holds them all, or those that were loaded.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+    name : str
+    width, height : int
+    wraps : bool
+        They go on beyond the border.
+    store : RowStore or None
+        Where they lie when the buffer does not hold them; None: it holds all.
+    most : int
+        Rows that may be loaded at once.
+    """
+
+    def __init__(
+        self, device: Device, buffers: Buffers, name: str, width: int, height: int, wraps: bool, store: RowStore | None,
+        most: int,
+    ):  # fmt: skip
+        self._device, self._buffers = device, buffers
+        self.name, self.width, self.height, self.wraps, self.store = name, width, height, wraps, store
+        self.most = height if store is None else most
+
+    def bands(self, first: int = 0, last: int | None = None, most: int | None = None) -> Iterator[tuple[int, int]]:
+        """Rows first to last, all when left out, in bands of `most`; in one where the buffer holds them all."""
+        last = self.height if last is None else last
+        step = max(1, last - first) if self.store is None else most or self.most
+        for top in range(first, last, step):
+            yield top, min(top + step, last)
+
+    def load(self, first: int, last: int) -> int:
+        """Bring rows first to last into the buffer; returns which row lies at its start, 0 where it holds them all.
+
+        Rows beyond the border are those where the image begins anew if it wraps, else none.
+        """
+        if self.store is None:
+            return 0
+        if not self.wraps:
+            first, last = max(0, first), min(self.height, last)
+        row = first
+        while row < last:
+            place = row % self.height
+            count = min(last - row, self.height - place)
+            rows = self.store[place : place + count]
+            self._device.write(self._buffers[self.name], rows, (row - first) * (rows.nbytes // count))
+            row += count
+        return first
+
+    def save(self, top: int, bottom: int, first: int | None = None, into: RowStore | None = None) -> None:
+        """Keep rows of the buffer, at the start of which lies row `first` (`top`); nothing to do where it holds all."""
+        store = self.store if into is None else into
+        if store is not None:
+            shape = (bottom - top, *store.shape[1:])
+            at = (top - (top if first is None else first)) * (int(np.prod(shape[1:])) * store.dtype.itemsize)
+            store[top:bottom] = self._device.read(self._buffers[self.name], shape, store.dtype, at)

@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What must be right around OpenCL before it is used: threads, vendor files, a linker and a CPU's name for PoCL.
+
+A runtime that cannot compile may abort the process it lives in (PoCL runs the program `ld` for every kernel), or
+refuse the machine's CPU. So a device is tried once in a process of its own (`probe`): as it is with the linker
+of the system, then with LLD out of the ziglang wheel, then both again with the best CPU that PoCL 3.0 knows
+(`cpu`). What was found is kept in the user's cache folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import platform
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from dataclasses import asdict, dataclass
+from importlib.machinery import PathFinder
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from .. import __version__
+from ..core.machine import usable_threads
+from ..errors import DeviceError
+from . import cpu as opencl_cpu
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+_PROBE_SECONDS = 120
+_VENDORS = Path("/etc/OpenCL/vendors")
+_LLD_WRAPPER = """#!/bin/sh
+# Written by oiiotex: LLD as PoCL's linker. A kernel needs none of the libraries that PoCL names.
+for arg do
+  shift
+  case "$arg" in
+    -lgcc|-lgcc_s|-lc|-lm|--as-needed|--no-as-needed) ;;
+    *) set -- "$@" "$arg" ;;
+  esac
+done
+exec {zig} ld.lld "$@"
+"""
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A way to use a runtime: whose linker, and which CPU it is told to compile for ('': what it finds itself)."""
+
+    linker: str = "system"  # or "lld"
+    cpu: str = ""
+
+    def __str__(self) -> str:
+        how = f"told that the CPU is {self.cpu}" if self.cpu else "as it is"
+        return f"{how}, with {'LLD' if self.linker == 'lld' else 'the linker of the system'}"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What came of trying a device: the first attempt that works, if any, and what those before it said."""
+
+    works: Attempt | None
+    lanes: int  # 16-bit lanes of a register of what is compiled for; 0 where nothing works
+    failures: tuple[tuple[Attempt, str], ...]
+
+    @property
+    def why(self) -> str:
+        """The first failure in the compiler's words: further attempts fail of what is tried less and less."""
+        return self.failures[0][1] if self.failures else ""
+
+
+_trials: dict[int, Trial] = {}  # of this process, by the device's address
+_used: set[int] = set()
+
+
+@functools.cache
+def _prepared(threads: int) -> None:
+    """Set what the runtimes read once, when they start. The user's own settings win."""
+    count = str(threads or usable_threads())
+    os.environ.setdefault("POCL_MAX_PTHREAD_COUNT", count)
+    os.environ.setdefault("DPCPP_CPU_NUM_CUS", count)
+    intel = _intel_library()
+    if intel is not None and "OCL_ICD_VENDORS" not in os.environ:
+        os.environ["OCL_ICD_VENDORS"] = _vendors_with(intel)
+
+
+def _intel_library() -> Path | None:
+    """Intel's runtime from PyPI. Its own vendor file holds a path of the machine that it was built on."""
+    library = Path(sysconfig.get_path("data")) / "lib" / "libintelocl.so"
+    return library if library.exists() else None
+
+
+def _vendors_with(library: Path) -> str:
+    """A folder of vendor files, the system's and one for `library`: to name the library alone hides the others."""
+    files = {"oiiotex-pip.icd": f"{library}\n"}
+    files |= {path.name: path.read_text() for path in sorted(_VENDORS.glob("*.icd"))}
+    folder = _cache_folder() / f"vendors-{hashlib.sha256(repr(files).encode()).hexdigest()[:16]}"
+    for name, text in files.items():
+        if not (folder / name).exists():
+            _write(folder / name, text)
+    return str(folder)
+
+
+def include_no_headers_of(pyopencl: ModuleType) -> None:
+    """Have pyopencl not name its own folder to compilers: ours need no header of its, and runtimes split at spaces."""
+    options = getattr(pyopencl, "_DEFAULT_INCLUDE_OPTIONS", None)
+    if isinstance(options, list):
+        options.clear()
+
+
+def load(threads: int = 0) -> ModuleType:
+    """pyopencl, with the environment prepared for `threads` CPU threads (0: as many as the process may use).
+
+    Raises
+    ------
+    DeviceError
+        pyopencl is not installed or its OpenCL loader is broken.
+    """
+    _prepared(threads)
+    try:
+        import pyopencl
+    except ImportError as error:
+        raise DeviceError(f"pyopencl cannot be imported: {error}") from error
+    include_no_headers_of(pyopencl)
+    return pyopencl
+
+
+# --- trying ---
+
+
+def tried(device: cl.Device, again: bool = False) -> Trial:
+    """What came of trying the device: in this process or an earlier one, else now.
+
+    Parameters
+    ----------
+    device : pyopencl.Device
+        Not used yet: what PoCL is told holds only before the first context.
+    again : bool
+        Do not believe an earlier process that found nothing that works.
+    """
+    key = device.int_ptr
+    if key not in _trials:
+        trial = _kept(device)
+        if trial is None or (again and trial.works is None):
+            trial = _try(device)
+            if trial.works is not None:
+                keep(device, trial)
+        _trials[key] = trial
+    return _trials[key]
+
+
+def keep(device: cl.Device, trial: Trial) -> None:
+    """Keep what was found for further processes.
+
+    A failure is worth keeping only where another device works: else whoever mends the machine would not be believed.
+    """
+    with contextlib.suppress(OSError):  # then every process tries anew
+        _write(_answer_file(device), json.dumps(asdict(trial)))
+
+
+def use(device: cl.Device) -> None:
+    """Prepare this process for the attempt that works, before the device's first context.
+
+    Raises
+    ------
+    DeviceError
+        PoCL lies otherwise in this process's memory than in that of the probe.
+    """
+    works = tried(device).works
+    if works is None or device.int_ptr in _used:
+        return
+    if works.linker == "lld":
+        os.environ["PATH"] = _path_with_lld()
+    if works.cpu:
+        try:
+            opencl_cpu.name_cpu(device, works.cpu)
+        except LookupError as error:
+            raise DeviceError(f"{device.name} cannot be {works}: {error}") from error
+    _used.add(device.int_ptr)
+
+
+def attempts(cpu: str) -> list[Attempt]:
+    """All ways to try, in order. `cpu`: the CPU that the runtime can be told, '' where it needs none."""
+    linkers = ["system"] if _zig() is None else ["system", "lld"]
+    return [Attempt(linker, name) for name in (["", cpu] if cpu else [""]) for linker in linkers]
+
+
+def _try(device: cl.Device) -> Trial:
+    cpu = bool(device.type & load().device_type.CPU)
+    failures = []
+    for attempt in attempts(opencl_cpu.name_for(device)) if cpu else [Attempt()]:
+        lanes, words = _try_in_subprocess(device, attempt)
+        if lanes:
+            return Trial(attempt, lanes, tuple(failures))
+        failures.append((attempt, words))
+    return Trial(None, 0, tuple(failures))
+
+
+def _try_in_subprocess(device: cl.Device, attempt: Attempt) -> tuple[int, str]:
+    """The lanes that a kernel was built for that gave the right answer; else 0, and what was said."""
+    number = device.platform.get_devices().index(device)
+    words = [device.platform.name, device.platform.version, str(number), attempt.cpu]
+    path = _path_with_lld() if attempt.linker == "lld" else _path()
+    # an empty kernel cache: a kernel compiled before would hide that the linker is gone now
+    with tempfile.TemporaryDirectory(prefix="oiiotex-probe-") as cache:
+        environment = {**os.environ, "PATH": path, "POCL_CACHE_DIR": cache}
+        try:
+            run = subprocess.run(
+                _isolated("oiiotex.opencl.probe", *words),
+                env=environment, capture_output=True, text=True, errors="replace", timeout=_PROBE_SECONDS,
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            return 0, f"no answer in {_PROBE_SECONDS} s"
+    answer = run.stdout.split()
+    if run.returncode == 0 and answer and answer[-1].isdigit():
+        return int(answer[-1]), ""
+    return 0, _last_words(run)
+
+
+def _last_words(run: subprocess.CompletedProcess) -> str:
+    lines = [line.strip() for line in run.stderr.splitlines() if line.strip()]
+    if run.returncode >= 0:
+        return lines[-1] if lines else f"exit status {run.returncode}"
+    first = next((line for line in lines if "error" in line), lines[-1] if lines else "")
+    return f"{first} ({signal.Signals(-run.returncode).name})".strip()
+
+
+def _isolated(module: str, *arguments: str) -> list[str]:
+    """The command that runs a module of ours in a Python that takes no code from the current folder.
+
+    It looks where this process looks (an environment, an editable installation, a folder of PYTHONPATH), less the
+    current folder, which `python -m` and `python -c` put first.
+    """
+    start = (
+        f"import sys; sys.path[:] = {_search_path()!r}; import runpy;"
+        f" runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
+    )
+    return [sys.executable, "-I", "-c", start, *arguments]
+
+
+def _search_path() -> list[str]:
+    own = set(sysconfig.get_paths().values())  # of the interpreter, even where somebody works there
+    here = os.path.realpath(os.curdir)
+    entries = [p for p in sys.path if os.path.isabs(p) and (p in own or os.path.realpath(p) != here)]
+    return [*entries, str(Path(__file__).resolve().parents[2])]
+
+
+# --- what does not work, and what helps ---
+
+
+def compilers_words(error: str) -> str:
+    """What a failed build says, in one line: the compiler's own text without what pyopencl wraps around it."""
+    log = re.search(r"Build on [^\n]*:\n(.*?)\n\(options:", error, re.DOTALL)
+    text = log[1] if log else error.split("(options:")[0]
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return next((line for line in lines if "error" in line), " ".join(lines)) or "the build failed"
+
+
+def remedy(trials: list[Trial]) -> str:
+    """The one command that helps this machine, after these trials of all its devices; '' where none is known."""
+    x86 = platform.machine().lower() in ("x86_64", "amd64")
+    if not trials and x86 and sys.platform == "linux" and importlib.util.find_spec("pocl_binary_distribution") is None:
+        return "pip install 'oiiotex[cpu]'"
+    messages = " ".join(words for trial in trials for _, words in trial.failures)
+    if _zig() is None and any(word in messages for word in ('"ld"', "linker", "linking")):
+        return "pip install 'oiiotex[linker]'"
+    if x86 and sys.platform in ("linux", "win32") and _intel_library() is None:
+        return "pip install 'oiiotex[intel]'"
+    return "apt install pocl-opencl-icd" if shutil.which("apt") else ""
+
+
+# --- LLD ---
+
+
+def _zig() -> Path | None:
+    """The program of the ziglang wheel, which is LLD too."""
+    spec = PathFinder.find_spec("ziglang", _search_path()) if os.name == "posix" else None
+    program = Path(spec.origin).with_name("zig") if spec is not None and spec.origin else None
+    return program if program is not None and program.exists() else None
+
+
+def _path_with_lld() -> str:
+    """$PATH, its first folder one with a program `ld` that runs LLD; written where it is not there yet."""
+    wrapper = _lld_folder() / "ld"
+    text = _LLD_WRAPPER.format(zig=shlex.quote(str(_zig())))
+    if not wrapper.exists() or wrapper.read_text() != text:
+        _write(wrapper, text, mode=0o755)
+    return f"{wrapper.parent}{os.pathsep}{_path()}"
+
+
+def _path() -> str:
+    """$PATH without that folder: a process that uses LLD hands it on to those that it starts."""
+    return os.pathsep.join(p for p in os.environ.get("PATH", "").split(os.pathsep) if p != str(_lld_folder()))
+
+
+def _lld_folder() -> Path:
+    return _cache_folder() / "linker"
+
+
+# --- the cache folder ---
+
+
+def _kept(device: cl.Device) -> Trial | None:
+    try:
+        facts = json.loads(_answer_file(device).read_text())
+        works = Attempt(**facts["works"]) if facts["works"] else None
+        return Trial(works, int(facts["lanes"]), tuple((Attempt(**a), str(words)) for a, words in facts["failures"]))
+    except (OSError, ValueError, TypeError, KeyError):  # none, or not one of ours
+        return None
+
+
+def _answer_file(device: cl.Device) -> Path:
+    """Where the answer is kept, under a name that changes with everything that it hangs on."""
+
+    def installed(package: str) -> str:
+        try:
+            return importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            return ""
+
+    facts = [__version__, sys.executable, installed("pyopencl"), str(_zig()), installed("ziglang")]
+    facts += [device.platform.name, device.platform.version, device.name, device.version, device.driver_version]
+    cpu = opencl_cpu.cpu()
+    facts += [cpu.get(name, "") for name in ("vendor_id", "cpu family", "model", "flags")] + [platform.machine()]
+    facts += [f"{name}={value}" for name, value in sorted(os.environ.items()) if name in _READ_BY_RUNTIMES]
+    facts += [str(shutil.which(name, path=_path())) for name in ("ld", "gcc", "cc")]
+    facts += sorted(map(str, Path("/usr/lib/gcc").glob("*/*/libgcc.a")))
+    return _cache_folder() / f"probe-{hashlib.sha256(chr(10).join(facts).encode()).hexdigest()[:16]}.json"
+
+
+_READ_BY_RUNTIMES = {
+    "OCL_ICD_VENDORS", "LD_LIBRARY_PATH", "POCL_DEVICES", "POCL_KERNEL_CACHE", "POCL_WORK_GROUP_METHOD",
+    "CL_CONFIG_CPU_TARGET_ARCH",
+}  # fmt: skip
+
+
+def _write(path: Path, text: str, mode: int = 0o644) -> None:
+    """Write through a temporary name: another process may read at any time."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}")
+    part.write_text(text)
+    part.chmod(mode)
+    part.replace(path)
+
+
+def _cache_folder() -> Path:
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("oiiotex"))

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a user may prescribe: pixels that stay, how often parts of the exemplar are used, a map of sigmas."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ..color.lab_grid import to_grid
+from ..core.image import resized
+from ..core.source_map import SourceMap
+from ..deferred import np
+from ..errors import ImageError
+from ..opencl.buffers import Buffers
+from ..opencl.device import Device
+from ..projections.histograms import BINS, INVERSE, OUTSIDE, Source
+from ..projections.projection import Projecting
+from .field import Geometry, allowed_patches, box_sums
+
+ENOUGH = 0.25  # of the finest level's share of whole patches: what a coarse level must have to be of use
+
+
+@dataclass(frozen=True)
+class FixedPixels:
+    """Pixels of the target that are given and stay.
+
+    Attributes
+    ----------
+    where : (height, width) bool
+        Of the target.
+    places : SourceMap
+        (height, width): the exemplar pixels that they show; what it says of free pixels means nothing.
+    is_goal : bool
+        The free pixels get the overall histogram of the fixed ones, not of the exemplar.
+    """
+
+    where: np.ndarray
+    places: SourceMap
+    is_goal: bool = False
+
+    def image(self, exemplar: np.ndarray, geometry: Geometry) -> np.ndarray:
+        """What the target must show on a level: its grid image, `OUTSIDE` where it is free.
+
+        Parameters
+        ----------
+        exemplar : (height, width, channels) float32
+            At full size.
+        geometry : Geometry
+            Of the level.
+        """
+        shown = coarse_image(self.places.gather(exemplar), self.where, geometry.width, geometry.height)
+        kept = coarse_mask(self.where, geometry.width, geometry.height)
+        return np.where(kept[..., None], to_grid(shown, geometry.steps), OUTSIDE)
+
+    def first_guess(self, field: SourceMap, shape: tuple[int, ...], geometry: Geometry) -> SourceMap:
+        """The field, in which patches that begin at a fixed pixel lie where that came from: the best guess there is."""
+        g = geometry
+        y = (np.arange(g.rows) * 2 + 1) * self.where.shape[0] // (2 * g.height)
+        x = (np.arange(g.columns) * 2 + 1) * self.where.shape[1] // (2 * g.width)
+        from_y, from_x = self.places[np.ix_(y, x)].yx
+        guess_y = np.minimum(from_y * g.exemplar_height // shape[0], g.exemplar_rows - 1)
+        guess_x = np.minimum(from_x * g.exemplar_width // shape[1], g.exemplar_columns - 1)
+        guess = SourceMap.of(guess_y, guess_x)
+        return SourceMap(np.where(self.where[np.ix_(y, x)], guess.packed, field.packed))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Constraints:
+    """All of it; None where nothing is prescribed.
+
+    Attributes
+    ----------
+    fixed : FixedPixels or None
+    weight : (height, width) float32 or None
+        Of the exemplar: how often a pixel is to be used beside others, 0 never.
+    sigmas : (height, width) float32 or None
+        Of the target: its sigma at each pixel, px.
+    """
+
+    fixed: FixedPixels | None = None
+    weight: np.ndarray | None = None
+    sigmas: np.ndarray | None = None
+
+    def patch_weights(self, patches: np.ndarray, geometry: Geometry) -> np.ndarray | None:
+        """The mean weight of each exemplar patch on a level, relative to that of all that may be used."""
+        if self.weight is None:
+            return None
+        small = resized(self.weight[..., None], geometry.exemplar_width, geometry.exemplar_height)[..., 0]
+        mean = box_sums(small, geometry.patch, np.float64) / geometry.patch**2
+        return np.maximum(mean / max(1e-30, mean[patches].mean()), 1e-6).astype(np.float32)
+
+
+UNCONSTRAINED = Constraints()
+
+
+def ease_from(free: np.ndarray, distance: float) -> np.ndarray:
+    """How strongly free pixels are changed: 0 beside pixels that stay, 255 at a distance; (height, width) uint8."""
+    from scipy import ndimage  # when it is needed: it is slow to import
+
+    away = ndimage.distance_transform_edt(free) if not free.all() else np.full(free.shape, np.inf)
+    return np.rint(255 * np.clip(away / distance, 0.0, 1.0)).astype(np.uint8)
+
+
+def octaves(sigmas: np.ndarray) -> list[float]:
+    """The sigmas of the projections that a map of sigmas is blended from: its range in steps of an octave at most."""
+    low, high = float(sigmas.min()), float(sigmas.max())
+    steps = math.ceil(math.log2(high / low) - 1e-6)
+    return [low * (high / low) ** (k / max(1, steps)) for k in range(steps + 1)]
+
+
+class VaryingProjection:
+    """MJH17 section 4.3 with a sigma for each pixel (figure 10).
+
+    The paper does not say how. Departure: a pixel's projection is blended, linearly in log sigma, from the projections
+    at the two nearest of a few sigmas an octave apart; all of them are made of the whole image.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+        With the memory of all projections, and `layout()`.
+    projections : list of Projecting
+        With sigmas as by `octaves`.
+    width : int
+        px.
+    places : Source
+        Of `places_of`, in a buffer.
+    """
+
+    def __init__(
+        self, device: Device, buffers: Buffers, projections: list[Projecting], width: int, places: Source
+    ):  # fmt: skip
+        self._buffers, self._projections, self._width, self._places = buffers, projections, width, places
+        self.channels = projections[0].channels
+        self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=self.channels)
+
+    @staticmethod
+    def layout(width: int, rows: int, channels: int = 3) -> dict[str, int]:
+        """Device memory for so many rows, beside that of the projections, in bytes by name."""
+        return {"place": 4 * width * rows, "blended": 4 * channels * width * rows}
+
+    @staticmethod
+    def places_of(sigmas: np.ndarray, count: int) -> np.ndarray:
+        """Where sigmas (height, width) lie among those of `count` projections: float32."""
+        span = math.log(float(sigmas.max()) / float(sigmas.min()))
+        return (np.log(sigmas / sigmas.min()) * ((count - 1) / max(span, 1e-9))).astype(np.float32)
+
+    @property
+    def looks_beyond(self) -> bool:
+        """As `histograms.Projection` has it."""
+        return any(projection.looks_beyond for projection in self._projections)
+
+    @property
+    def held(self) -> int | None:
+        """As `histograms.Projection` has it."""
+        return self._projections[0].held
+
+    def learning(self, image: Source) -> Iterator[None]:
+        """As `histograms.Projection.learning`."""
+        for projection in self._projections:
+            yield from projection.learning(image)
+
+    def last_row(self, top: int) -> int:
+        """As `histograms.Projection.last_row`."""
+        return min(projection.last_row(top) for projection in self._projections)
+
+    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+        """As `histograms.Projection.match`."""
+        b, count, size, first = self._buffers, len(self._projections), (self._width, bottom - top), top
+        place_at = top - self._places.load(top, bottom)
+        for k, projection in enumerate(self._projections):
+            first = projection.match(image, top, bottom, matched, strength)
+            where = k, count, top - first, place_at
+            self._run("blend", size, b[matched], b[self._places.name], b["blended"], *where, *size)
+        return first
+
+
+def coarse_mask(mask: np.ndarray | None, width: int, height: int) -> np.ndarray | None:
+    """A mask on a level: a coarse pixel is in where all the pixels under it are."""
+    if mask is None:
+        return None
+
+    def shrink(mask: np.ndarray, n: int, axis: int) -> np.ndarray:
+        first = np.arange(n) * mask.shape[axis] // n
+        return np.logical_and.reduceat(mask, first, axis=axis)
+
+    return shrink(shrink(mask, height, 0), width, 1)
+
+
+def coarse_image(image: np.ndarray, mask: np.ndarray | None, width: int, height: int) -> np.ndarray:
+    """An image on a level: means of the pixels in the mask, so that the others do not bleed in.
+
+    Parameters
+    ----------
+    image : (rows, columns, channels) float32
+    mask : (rows, columns) bool or None
+        Pixels that count; None: all.
+    width, height : int
+        Of the level.
+
+    Returns
+    -------
+    (height, width, channels) float32
+        0 where no pixel counts.
+    """
+    if mask is None:
+        return resized(image, width, height)
+    weight = resized(mask[..., None].astype(np.float32), width, height)
+    sums = resized(np.where(mask[..., None], image, np.float32(0)), width, height)
+    return np.where(weight > 0, sums / np.maximum(weight, np.float32(1e-6)), np.float32(0))
+
+
+def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_out: str) -> int:
+    """The level to start on: the coarsest with about as many whole patches, for its size, as the finest.
+
+    A mask shrinks with every level while patches stay as large. On a level too coarse for it there is no whole patch,
+    or a few from its thickest spots alone: the texture would start as copies of these, and finer levels, which search
+    near by, would not leave them.
+
+    Raises
+    ------
+    ImageError
+        The finest has none.
+    """
+    if allowed is None:
+        return 0
+    finest = geometries[-1]
+    share = allowed_patches(allowed, finest).mean()
+    if share == 0:
+        size = f"{finest.exemplar_width}x{finest.exemplar_height}"
+        raise ImageError(
+            f"no {finest.patch}x{finest.patch} patch of the exemplar of {size} px is free of {ruled_out}:"
+            " a smaller patch= may fit"
+        )
+
+    def serves(geometry: Geometry) -> bool:
+        mask = coarse_mask(allowed, geometry.exemplar_width, geometry.exemplar_height)
+        return bool(allowed_patches(mask, geometry).mean() >= ENOUGH * share)
+
+    return next(n for n, geometry in enumerate(geometries) if geometry is finest or serves(geometry))

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Nearest-neighbour fields: their sizes, how they begin, and how they go from level to level (MJH17 section 4.2).
+
+A target image is explained by an exemplar: for the patch at every target pixel the field names an exemplar patch.
+Fields are (rows, columns) source maps of their corners; images are (height, width, channels) int16
+arrays on an integer grid (`lab_grid`): the three of Lab, and three more for each further map of a material.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..color.lab_grid import steps_for
+from ..core.source_map import SourceMap
+from ..core.window import Domain
+from ..deferred import np
+from ..io.row_store import RowStore
+
+_BAND = 128  # rows of a field worked on at a time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry(Domain):
+    """One pyramid level: the target, and sizes of the exemplar.
+
+    Where the target does not wrap, patches lie fully inside, so the field is `patch - 1` shorter than it.
+    """
+
+    exemplar_width: int
+    exemplar_height: int
+    patch: int
+    channels: int = 3
+
+    @property
+    def steps(self) -> int:
+        """Of the grid of Lab, per unit."""
+        return steps_for(self.patch, self.channels)
+
+    @property
+    def columns(self) -> int:
+        """Patches of the target along x."""
+        return self.width if self.wrap_x else self.width - self.patch + 1
+
+    @property
+    def rows(self) -> int:
+        """Patches of the target along y."""
+        return self.height if self.wrap_y else self.height - self.patch + 1
+
+    @property
+    def exemplar_columns(self) -> int:
+        """Patches of the exemplar along x."""
+        return self.exemplar_width - self.patch + 1
+
+    @property
+    def exemplar_rows(self) -> int:
+        """Patches of the exemplar along y."""
+        return self.exemplar_height - self.patch + 1
+
+    @property
+    def padded_width(self) -> int:
+        """Of the target with the columns that patches at its right border see."""
+        return self.width + self.patch - 1
+
+    def layout(self, rows: int | None = None) -> dict[str, int]:
+        """Device memory that a `Matcher` needs which holds so many rows, or all: in bytes by name."""
+        pixels = self.width * (self.height if rows is None else rows)
+        exemplar = self.exemplar_width * self.exemplar_height
+        padded = self.padded_width * (self.height + self.patch - 1 if rows is None else rows)
+        bytes_of = 2 * self.channels
+        return {
+            "target": bytes_of * padded,
+            "exemplar": bytes_of * exemplar,
+            "image": bytes_of * pixels,
+            "field": 4 * pixels,
+            "field_next": 4 * pixels,
+            "distance": 4 * pixels,
+            "distance_next": 4 * pixels,
+            "price": 4 * exemplar,
+            "count": 4 * exemplar,
+            "uses": 4 * exemplar,
+            "penalty": 4 * exemplar,
+        }
+
+
+def box_sums(plane: np.ndarray, side: int, dtype: type | str = "int64") -> np.ndarray:
+    """Sums over every square of `side` that lies inside a plane: (height - side + 1, width - side + 1)."""
+    below = np.zeros((plane.shape[0] + 1, plane.shape[1] + 1), dtype)
+    below[1:, 1:] = plane.cumsum(0, dtype=dtype).cumsum(1)
+    return below[side:, side:] - below[:-side, side:] - below[side:, :-side] + below[:-side, :-side]
+
+
+def allowed_patches(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray:
+    """Which patches lie fully inside `allowed` (height, width) bool: (exemplar_rows, exemplar_columns) bool."""
+    if allowed is None:
+        return np.ones((geometry.exemplar_rows, geometry.exemplar_columns), bool)
+    return box_sums(allowed, geometry.patch) == geometry.patch**2
+
+
+def random_field(
+    geometry: Geometry,
+    allowed: np.ndarray,
+    seed: int,
+    weights: np.ndarray | None = None,
+    out: np.ndarray | RowStore | None = None,
+) -> SourceMap:
+    """A scrambled start (MJH17 algorithm 1): blocks of patch size copied from random places.
+
+    Blocks keep the exemplar's detail where single pixels would not.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    allowed : (exemplar_rows, exemplar_columns) bool
+        Patches that may be named, at least one.
+    seed : int
+    weights : (exemplar_rows, exemplar_columns) float32 or None
+        Places are drawn as often as they weigh; None: all alike.
+    out : (rows, columns) uint32 or None
+        Where it is put, an array or rows that are kept elsewhere; None: a new array.
+    """
+    patch, draw = geometry.patch, _RandomPlaces(allowed, weights)
+    columns = np.arange(geometry.columns)[None, :]
+    out = np.empty((geometry.rows, geometry.columns), np.uint32) if out is None else out
+    for begin in range(0, geometry.rows, _BAND):  # bands keep the temporaries small
+        rows = np.arange(begin, min(begin + _BAND, geometry.rows))[:, None]
+        y, x = draw(seed, 0xB10C, *np.broadcast_arrays(rows // patch, columns // patch))
+        y = np.minimum(y + rows % patch, geometry.exemplar_rows - 1)
+        x = np.minimum(x + columns % patch, geometry.exemplar_columns - 1)
+        out[begin : begin + _BAND] = SourceMap.of(y, x).packed
+    return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
+
+
+class _RandomPlaces:
+    """Draws allowed exemplar patches, as often as they weigh."""
+
+    def __init__(self, allowed: np.ndarray, weights: np.ndarray | None = None):
+        self._places, self._columns = np.flatnonzero(allowed), allowed.shape[1]
+        self._below = None if weights is None else np.cumsum(weights.ravel()[self._places], dtype=np.float64)
+
+    def __call__(self, seed: int, step: int, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One for every (y, x)."""
+        count, bits = len(self._places), hash_at(seed, step, y, x).astype(np.uint64)
+        if self._below is None:
+            at = ((bits * np.uint64(count)) >> np.uint64(32)).astype(np.int64)
+        else:
+            at = np.searchsorted(self._below, bits * (self._below[-1] / 2.0**32), side="right")
+            at = np.minimum(at, count - 1)
+        return np.divmod(self._places[at], self._columns)
+
+
+def only_allowed(field: SourceMap, allowed: np.ndarray, seed: int, step: int = 0xB10E) -> SourceMap:
+    """The field with every match that is not allowed replaced by a random one that is.
+
+    Parameters
+    ----------
+    field : SourceMap
+        (rows, columns); it is changed.
+    allowed : (exemplar_rows, exemplar_columns) bool
+    seed, step : int
+        Of the random numbers.
+    """
+    if allowed.all():
+        return field
+    draw = _RandomPlaces(allowed)
+    for begin in range(0, len(field.packed), _BAND):
+        rows = field[begin : begin + _BAND]
+        bad_y, bad_x = np.nonzero(~rows.gather(allowed))
+        if len(bad_y):
+            rows.packed[bad_y, bad_x] = SourceMap.of(*draw(seed, step, bad_y + begin, bad_x)).packed
+            field.packed[begin : begin + _BAND] = rows.packed
+    return field
+
+
+def hash_at(seed: int, step: int, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """cl/hash.h's `hash_at` for arrays: 32 random bits from (seed, step, coordinates), uint32.
+
+    Parameters
+    ----------
+    seed : int
+        Its low 32 bits count.
+    step : int
+        0 to 2^32 - 1.
+    y, x : array of int
+        Coordinates, of shapes that go together; their low 32 bits count.
+    """
+
+    def pcg(v: np.ndarray) -> np.ndarray:
+        state = v * np.uint32(747796405) + np.uint32(2891336453)
+        word = ((state >> ((state >> np.uint32(28)) + np.uint32(4))) ^ state) * np.uint32(277803737)
+        return (word >> np.uint32(22)) ^ word
+
+    start = pcg(np.array([seed & 0xFFFFFFFF], np.uint32))
+    bits = pcg(np.uint32(step) + start)
+    return pcg(x.astype(np.uint32) + pcg(y.astype(np.uint32) + bits))
+
+
+def upsample_field(
+    field: SourceMap,
+    coarse: Geometry,
+    fine: Geometry,
+    allowed: np.ndarray,
+    seed: int,
+    out: np.ndarray | RowStore | None = None,
+) -> SourceMap:
+    """A field carried to the next finer level.
+
+    Patch centres are scaled; the offset inside a coarse pixel is kept, so that neighbours stay coherent.
+
+    Parameters
+    ----------
+    field : SourceMap
+        (coarse.rows, coarse.columns)
+    coarse, fine : Geometry
+        Of one patch size.
+    allowed : (fine.exemplar_rows, fine.exemplar_columns) bool
+        Matches elsewhere are replaced by random ones.
+    seed : int
+    out : (fine.rows, fine.columns) uint32 or None
+        As of `random_field`.
+    """
+
+    def axis(n: int, from_n: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+        centre = np.arange(n) + fine.patch // 2 + 0.5
+        source = np.clip((centre / ratio).astype(np.int64) - fine.patch // 2, 0, from_n - 1)
+        return source, centre - (source + fine.patch // 2 + 0.5) * ratio
+
+    from_y, rest_y = axis(fine.rows, coarse.rows, fine.height / coarse.height)
+    from_x, rest_x = axis(fine.columns, coarse.columns, fine.width / coarse.width)
+    half = fine.patch // 2
+    ratio_y = fine.exemplar_height / coarse.exemplar_height
+    ratio_x = fine.exemplar_width / coarse.exemplar_width
+    finer = np.empty((fine.rows, fine.columns), np.uint32) if out is None else out
+    for begin in range(0, fine.rows, _BAND):  # bands keep the temporaries small
+        band = slice(begin, begin + _BAND)
+        first, last = from_y[band][[0, -1]]
+        y, x = field[first : last + 1][from_y[band] - first][:, from_x].yx
+        y = np.floor((y + half + 0.5) * ratio_y + rest_y[band, None]).astype(np.int64) - half
+        x = np.floor((x + half + 0.5) * ratio_x + rest_x[None, :]).astype(np.int64) - half
+        y, x = np.clip(y, 0, fine.exemplar_rows - 1), np.clip(x, 0, fine.exemplar_columns - 1)
+        finer[band] = SourceMap.of(y, x).packed
+    return only_allowed(SourceMap(finer), allowed, seed, fine.width)

@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The search and the votes of MJH17 section 4.2 on the device, after BSFG09."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ..color.lab_grid import to_grid
+from ..core.source_map import SourceMap
+from ..core.window import Domain
+from ..deferred import np
+from ..errors import ImageError
+from ..opencl.buffers import Buffers
+from ..opencl.device import Device
+from ..regularity.offset_prices import Prices
+from .field import Geometry, allowed_patches
+from .level_rows import JUMPS, LevelRows
+
+SEARCHES = 6  # windows of random search, from the whole exemplar down to about 2 px
+MATCH_PASSES = 8  # for a field on its own, with nothing to refine it later
+PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from its centre
+
+
+class AddsPrices(Protocol):
+    """What makes more than single patches dear."""
+
+    def begin(self) -> None:
+        """A field is about to be counted."""
+
+    def count(self, rows: int) -> None:
+        """Count the first rows of buffer `field`."""
+
+    def add(self) -> None:
+        """Add to buffer `penalty`, by what was counted and the counts of use in buffer `count`."""
+
+
+class Matcher:
+    """PatchMatch at one pyramid level: holds the exemplar on the device, and of target and field what fits.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+        At least `geometry.layout()`.
+    geometry : Geometry
+    exemplar : (exemplar_height, exemplar_width, 3) int16
+    allowed : (exemplar_rows, exemplar_columns) bool
+        Exemplar patches that may be matched.
+    field : SourceMap
+        (rows, columns): where to start.
+    uniformity : float
+        Weight lambda of the spatial uniformity term, in units of the exemplar's variance.
+    seed : int
+    searches : int
+        How many of the `SEARCHES` windows are searched, the narrowest ones.
+    usable : (exemplar_height, exemplar_width) bool or None
+        Pixels of the exemplar among which use is evened out; None: all.
+    price : (exemplar_rows, exemplar_columns) float32 or None
+        What the use of a patch costs beside that of others; None: 1 for all.
+    use_prices : AddsPrices or None
+        What is added to the penalties in each pass.
+    offset_prices : Prices or None
+        What a match out of step with the exemplar's lattice costs.
+    rows : LevelRows or None
+        Of the level; None: the buffers hold all.
+
+    Raises
+    ------
+    ImageError
+        An array is not of the geometry's size: kernels would read beyond it.
+    """
+
+    def __init__(
+        self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: np.ndarray, allowed: np.ndarray,
+        field: SourceMap, uniformity: float, seed: int, searches: int = SEARCHES, usable: np.ndarray | None = None,
+        price: np.ndarray | None = None, use_prices: AddsPrices | None = None, offset_prices: Prices | None = None,
+        rows: LevelRows | None = None,
+    ):  # fmt: skip
+        g, patches = geometry, (geometry.exemplar_rows, geometry.exemplar_columns)
+        require_shape("exemplar", exemplar, (g.exemplar_height, g.exemplar_width, g.channels))
+        require_shape("allowed", allowed, patches)
+        require_shape("field", field.packed, (g.rows, g.columns))
+        if price is not None:
+            require_shape("price", price, patches)
+        self._device, self._buffers, self.geometry, self._seed = device, buffers, geometry, seed
+        self._run = device.program(
+            "patchmatch", PATCH=geometry.patch, CHANNELS=geometry.channels, LATTICE=int(offset_prices is not None)
+        )
+        tables = () if offset_prices is None else (offset_prices.phases, offset_prices.table)
+        self._offset_prices = [device.upload(table) for table in tables]
+        self._penalty_weight = uniformity * _penalty_unit(exemplar, geometry, usable)
+        self._use_prices = use_prices
+        device.write(buffers["exemplar"], exemplar)  # exemplar_height x exemplar_width x channels
+        self.rows = rows or LevelRows(device, buffers, g)
+        if self.rows.whole:
+            device.write(buffers["field"], np.asarray(field.packed))  # rows x columns
+        elif field.packed is not self.rows.field.store:
+            self.rows.field.store[:] = field.packed
+        price = np.where(allowed, np.float32(1) if price is None else price, np.float32(-1))
+        device.write(buffers["price"], price)  # exemplar_rows x exemplar_columns
+        reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
+        shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
+        radius = [max(1, int(reach * shrink**k)) for k in range(SEARCHES)][-searches:]
+        self._radius, self._searches = device.upload(np.array(radius, np.int32)), searches
+
+    def field(self) -> SourceMap:
+        """The present field."""
+        if self.rows.field.store is not None:
+            return SourceMap(self.rows.field.store)
+        shape = self.geometry.rows, self.geometry.columns
+        return SourceMap(self._device.read(self._buffers["field"], shape, np.uint32))
+
+    def improve(self, iterations: int, step: int) -> None:
+        """Search better matches for `image`; `step` numbers the outer iteration for the random numbers."""
+        if iterations == 0:
+            self._score(0, self.geometry.rows)
+        for i in range(iterations):
+            self._count_uses()
+            for top, bottom in self.rows.field_bands():
+                self._pass(top, bottom, np.uint32(16 * step + i), scored=self.rows.whole and i > 0)
+            if not self.rows.whole:
+                field = self.rows.field
+                field.store, self.rows.next_field = self.rows.next_field, field.store
+
+    def _score(self, first: int, last: int) -> None:
+        """Distances of rows of the field, of which the buffers then hold the target."""
+        g, b = self.geometry, self._buffers
+        self.rows.load("field", first, last)
+        self.rows.load("image", first, last + g.patch - 1)
+        rows = last - first
+        self._run(
+            "pad", (g.padded_width, rows + g.patch - 1), b["image"], b["target"], g.width, g.height, rows + g.patch - 1
+        )
+        self._run(
+            "score", (g.columns, rows), b["target"], b["exemplar"], b["field"], b["distance"], g.columns, rows,
+            g.padded_width, g.exemplar_width,
+        )  # fmt: skip
+
+    def _pass(self, top: int, bottom: int, step: np.uint32, scored: bool) -> None:
+        """Propagate and search rows of the field; what is not `scored` comes first, with the rows that are offered."""
+        g, b, whole = self.geometry, self._buffers, self.rows.whole
+        reach = 0 if whole else sum(JUMPS)
+        first, last = top - reach, bottom + reach
+        if not g.wrap_y:
+            first, last = max(0, first), min(g.rows, last)
+        if not scored:
+            self._score(first, last)
+        e_size = (g.exemplar_columns, g.exemplar_rows, g.exemplar_width)
+        for jump in JUMPS:
+            reach -= 0 if whole else jump
+            begin, end = max(first, top - reach), min(last, bottom + reach)
+            self._run(
+                "propagate", (g.columns, end - begin), b["target"], b["exemplar"], b["penalty"], b["field"],
+                b["distance"], b["field_next"], b["distance_next"], g.columns, last - first, g.padded_width, *e_size,
+                jump, g.wrap_x, g.wrap_y and whole, begin - first, end - first, first, g.rows, *self._offset_prices,
+            )  # fmt: skip
+            b.swap("field", "field_next")
+            b.swap("distance", "distance_next")
+        self._run(
+            "search", (g.columns, bottom - top), b["target"], b["exemplar"], b["penalty"], b["field"], b["distance"],
+            g.columns, g.padded_width, *e_size, self._radius, self._searches,
+            np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first, *self._offset_prices,
+        )  # fmt: skip
+        self.rows.field.save(top, bottom, first, into=self.rows.next_field)
+
+    def vote(self, top: int = 0, bottom: int | None = None) -> None:
+        """Make rows of `image` the mean of what the matched patches say; row `top` lies at the buffer's start."""
+        g, b = self.geometry, self._buffers
+        bottom = g.height if bottom is None else bottom
+        first = self.rows.load("field", top - g.patch + 1, bottom)
+        span = 1 if self._device.lanes == 1 else 64  # cl/patchmatch.cl, SPAN
+        self._run(
+            "vote", (-(-g.width // span), bottom - top), b["exemplar"], b["field"], b["image"],
+            g.columns, g.rows, g.width, g.exemplar_width, *g.wraps, top, bottom, first,
+        )  # fmt: skip
+
+    def hold(self, top: int = 0, bottom: int | None = None) -> None:
+        """Put back into rows of `image`, which it holds, the pixels of `fixed` that must stay."""
+        g, b = self.geometry, self._buffers
+        size = g.width, (g.height if bottom is None else bottom) - top
+        self.rows.load("fixed", top, top + size[1])
+        self._run("hold", size, b["fixed"], b["image"], *size)
+
+    def ease(self, changed: str, top: int = 0, bottom: int | None = None) -> None:
+        """Bring rows of buffer `changed` back to `image` where `ease`, a byte for each pixel, says less than 255."""
+        g, b = self.geometry, self._buffers
+        size = g.width, (g.height if bottom is None else bottom) - top
+        self.rows.load("ease", top, top + size[1])
+        self._run("ease", size, b["image"], b[changed], b["ease"], *size)
+
+    def pick(self) -> SourceMap:
+        """The exemplar pixel with the most votes for every target pixel, (height, width)."""
+        g, b = self.geometry, self._buffers
+        offset = np.arange(g.patch) - g.patch // 2
+        fall = np.exp(-(offset**2) / (2.0 * PICK_SIGMA**2))
+        weight = np.rint(1024 * fall[:, None] * fall[None, :]).astype(np.int32)  # patch x patch
+        weights = self._device.upload(weight)
+        shape = g.height, g.width
+        source = np.empty(shape, np.uint32) if self.rows.whole else self.rows.store(shape, np.uint32)
+        for top, bottom in self.rows.bands():
+            first = self.rows.load("field", top - g.patch + 1, bottom)
+            self._run(
+                "pick", (g.width, bottom - top), b["field"], weights, b["distance_next"],
+                g.columns, g.rows, g.width, *g.wraps, top, bottom, first,
+            )  # fmt: skip
+            source[top:bottom] = self._device.read(b["distance_next"], (bottom - top, g.width), np.uint32)
+        return SourceMap(source)
+
+    def _count_uses(self) -> None:
+        """The uniformity penalty of every exemplar patch, frozen for one pass: refreshed oftener, all flee at once."""
+        g, b = self.geometry, self._buffers
+        size = g.exemplar_columns, g.exemplar_rows
+        self._device.fill(b["count"], np.int32(0), size[0] * size[1])
+        if self._use_prices is not None:
+            self._use_prices.begin()
+        if self._penalty_weight > 0 or self._use_prices is not None:
+            for top, bottom in self.rows.field_bands():
+                field = g.columns, bottom - top
+                self.rows.load("field", top, bottom)
+                self._run("count", field, b["field"], b["count"], *field, g.exemplar_columns)
+                if self._use_prices is not None:
+                    self._use_prices.count(bottom - top)
+        many = int(g.columns * g.rows * g.patch**2 >= 1 << 31)  # if all matched one patch
+        self._run("uses_rows", size, b["count"], b["uses"], *size, many)
+        self._run("penalty", size, b["uses"], b["price"], b["penalty"], *size, many, float(self._penalty_weight))
+        if self._use_prices is not None:
+            self._use_prices.add()
+
+
+def require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+    """Refuse an array that is not of the shape that a geometry asks for; an ImageError names both."""
+    if array.shape != shape:
+        given, wanted = (" x ".join(map(str, n)) for n in (array.shape, shape))
+        raise ImageError(f"patchmatch: {name} is {given}, its geometry asks for {wanted}")
+
+
+def _penalty_unit(exemplar: np.ndarray, geometry: Geometry, usable: np.ndarray | None = None) -> float:
+    """What one use too many costs: 121 Var(e) / (121 omega_best) per doubly summed count (MJH17 eq. 6).
+
+    omega_best = max(1, |T| / |S|) N with pixel counts |T|, |S| of target and exemplar and N = patch^2. The mean use of
+    a patch's pixels is the doubly summed count / N, so a patch used ideally pays N Var(e). Where only some pixels may
+    be used, these are the exemplar: a fair share among all would punish a small label for being small.
+    """
+    pixels = exemplar.reshape(-1, geometry.channels) if usable is None else exemplar[usable]
+    n = geometry.patch**2
+    best = max(1.0, geometry.width * geometry.height / len(pixels)) * n
+    variance = float(pixels.var(axis=0, dtype=np.float64).sum())
+    return n * variance / (best * n)
+
+
+def match_patches(
+    device: Device, lab: np.ndarray, exemplar: np.ndarray, field: SourceMap, patch: int, domain: Domain, seed: int,
+    budget: int,
+) -> SourceMap:  # fmt: skip
+    """The nearest-neighbour field of an image, from a first guess and `MATCH_PASSES` passes without uniformity.
+
+    Parameters
+    ----------
+    device : Device
+    lab, exemplar : (height, width, 3) float32
+        CIE Lab.
+    field : SourceMap
+        (rows, columns): where to start.
+    patch : int
+        Side of a patch.
+    domain : Domain
+        Of the image.
+    seed : int
+    budget : int
+        Bytes for everything that is used at a time.
+
+    Raises
+    ------
+    ImageError
+        The image, or the field for this patch, is not of the domain's size, or the exemplar has no three channels.
+    DeviceError
+        It does not fit the budget.
+    """
+    e_height, e_width = exemplar.shape[:2]
+    geometry = Geometry(*domain.size, *domain.wraps, exemplar_width=e_width, exemplar_height=e_height, patch=patch)
+    require_shape("lab", lab, (geometry.height, geometry.width, geometry.channels))
+    with Buffers(device, geometry.layout(), budget, "matching patches", held=exemplar.nbytes) as buffers:
+        image = to_grid(exemplar, geometry.steps)
+        matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed)
+        device.write(buffers["image"], to_grid(lab, geometry.steps))
+        matcher.improve(MATCH_PASSES, 0x3A7C)
+        return matcher.field()

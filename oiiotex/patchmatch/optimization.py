@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJH17 algorithm 1: a texture that looks the same everywhere, from a photo that does not.
+
+Departures from the paper, all measured in benchmarks/README.md:
+
+- Global histogram matching may aim at the projected exemplar ('flat') with a constant weight instead of the exemplar
+  with a weight that fades: this keeps the contrast of detail where the photo's slow drift is taken away.
+- The projection goes `OVERSHOOT` times the way: PatchMatch pulls part of the drift back in each iteration.
+- The last vote picks one exemplar pixel for each pixel instead of a mean, which would blur.
+- No region is shown again and again, and no texture is lost to flat parts of the photo: use_prices.py.
+- Pixels of the exemplar may be ruled out (alpha, a mask, a label: LSA16 §5.2). Then the exemplar is what is left: only
+  this is in histograms, in the fair share of uniformity, and in the means of coarse levels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..color.lab_grid import to_grid
+from ..core.source_map import SourceMap, require_addressable
+from ..core.window import Domain
+from ..deferred import np
+from ..errors import ImageError
+from ..io.row_store import RowStore
+from ..opencl.buffers import Buffers, require_room
+from ..opencl.device import Device
+from ..opencl.rows import Rows
+from ..projections.histograms import OUTSIDE, ValueCounts, apply_table, matching_table
+from ..projections.projection import Projecting, projected, projection
+from ..regularity.offset_prices import InStep
+from ..stationarity.grid_statistics import CellGrid
+from .constraints import (
+    UNCONSTRAINED,
+    Constraints,
+    VaryingProjection,
+    coarse_image,
+    coarse_mask,
+    ease_from,
+    first_level,
+    octaves,
+)
+from .field import Geometry, allowed_patches, only_allowed, random_field, upsample_field
+from .level_rows import LevelRows, halo
+from .matcher import SEARCHES, Matcher
+from .memory import level_sigmas, plan_memory
+from .use_prices import Lost, UsePrices, lost_texture
+
+SCALE = 1.3  # between pyramid levels (section 4.2)
+COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
+FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
+COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
+FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
+OVERSHOOT = 1.2
+EASE = 2.0  # patches away from pixels that stay: how far in the projection begins to have its full strength
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe(Domain):
+    """What to synthesize, on which domain; sizes in px.
+
+    Attributes
+    ----------
+    sigma : float or None
+        Scale above which it must look the same everywhere; None: plain PatchMatch, no projection.
+    patch : int
+        Side of a patch, odd.
+    iterations : int
+        On the coarsest level.
+    seed : int
+    uniformity : float
+        Weight of the spatial uniformity term, in units of the exemplar's variance.
+    contrast : float
+        Weight alpha of global histogram matching, 0 to 1.
+    flat : bool
+        Match to the projected exemplar with constant weight; else to the exemplar with a weight that fades to 0 over
+        the coarsest level, as in the paper.
+    coarsest : float
+        Scale of the coarsest level at least; the paper's 1/4.
+    measure : str
+        What must look the same everywhere: histogram, moments or steerable (MJH17 section 3).
+    order : int
+        Moments up to this one, 2 to 4.
+    complete : bool
+        No region of the exemplar is shown too often, and the result is no flatter than the exemplar.
+    in_step : InStep or None
+        The lattice of the exemplar that the result keeps.
+    """
+
+    sigma: float | None
+    patch: int
+    iterations: int
+    seed: int
+    uniformity: float
+    contrast: float
+    flat: bool
+    coarsest: float = 0.25
+    measure: str = "histogram"
+    order: int = 2
+    complete: bool = False
+    in_step: InStep | None = None
+
+    def alpha(self, iteration: int) -> float:
+        """Weight of global histogram matching in an iteration, counted over all levels."""
+        return self.contrast if self.flat else self.contrast * max(0.0, 1.0 - iteration / self.iterations)
+
+
+@dataclass(frozen=True)
+class Synthesis:
+    """For every pixel the exemplar pixel it copies, and the field that led there.
+
+    `lost` says how much texture it lacks, where the recipe asked for all of it.
+    """
+
+    source: SourceMap
+    field: SourceMap
+    lost: Lost | None = None
+
+
+def level_scales(width: int, height: int, least: float = 0.25) -> list[float]:
+    """Scales of the pyramid levels relative to the tile, coarse to fine, about SCALE apart; the last is 1."""
+    coarsest = min(1.0, max(least, COARSEST / min(width, height)))
+    steps = math.ceil(math.log(1.0 / coarsest) / math.log(SCALE) - 0.5)
+    return [coarsest ** (1.0 - level / steps) for level in range(steps)] + [1.0]
+
+
+def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometry:
+    """Sizes at one level for an exemplar of `shape` (height, width, channels).
+
+    Raises
+    ------
+    ImageError
+        Exemplar or tile are smaller than a patch there.
+    """
+    width, height, e_width, e_height = (
+        max(1, round(n * scale)) for n in (recipe.width, recipe.height, shape[1], shape[0])
+    )
+    patch = recipe.patch
+    require_addressable(shape)
+    for role, size, full in (
+        ("exemplar", (e_width, e_height), (shape[1], shape[0])),
+        ("tile", (width, height), (recipe.width, recipe.height)),
+    ):
+        if min(size) < patch:
+            coarse = "" if size == full else f" is {size[0]}x{size[1]} on the coarsest level, which"
+            raise ImageError(f"the {role} of {full[0]}x{full[1]} px{coarse} is smaller than a patch of {patch}x{patch}")
+    return Geometry(
+        width, height, *recipe.wraps, exemplar_width=e_width, exemplar_height=e_height, patch=patch, channels=shape[2]
+    )
+
+
+def synthesize(
+    device: Device,
+    exemplar: np.ndarray,
+    allowed: np.ndarray | None,
+    recipe: Recipe,
+    budget: int,
+    progress: Callable[[int, int], None],
+    ruled_out: str = "transparent pixels",
+    constraints: Constraints = UNCONSTRAINED,
+) -> Synthesis:
+    """Run MJH17 algorithm 1.
+
+    Parameters
+    ----------
+    device : Device
+    exemplar : (height, width, channels) float32
+        CIE Lab, and three more channels on its scale for each further map of the material.
+    allowed : (height, width) bool or None
+        Pixels that may be used; None: all.
+    recipe : Recipe
+    budget : int
+        Bytes for everything that is held at a time.
+    progress : callable
+        Called with (iterations done, iterations in all); may raise to stop.
+    ruled_out : str
+        What the pixels are that may not be used, for the error's text.
+    constraints : Constraints
+        What the user prescribes.
+
+    Raises
+    ------
+    ImageError
+        The exemplar is too small, or has no usable patch.
+    DeviceError
+        It does not fit the budget.
+    """
+    scales = level_scales(recipe.width, recipe.height, recipe.coarsest)
+    geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
+    start = first_level(allowed, geometries, ruled_out)
+    scales, geometries = scales[start:], geometries[start:]
+    schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * FINE_ITERATIONS for _ in scales[1:])]
+    schedule[-1][-1] = LAST_PASSES
+    total = sum(map(len, schedule))
+    iteration, field, coarser = 0, None, None
+    fixed = constraints.fixed
+    plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget)
+    with Buffers(device, plan.layout, budget, _task(recipe, exemplar.shape), held=plan.on_host) as buffers:
+        for geometry, scale, passes_of_level in zip(geometries, scales, schedule, strict=True):
+            e_size = geometry.exemplar_width, geometry.exemplar_height
+            image = to_grid(coarse_image(exemplar, allowed, *e_size), geometry.steps)
+            usable = coarse_mask(allowed, *e_size)
+            patches = allowed_patches(usable, geometry)
+            weights = constraints.patch_weights(patches, geometry)
+            rows = LevelRows(device, buffers, geometry, plan.stores)
+            place = rows.field.store
+            if field is None:
+                field = random_field(geometry, patches, recipe.seed, weights, place)
+                if fixed is not None:
+                    field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
+            else:
+                field = upsample_field(field, coarser, geometry, patches, recipe.seed, place)
+            searches = SEARCHES if iteration == 0 else FINE_SEARCHES
+            counted = image.reshape(-1, image.shape[2]) if usable is None else image[usable]
+            variance = float(counted.var(axis=0, dtype=np.float64).sum())
+            prices = None
+            if recipe.complete:
+                prices = UsePrices(device, buffers, geometry, image, patches, scale, variance, iteration == 0)
+            in_step = None
+            if recipe.in_step is not None:
+                own_scale = e_size[0] / exemplar.shape[1], e_size[1] / exemplar.shape[0]
+                target_scale = geometry.width / recipe.width, geometry.height / recipe.height
+                in_step = recipe.in_step.prices(own_scale, target_scale, geometry.patch, variance)
+            matcher = Matcher(
+                device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable,
+                None if weights is None else 1 / weights, prices, in_step, rows,
+            )  # fmt: skip
+            stays = None if fixed is None else fixed.image(exemplar, geometry)
+            level = _Level(device, buffers, matcher, image, usable, recipe, scale, constraints, stays)
+            for passes in passes_of_level:
+                level.iterate(iteration, passes)
+                iteration += 1
+                progress(iteration, total)
+            field, coarser = matcher.field(), geometry
+        source = matcher.pick()
+        if fixed is not None:
+            source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
+        lost = None if prices is None else lost_texture(source, image, patches, geometry)
+        return Synthesis(source, field, lost)
+
+
+def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budget: int) -> None:
+    """Refuse what sizes alone show that `synthesize` would: of an exemplar that is not read, on a device not opened.
+
+    Parameters
+    ----------
+    device : Device
+    recipe : Recipe
+        With a sigma of None where it is not known yet.
+    shape : (height, width, channels)
+        Of the exemplar.
+    budget : int
+        As of `synthesize`.
+
+    Raises
+    ------
+    ImageError, DeviceError
+        As by `synthesize`.
+    """
+    # masks may leave no coarser level
+    plan = plan_memory(device, shape, recipe, [geometry_at(recipe, shape, 1.0)], [1.0], UNCONSTRAINED, budget)
+    require_room(device, plan.layout, budget, _task(recipe, shape), plan.on_host)
+
+
+class _Level:
+    """One pyramid level: the body of algorithm 1's inner loop."""
+
+    def __init__(
+        self, device: Device, buffers: Buffers, matcher: Matcher, exemplar: np.ndarray, usable: np.ndarray | None,
+        recipe: Recipe, scale: float, constraints: Constraints = UNCONSTRAINED, fixed: np.ndarray | None = None,
+    ):  # fmt: skip
+        self._device, self._buffers, self._matcher, self._recipe = device, buffers, matcher, recipe
+        self._free = None if fixed is None else fixed[..., 0] == OUTSIDE
+        g = self._geometry = matcher.geometry
+        self._usable = usable
+        values = self._counted(exemplar)
+        self._low, self._high = values.min(axis=0), values.max(axis=0)
+        self._first = int(self._low.min())
+        self._entries = int(self._high.max()) - self._first + 1
+        if fixed is not None:  # what no patch can show would only push the others away
+            fixed = np.where(self._free[..., None], OUTSIDE, np.clip(fixed, self._low, self._high)).astype(np.int16)
+            stays = matcher.rows.plane("fixed", fixed.shape, np.int16, fixed)
+            ease = ease_from(self._free, EASE * recipe.patch)
+            matcher.rows.plane("ease", ease.shape, np.uint8, ease)
+        sigma = None if recipe.sigma is None else recipe.sigma * scale
+        if recipe.contrast > 0:
+            self._counts = ValueCounts(device, buffers, self._first, self._entries, g.channels)
+            if fixed is not None and constraints.fixed.is_goal and not self._free.all():
+                self._goal = self._values_of(stays, "fixed")
+            else:
+                self._goal = self._exemplar_counts(exemplar, sigma)
+        self._projection: Projecting | None = None
+        if constraints.sigmas is not None:
+            sigmas = level_sigmas(constraints, g, scale)
+            stack = [self._projected(g, one, number) for number, one in enumerate(octaves(sigmas))]
+            places = VaryingProjection.places_of(sigmas, len(stack))
+            places = matcher.rows.plane("place", places.shape, np.float32, places)
+            self._projection = VaryingProjection(device, buffers, stack, g.width, places)
+        elif sigma is not None:
+            self._projection = self._projected(g, sigma)
+        self._next_image: RowStore | None = None
+        if not matcher.rows.whole and self._projection is not None and self._projection.looks_beyond:
+            self._next_image = matcher.rows.store((g.height, g.width, g.channels), np.int16)
+
+    def _projected(self, domain: Domain, sigma: float, number: int = 0) -> Projecting:
+        grid, recipe = CellGrid.of(domain, sigma), self._recipe
+        return projection(
+            recipe.measure, recipe.order, self._device, self._buffers, grid, self._low, self._high, number
+        )
+
+    def _exemplar_counts(self, exemplar: np.ndarray, sigma: float | None) -> np.ndarray:
+        """The histogram that is aimed at: of the exemplar, projected where the recipe says so."""
+        g, b, seen = self._geometry, self._buffers, None
+        if self._usable is not None:
+            exemplar, seen = np.where(self._usable[..., None], exemplar, OUTSIDE), "image"
+        projection = None
+        held = min(b["image"].size, b["target"].size) // (2 * g.channels * g.exemplar_width)
+        if self._recipe.flat and sigma is not None:
+            projection = self._projected(Domain(g.exemplar_width, g.exemplar_height), sigma)
+            held = min(held, projection.held or held)
+        store = None if held >= g.exemplar_height else RowStore.of(exemplar)
+        if store is None:
+            self._device.write(b["image"], exemplar)  # which nothing has been voted into yet
+        image = Rows(self._device, b, "image", g.exemplar_width, g.exemplar_height, False, store, held)
+        if projection is None:
+            return self._values_of(image, seen)
+        counts = np.zeros((g.channels, self._entries), np.int64)
+        for top, bottom, first in projected(projection, image, "target", most=held - halo(g.patch)):
+            counts += self._counts.of("target", (g.exemplar_width, bottom - top), at=top - first, seen=seen)
+        return counts
+
+    def _values_of(self, image: Rows, seen: str | None) -> np.ndarray:
+        """How often each value occurs in an image, but where it is `OUTSIDE` in the rows of buffer `seen`."""
+        width, counts = image.width, np.zeros((self._geometry.channels, self._entries), np.int64)
+        for top, bottom in image.bands():
+            image.load(top, bottom)
+            counts += self._counts.of(image.name, (width, bottom - top), seen=seen)
+        return counts
+
+    def _counted(self, exemplar: np.ndarray) -> np.ndarray:
+        """Its pixels that may be used, (n, 3)."""
+        return exemplar.reshape(-1, exemplar.shape[2]) if self._usable is None else exemplar[self._usable]
+
+    def iterate(self, iteration: int, passes: int) -> None:
+        """vote, matchHistogram, project, patchMatch: the source's own pixels have the last word (section 4.2)."""
+        rows, alpha = self._matcher.rows, self._recipe.alpha(iteration)
+        counts = np.zeros((self._geometry.channels, self._entries), np.int64)
+        for top, bottom in rows.bands():
+            self._matcher.vote(top, bottom)
+            self._hold(top, bottom)
+            if alpha > 0:
+                counts += self._count_free(top, bottom)
+            rows.image.save(top, bottom)
+        if alpha > 0:
+            self._match_histogram(counts, alpha)
+        if self._projection is not None:
+            self._project()
+        self._matcher.improve(passes, iteration)
+
+    def _project(self) -> None:
+        rows = self._matcher.rows
+        for top, bottom, first in projected(self._projection, rows.image, "target", OVERSHOOT, rows.most):
+            self._take_target(first, bottom)
+            self._hold(first, bottom)
+            rows.image.save(top, bottom, first, into=self._next_image)
+        if self._next_image is not None:
+            rows.image.store, self._next_image = self._next_image, rows.image.store
+
+    def _take_target(self, top: int, bottom: int) -> None:
+        """Rows of `target` become the image, less so the nearer pixels lie to those that stay."""
+        if self._free is not None:
+            self._matcher.ease("target", top, bottom)
+        self._buffers.swap("image", "target")
+
+    def _hold(self, top: int, bottom: int) -> None:
+        if self._free is not None:
+            self._matcher.hold(top, bottom)
+
+    def _count_free(self, top: int, bottom: int) -> np.ndarray:
+        """How often each value occurs in rows of `image` that lie in its buffer, beside pixels that stay."""
+        free = None if self._free is None else "fixed"
+        return self._counts.of("image", (self._geometry.width, bottom - top), free=free)
+
+    def _match_histogram(self, counts: np.ndarray, alpha: float) -> None:
+        rows, width = self._matcher.rows, self._geometry.width
+        table = matching_table(counts, self._goal, self._first, alpha)
+        for top, bottom in rows.bands():
+            rows.load("image", top, bottom)
+            apply_table(self._device, self._buffers, "image", "target", (width, bottom - top), table, self._first)
+            self._take_target(top, bottom)
+            rows.image.save(top, bottom)
+
+
+def _task(recipe: Recipe, shape: tuple[int, ...]) -> str:
+    return f"a tile of {recipe.width}x{recipe.height} from an exemplar of {shape[1]}x{shape[0]}"

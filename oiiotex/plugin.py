@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The public door for filters of other packages: what a filter needs, wherever it lies inside.
+
+`docs/your_own_filter.md` uses nothing else. Other modules may change from one version to the next.
+"""
+
+from .color.config import as_float
+from .color.lab import Lens, in_type, lens_of, working_values
+from .core.access import AnyWindow, Gather, Neighbourhood, Pointwise, ScanThenMap, Whole
+from .core.image import Image, Part, derived_spec, from_pixels, spec_beside
+from .core.op import Kind, Output, Space
+from .core.parameters import Numbers, Size, Words, argument, image, param
+from .core.window import Window
+from .errors import ColorError, DeviceError, Error, ImageError, ParameterError
+from .scan import scan
+from .session import Session
+
+__all__ = [
+    "AnyWindow", "ColorError", "DeviceError", "Error", "Gather", "Image", "ImageError", "Kind", "Lens",
+    "Neighbourhood", "Numbers", "Output", "ParameterError", "Part", "Pointwise", "ScanThenMap", "Session", "Size",
+    "Space", "Whole", "Window", "Words", "argument", "as_float", "derived_spec", "from_pixels", "image", "in_type",
+    "lens_of", "param", "scan", "spec_beside", "working_values",
+]  # fmt: skip

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Global and local histogram matching: MJH17 sections 3.2, 4.2 and 4.3.
+
+Images are (height, width, channels) int16 arrays of Lab (and of further maps of a material) on the integer grid of
+`lab_grid`, so a global match is one table per channel and every histogram of it is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Protocol
+
+from ..deferred import np
+from ..opencl.buffers import Buffers, Download
+from ..opencl.device import Device
+from ..stationarity.grid_statistics import CellGrid
+
+if TYPE_CHECKING:
+    import pyopencl as cl
+
+BINS = 64
+INVERSE = 2048  # samples of an inverse cumulative
+OUTSIDE = -32768  # a value that no histogram counts; the grid of Lab ends far from it
+MOST_VALUES = 4096  # that `patchmatch.to_grid` tells apart
+ALL_ROWS = 1 << 31
+_CELL_GROUP = 4  # cells that a CPU's thread sums at a time: there may be few, and they are long work
+_COUNT_PARTS = 32  # of an image whose values are counted
+
+
+class Source(Protocol):
+    """An image whose rows can be had in buffer `name`: `patchmatch.rows.Rows`."""
+
+    name: str
+    store: object | None  # None: the buffer holds all
+
+    def bands(self, first: int, last: int, most: int | None = None) -> Iterator[tuple[int, int]]:
+        """Rows first to last in as many as can be loaded at once, or `most`; in one where all are held."""
+
+    def load(self, first: int, last: int) -> int:
+        """Bring rows there; returns which row lies at the buffer's start."""
+
+
+def matching_table(counts: np.ndarray, target: np.ndarray, first: int, alpha: float) -> np.ndarray:
+    """Table value -> c' = alpha G^-1(F(c)) + (1 - alpha) c per channel (MJH17 section 4.2).
+
+    Blending values at equal shares is blending along the x axis of the cumulatives.
+
+    Parameters
+    ----------
+    counts, target : (channels, entries) int64
+        Histograms of the image (F) and of what to match (G), as by `ValueCounts`.
+    first : int
+        Value of entry 0.
+    alpha : float
+        0 keeps the image, 1 gives it the target's histogram.
+
+    Returns
+    -------
+    (channels, entries) int16
+    """
+    channels, entries = counts.shape
+    values = first + np.arange(entries)
+    edges = first + np.arange(entries + 1) - 0.5
+    table = np.empty((channels, entries), np.int16)
+    for c in range(channels):
+        below = np.concatenate([[0.0], np.cumsum(counts[c])]) / counts[c].sum()
+        below_target = np.concatenate([[0.0], np.cumsum(target[c] + 1e-9)])
+        below_target /= below_target[-1]
+        matched = np.interp(0.5 * (below[:-1] + below[1:]), below_target, edges)
+        table[c] = np.rint(np.clip(alpha * matched + (1.0 - alpha) * values, first, first + entries - 1))
+    return table
+
+
+class ValueCounts:
+    """How often each value occurs in an image on the device, of which the host reads nothing else.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+        At least `layout()`.
+    first, entries : int
+        Entry i is for value first + i; no image has others.
+    channels : int
+    """
+
+    def __init__(self, device: Device, buffers: Buffers, first: int, entries: int, channels: int):
+        self._device, self._buffers = device, buffers
+        self._first, self._entries, self._channels = first, entries, channels
+        self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=channels)
+
+    @staticmethod
+    def layout(channels: int = 3) -> dict[str, int]:
+        """Device memory, in bytes by name."""
+        return {"value_counts": 4 * _COUNT_PARTS * channels * MOST_VALUES}
+
+    def of(
+        self, image: str, size: tuple[int, int], *, at: int = 0, free: str | None = None, seen: str | None = None
+    ) -> np.ndarray:
+        """The counts of rows of buffer `image`: (channels, entries) int64. Those of bands add up.
+
+        Parameters
+        ----------
+        image : str
+            Buffer of int16.
+        size : (int, int)
+            Width, and the number of rows.
+        at : int
+            The first of them in the buffer.
+        free : str or None
+            Buffer of the same size: only pixels that are `OUTSIDE` in it count.
+        seen : str or None
+            Buffer of the same size: only pixels that are not `OUTSIDE` in it count. Not beside `free`.
+        """
+        b, counters = self._buffers, 256 if self._device.lanes == 1 else 1  # cl/histograms.cl, COUNTERS
+        parts, which = min(_COUNT_PARTS, size[1]), 1 if free else 2 if seen else 0  # COUNT_FREE, COUNT_SEEN
+        self._run(
+            "values", (counters * parts, self._channels), b[image], b[free or seen or image], b["value_counts"],
+            self._first, self._entries, *size, at, which, group=counters,
+        )  # fmt: skip
+        self._run("values_sum", (self._channels * self._entries,), b["value_counts"], self._entries, parts)
+        counts = self._device.read(b["value_counts"], (self._channels, self._entries), np.int32)
+        return counts.astype(np.int64)
+
+
+def apply_table(
+    device: Device, buffers: Buffers, image: str, matched: str, size: tuple[int, int], table: np.ndarray, first: int
+) -> None:  # fmt: skip
+    """Write to buffer `matched` table[channel, v - first] for every value v of buffer `image`.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+    image, matched : str
+        Buffers of `size` (width, height).
+    size : (int, int)
+    table : (channels, entries) int16
+    first : int
+        The value of entry 0.
+    """
+    run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=len(table))
+    run("table", size, buffers[image], device.upload(table), buffers[matched], first, table.shape[1], *size)
+
+
+def layout(
+    grid: CellGrid, channels: int = 3, cell_rows: int | None = None, name: str = "grid", beyond: int = 0
+) -> dict[str, int]:
+    """Device memory of a projection, in bytes by name.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    channels : int
+    cell_rows : int or None
+        How many rows of cells are held, unless one row of pixels needs more; None: all.
+    name : str
+        Of the buffer of cells that no other projection may use.
+    beyond : int
+        Rows above and below those that are made, which are matched as well.
+    """
+    row, held = 4 * channels * grid.across * BINS, grid.down
+    if cell_rows is not None:
+        held = min(held, max(cell_rows, _least_cell_rows(grid) + math.ceil(2 * beyond * grid.down / grid.height)))
+    histograms = row * held
+    return {name: histograms, "grid_next": histograms, "row_sums": 4 * channels * grid.down * BINS}
+
+
+def _least_cell_rows(grid: CellGrid) -> int:
+    """Rows of cells that a projection must hold: those around one row of pixels, and what is blurred into them."""
+    return min(grid.down, 2 * (len(grid.taps()[1]) // 2) + 4)
+
+
+class Projection:
+    """project_histo of MJH17 section 4.3: every local histogram is matched to the image's own.
+
+    Where not all cells are held, those around the rows to match are summed and blurred when they are matched.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+        At least `layout()`, and as many rows of `matched` as of the image.
+    grid : CellGrid
+        Of the image, with the sigma of its Gaussian neighbourhoods.
+    low, high : (channels,) int
+        Range of values, in grid steps. What lies outside is taken as the nearest.
+    name : str
+        As of `layout`.
+    """
+
+    def __init__(
+        self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, name: str = "grid"
+    ):  # fmt: skip
+        self._device, self._buffers, self._grid, self._name = device, buffers, grid, name
+        self.channels = len(low)
+        self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=self.channels)
+        self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
+        per_bin = (BINS - 1) / np.maximum(self._high - self._low, np.float32(1.0))
+        self._bins = (device.upload(self._low), device.upload(per_bin.astype(np.float32)))
+        self._taps = [(device.upload(taps.astype(np.float32)), len(taps) // 2) for taps in grid.taps()]
+        held = min(buffers[n].size for n in (name, "grid_next")) // (4 * self.channels * grid.across * BINS)
+        self._held = min(grid.down, held)  # rows of cells
+        self._first_cells = 0  # the first of those that are held
+        self._inverse: cl.Buffer | None = None
+        self.whole = self._held == grid.down
+
+    held = None
+
+    @property
+    def looks_beyond(self) -> bool:
+        """Whether rows that are matched hang on others."""
+        return not self.whole
+
+    def learning(self, image: Source) -> Iterator[None]:
+        """Look at all of an image, at every step at some of its rows: behind the last one, `match` may be called."""
+        grid, sums = self._grid, np.empty((self.channels, self._grid.down, BINS), np.float32)
+        coming = None
+        for top in range(0, grid.down, self._held):
+            count = min(self._held, grid.down - top)
+            self._clear()
+            yield from self._gather(image, top, count, 0)
+            coming = self._row_sums()
+            if not self.whole:
+                sums[:, top : top + count] = coming.array()[:, :count]
+        if self.whole:
+            self._blur(grid.down, 0, grid.down, grid.wrap_y)
+            sums = coming.array()
+        self._inverse = self._device.upload(self._inverse_of(sums))
+
+    def last_row(self, top: int) -> int:
+        """Up to which row an image can be matched at once from row `top` on; `ALL_ROWS`: all."""
+        if self.whole:
+            return ALL_ROWS
+        cells = self._held - _least_cell_rows(self._grid)  # beside those of one row
+        return top + 1 + int(cells * self._grid.height / self._grid.down)
+
+    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+        """Match rows of an image that was learned; returns which row lies at the start of its buffer.
+
+        Parameters
+        ----------
+        image : Source
+        top, bottom : int
+            Counted on beyond the border where the image wraps. They are loaded.
+        matched : str
+            Buffer of the same rows as the image's: what lies `strength` times the way from it to its projection. Pixels
+            of value `OUTSIDE` belong to no histogram; what is written for them means nothing.
+        strength : float
+        """
+        if not self.whole:
+            self._gather_around(image, top, bottom)
+        first = image.load(top, bottom)
+        self._run(
+            "match", (self._grid.width, bottom - top), self._buffers[image.name], self._buffers[self._name],
+            self._inverse, self._buffers[matched], *self._bins, strength, top, bottom - top,
+            first, self._first_cells, self._held, *self._grid.arguments,
+        )  # fmt: skip
+        return first
+
+    def _gather_around(self, image: Source, top: int, bottom: int) -> None:
+        """The cumulatives of the cells that rows of pixels see, from the cells around them."""
+        grid, radius = self._grid, self._taps[1][1]
+        above, below = grid.cells_around(top)[0], grid.cells_around(bottom - 1)[1]
+        first, last = above - radius, below + 1 + radius
+        if not grid.wrap_y:
+            above, below = max(0, above), min(grid.down - 1, below)
+            first, last = max(0, first), min(grid.down, last)
+        self._clear()
+        row = first
+        while row < last:
+            cell = row % grid.down
+            count = min(last - row, grid.down - cell)
+            for _ in self._gather(image, cell, count, row - first):
+                pass
+            row += count
+        self._blur(last - first, above - first, below + 1 - first, False)
+        self._first_cells = first
+
+    def _clear(self) -> None:
+        """Every bin holds a little, which keeps cumulatives strictly rising."""
+        grid, size = self._grid, self.channels * self._held * self._grid.across * BINS
+        pitch_x, pitch_y = (np.float32(n) / np.float32(cells) for n, cells in zip(grid.size, grid.counts, strict=True))
+        self._device.fill(self._buffers[self._name], np.float32(1e-6) * pitch_x * pitch_y, size)
+
+    def _gather(self, image: Source, top: int, count: int, at: int) -> Iterator[None]:
+        """Sum rows of cells, held from row `at` on."""
+        grid, narrow = self._grid, self._device.lanes == 1
+        # then a work-group sums a channel of a cell, else an item sums a cell
+        shape, group = (
+            ((BINS * grid.across, count, self.channels), BINS) if narrow else ((grid.across, count), _CELL_GROUP)
+        )
+        for begin, end in image.bands(*grid.rows_of_cells(top, top + count)):
+            first = image.load(begin, end)
+            self._run(
+                "gather", shape, self._buffers[image.name], self._buffers[self._name], *self._bins, begin, end,
+                top, count, at, first, 0, self._held, *grid.arguments, group=group,
+            )  # fmt: skip
+            yield
+
+    def _row_sums(self) -> Download:
+        rows, b = self.channels * self._held, self._buffers
+        self._run("row_sums", (self._bin_parts, rows), b[self._name], b["row_sums"], self._grid.across, rows)
+        return self._device.read_later(b["row_sums"], (self.channels, self._held, BINS), np.float32)
+
+    def _blur(self, rows: int, first: int, last: int, wraps: bool) -> None:
+        """Cumulatives of rows `first` to `last`, from `rows` that are held."""
+        b, channels, across, parts = self._buffers, self.channels, self._grid.across, self._bin_parts
+        taps_x, taps_y = self._taps
+        plane = self._held * across
+        self._run(
+            "blur", (parts, across, channels * rows), b[self._name], b["grid_next"], *taps_x, across, 1, rows, across,
+            plane, 0, across, self._grid.wrap_x,
+        )  # fmt: skip
+        self._run(
+            "blur", (parts, last - first, channels * across), b["grid_next"], b[self._name], *taps_y, rows, across,
+            across, 1, plane, first, last, wraps,
+        )  # fmt: skip
+        self._run("cumulate", (across, channels * self._held), b[self._name], across, channels * self._held)
+
+    @property
+    def _bin_parts(self) -> int:
+        return BINS // (4 if self._device.lanes == 1 else 16)  # cl/histograms.cl, BIN_LANES
+
+    def _inverse_of(self, row_sums: np.ndarray) -> np.ndarray:
+        """G^-1 at equidistant shares, (channels, INVERSE + 1) float32 in grid steps; G is the whole image's."""
+        table, shares = np.empty((self.channels, INVERSE + 1), np.float32), np.linspace(0.0, 1.0, INVERSE + 1)
+        for c in range(self.channels):
+            # one row after the other: the order is part of the promise that bits do not change
+            total = np.add.reduce(row_sums[c].astype(np.float64), axis=0)
+            below = np.concatenate([[0.0], np.cumsum(total)])
+            place = np.interp(shares, below / below[-1], np.arange(BINS + 1) - 0.5)
+            low, high = float(self._low[c]), float(self._high[c])
+            table[c] = np.clip(low + place * max(1.0, high - low) / (BINS - 1), low, high)
+        return table

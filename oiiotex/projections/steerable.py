@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""project_steer of MJH17 section 4.3: the local histograms of steerable responses are matched to the image's own.
+
+Departures from the paper: its pyramid is Simoncelli's, here the filters are those of `stationarity/steerable.py`, and
+what none of them sees (low and high frequencies: the image less its own responses) is one rest, not two residuals.
+The rest is matched as well, as Heeger and Bergen match theirs: the twelve responses alone leave a photo's stains and
+gradients of light, which are slower than what they see, as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from ..deferred import np
+from ..opencl.buffers import Buffers
+from ..opencl.device import Device
+from ..stationarity.grid_statistics import CellGrid
+from ..stationarity.steerable import ORIENTATIONS, RADIUS, filter_bank
+from . import histograms
+from .histograms import Projection, Source
+
+_BEFORE = tuple(f"before{o}" for o in range(ORIENTATIONS))
+_AFTER = tuple(f"after{o}" for o in range(ORIENTATIONS))
+_REST = ("rest", "rest_matched")
+_LARGEST = 1344.0  # a response to int16 Lab of `lab_grid`: 1.12 times half of 300 Lab in steps of 1/8
+_GAIN = (
+    2.0  # changes come back weakened: a response sees 0.7 of what it gave in the mean, and PatchMatch takes some back
+)
+_SCALE = math.floor(32000 / math.sqrt(_LARGEST))  # of the roots that are kept in 16 bits
+
+
+def layout(
+    grid: CellGrid, channels: int, rows: int, cell_rows: int | None = None, name: str = "grid"
+) -> dict[str, int]:
+    """Device memory of a projection that holds so many rows of the image, in bytes by name; else as for histograms."""
+    values = channels * grid.width * rows
+    bands = dict.fromkeys((*_BEFORE, *_AFTER, *_REST), 2 * values)
+    needed = {**bands, "derivatives": 4 * ORIENTATIONS * values}
+    for own in _grids(name):
+        needed |= histograms.layout(grid, channels, cell_rows, own, beyond=RADIUS)
+    return needed
+
+
+def _grids(name: str) -> list[str]:
+    """Buffers of cells: one for each orientation, one for the rest."""
+    return [f"{name}_{n}" for n in range(ORIENTATIONS + 1)]
+
+
+class SteerableProjection:
+    """As `histograms.Projection`, of four bands of every channel; it sees `2 RADIUS` rows above and below."""
+
+    looks_beyond = True
+
+    def __init__(
+        self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, name: str = "grid"
+    ):  # fmt: skip
+        self.channels = len(low)
+        self._responses = _Responses(device, buffers, grid, low, high)
+        largest = np.full(self.channels, math.ceil(_SCALE * math.sqrt(_LARGEST)))
+        ranges = [(-largest, largest)] * ORIENTATIONS + [(low, high)]
+        self._projections = [
+            Projection(device, buffers, grid, *limits, own) for limits, own in zip(ranges, _grids(name), strict=True)
+        ]
+
+    @property
+    def held(self) -> int:
+        """Rows of the image that it can look at at once."""
+        return self._responses.held
+
+    def learning(self, image: Source) -> Iterator[None]:
+        """As `histograms.Projection.learning`."""
+        sources = self._responses.of(image)
+        # side by side, so that responses to rows are made once for all
+        for _ in zip(*(p.learning(one) for p, one in zip(self._projections, sources, strict=True)), strict=True):
+            yield
+
+    def last_row(self, top: int) -> int:
+        """As `histograms.Projection.last_row`."""
+        return min(p.last_row(top - RADIUS) for p in self._projections) - RADIUS
+
+    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+        """As `histograms.Projection.match`, of the image that was learned."""
+        responses = self._responses
+        *bands, rest = responses.around(top, bottom)
+        *of_bands, of_rest = self._projections
+        rows = responses.cut(top - RADIUS, bottom + RADIUS) if bottom - top < responses.height else (top, bottom)
+        for projection, band, after in zip(of_bands, bands, _AFTER, strict=True):
+            projection.match(band, *rows, after, 1.0)
+        of_rest.match(rest, top, bottom, _REST[1], 1.0)
+        return responses.add_changes(top, bottom, matched, strength)
+
+
+class _Responses:
+    """The bands of an image and the rest, of rows that were asked for last: the rest of `top` to `bottom`, bands of
+    `RADIUS` rows more above and below, which are spread back into it.
+    """
+
+    def __init__(self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray):
+        self._device, self._buffers, self._grid, self._channels = device, buffers, grid, len(low)
+        self._run = device.program("steerable", RADIUS=RADIUS, CHANNELS=len(low))
+        self._taps, self._angular, *self._range = (
+            device.upload(table.astype(np.float32)) for table in (*filter_bank(), np.asarray(low), np.asarray(high))
+        )
+        self.image: Source | None = None
+        self.height = grid.height
+        self.held = buffers["derivatives"].size // (4 * ORIENTATIONS * len(low) * grid.width)  # rows
+        self._made = self._wanted = (0, 0)  # rows of the rest
+
+    def of(self, image: Source) -> list[_Response]:
+        """Those of an image, bands and the rest; none are made."""
+        self.image, self._made = image, (0, 0)
+        return self.around(0, 0)
+
+    def around(self, top: int, bottom: int) -> list[_Response]:
+        """The same, of which rows top to bottom and those around them will be wanted."""
+        self._wanted = top, bottom
+        if self.image.store is not None:  # others may have used the buffers
+            self._made = 0, 0
+        return [*(_Response(self, name, RADIUS) for name in _BEFORE), _Response(self, _REST[0], 0)]
+
+    def cut(self, first: int, last: int) -> tuple[int, int]:
+        """Rows of which there are any."""
+        return (first, last) if self._grid.wrap_y else (max(0, first), min(self._grid.height, last))
+
+    def load(self, first: int, last: int, more: int) -> int:
+        """Make rows of a response that is made for `more` rows than the rest; which row lies at its buffer's start."""
+        if self.image.store is None:
+            if not any(self._made):
+                self._make(0, self._grid.height)
+            return 0
+        for rows in (self._wanted, self._made, (first, last)):
+            begin, end = self.cut(rows[0] - more, rows[1] + more)
+            if rows[0] < rows[1] and begin <= first and last <= end:
+                break
+        if rows != self._made:
+            self._make(*rows)
+        return begin
+
+    def _make(self, top: int, bottom: int) -> None:
+        b, run, taps, width, height, held = self._buffers, self._run, self._taps, *self._grid.size, self.held
+        first, last = self.cut(top - 2 * RADIUS, bottom + 2 * RADIUS)
+        if self.image.store is None:
+            first, last = 0, height
+        self.image.load(first, last)
+        begin, end = self._bands_of(top, bottom)
+        rows, image, (along_x, along_y) = b["derivatives"], b[self.image.name], self._grid.wraps
+        bands, responses = [b[name] for name in _BEFORE], (taps, self._angular)
+        run("rows", self._shape(last - first), image, rows, taps, last - first, held, width, along_x)
+        place = begin, end - begin, first, held, width, height, along_y
+        run("columns", self._shape(end - begin), rows, *bands, *responses, float(_SCALE), *place)
+        self._spread(top, bottom, 1.0 / _SCALE**2, 0)
+        place = top - first, bottom - top, held, width, along_x
+        run("rest", self._shape(bottom - top), image, rows, b[_REST[0]], taps, *place)
+        self._made = top, bottom
+
+    def add_changes(self, top: int, bottom: int, matched: str, strength: float) -> int:
+        """Spread what matching changed; returns which row lies at the start of the image's buffer, and of `matched`."""
+        self.load(top, bottom, 0)
+        b, width = self._buffers, self._grid.width
+        first = 0 if self.image.store is None else self.cut(top - 2 * RADIUS, bottom + 2 * RADIUS)[0]
+        self._spread(top, bottom, _GAIN / _SCALE**2, 1)
+        place = top - first, 0 if self.image.store is not None else top, bottom - top, self.held, width
+        self._run(
+            "add", self._shape(bottom - top), b[self.image.name], b["derivatives"], *(b[name] for name in _REST),
+            b[matched], self._taps, *self._range, strength, *place, self._grid.wrap_x,
+        )  # fmt: skip
+        return first
+
+    def _spread(self, top: int, bottom: int, unit: float, changes: int) -> None:
+        bands = (self._buffers[name] for name in (*_BEFORE, *_AFTER))
+        place = top, bottom - top, self._bands_of(top, bottom)[0], self.held, *self._grid.size, self._grid.wrap_y
+        self._run(
+            "spread", self._shape(bottom - top), *bands, self._buffers["derivatives"], self._taps, self._angular, unit,
+            changes, *place,
+        )  # fmt: skip
+
+    def _bands_of(self, top: int, bottom: int) -> tuple[int, int]:
+        """The rows of bands that lie in their buffers."""
+        return (0, self._grid.height) if self.image.store is None else self.cut(top - RADIUS, bottom + RADIUS)
+
+    def _shape(self, rows: int) -> tuple[int, int]:
+        wide = 1 if self._device.lanes == 1 else 16  # cl/steerable.cl, WIDE
+        return math.ceil(self._channels * self._grid.width / wide), rows
+
+
+class _Response:
+    """A `Source` of what is made of an image as it is asked for."""
+
+    def __init__(self, responses: _Responses, name: str, more: int):
+        self._responses, self.name, self._more = responses, name, more
+
+    @property
+    def store(self) -> object:
+        """None where the buffer holds all."""
+        return self._responses.image.store
+
+    def bands(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+        """As of the image, less the rows around them."""
+        return self._responses.image.bands(first, last, self._responses.held - 4 * RADIUS)
+
+    def load(self, first: int, last: int) -> int:
+        """As of the image."""
+        return self._responses.load(first, last, self._more)

@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The Python edge: an op's declaration as a function on ImageBufs, numpy arrays and files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+
+from .core.image import Image, Part, cropped, from_array, from_buffer, tagged, to_buffer
+from .core.op import Op
+from .core.parameters import nearest
+from .core.window import Window
+from .errors import Error, ImageError, ParameterError, ParameterTypeError, QualityError
+from .io.reading import read
+from .python_types import ImageLike, docstring, in_python, signature, takes_none
+from .run import Result, run
+from .session import Session
+
+_TAG = "oiio:ColorSpace"
+
+
+def function_of(op: type[Op]) -> Callable[..., Any]:
+    """A function of the op's images (positional) and parameters (keywords), with `session=` for the rest.
+
+    Images that may be left out are keywords, too; one may be the name of a part of the first image. It returns an
+    ImageBuf, or a dict of them by name where the op was asked for more than one; a list of these where it makes
+    several images.
+    """
+
+    def function(
+        *images: ImageLike,
+        colorspace: str | None = None,
+        roi: oiio.ROI | None = None,
+        nthreads: int = 0,
+        session: Session | None = None,
+        **values: Any,
+    ) -> Any:
+        session = session or Session(threads=nthreads)
+        try:
+            bound = _bound(op, images, values, colorspace, session)
+            results, failed = session.on_a_device(lambda: _results_of(bound, session, roi))
+        except Error as error:
+            error.args = (in_python(str(error), op),)
+            raise
+        result = results if len(results) > 1 else results[0]
+        if failed:
+            raise QualityError("; ".join(failed), result)
+        return result
+
+    function.__name__ = function.__qualname__ = op.name
+    function.__doc__ = docstring(op)
+    function.__signature__ = signature(op)  # type: ignore[attr-defined]
+    return function
+
+
+def _bound(
+    op: type[Op], images: tuple[ImageLike, ...], values: dict[str, Any], colorspace: str | None, session: Session
+) -> Op:
+    declared = op.taken(values)
+    many = declared[0] if len(declared) == 1 and declared[0].many else None
+    if takes_none(op) and len(images) == 1 and images[0] is None:
+        images = ()
+    if not images if many else len(images) != len(declared):
+        count = "one image or more" if many else f"{len(declared)} image{'s' * (len(declared) != 1)}"
+        names = f" ({', '.join(i.name for i in declared)})" if declared else ""
+        raise ParameterTypeError(f"{op.name} takes {count}{names}, not {len(images)}")
+    optional = [i.name for i in op.optional_images()]
+    further = op.further_images()
+    known = [p.attribute for p in op.parameters()] + optional + ([further.name] if further else [])
+    for name in values:
+        if name not in known:
+            raise ParameterTypeError(f"{op.name}: unknown parameter '{name}'{nearest(name, known)}")
+    missing = [p.attribute for p in op.parameters() if p.required and p.attribute not in values]
+    if missing:
+        raise ParameterTypeError(f"{op.name}: {missing[0]}= must be given")
+    pictures = tuple(_image(image, session) for image in images)
+    if colorspace is not None:
+        session.color.resolve(colorspace)
+        pictures = tuple(tagged(image, _TAG, colorspace) for image in pictures)
+    given: dict[str, Any] = (
+        {many.name: pictures} if many else dict(zip((i.name for i in declared), pictures, strict=True))
+    )
+    for name in optional:
+        if values.get(name) is not None:
+            given[name] = _keyword(op, name, values[name], pictures[0] if pictures else None, session)
+    if further is not None and further.name in values:
+        more = tuple(_image(image, session) for image in values[further.name])
+        values = {further.count: 1 + len(more)} | values | {further.name: more}
+    return op(**{**{i.name: None for i in op.images()}, **values, **given})
+
+
+def _image(given: ImageLike, session: Session) -> Image:
+    if isinstance(given, (str, os.PathLike)):
+        return read(given, session.cache)
+    if not isinstance(given, Mapping):
+        return _picture(given)
+    if not given:
+        raise ImageError("an image has at least one part")
+    parts = [replace(_picture(picture).first, name=name) for name, picture in given.items()]
+    return Image(tuple(parts), parts[0].name)
+
+
+def _picture(given: Any) -> Image:
+    if isinstance(given, oiio.ImageBuf):
+        return from_buffer(given)
+    if isinstance(given, np.ndarray):
+        return from_array(given)
+    raise ParameterTypeError(
+        f"an ImageBuf, an array, a file's name or a dict of parts is wanted, not {type(given).__name__}"
+    )
+
+
+def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, session: Session) -> Image:
+    if not isinstance(value, str):
+        return _image(value, session)
+    part = first.part(value) if first is not None else None
+    if part is not None:
+        return Image((part,), value)
+    if Path(value).exists():
+        return read(value, session.cache)
+    has = ", ".join(p.name for p in first.parts) if first is not None else "none"
+    raise ParameterError(f"{op.name}: {name}='{value}': neither a part of the image, which has {has}, nor a file")
+
+
+def _results_of(bound: Op, session: Session, roi: oiio.ROI | None) -> tuple[list[Any], list[str]]:
+    """Its images, and which limits they fail."""
+    results = run(bound, session)
+    return [_buffers(type(bound), one, roi) for one in results], [text for one in results for text in one.failed]
+
+
+def _buffers(op: type[Op], result: Result, roi: oiio.ROI | None) -> Any:
+    buffers = [to_buffer(part if roi is None else _within(part, roi, op)) for part in result.image.parts]
+    return buffers[0] if len(buffers) == 1 else dict(zip(result.names, buffers, strict=True))
+
+
+def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
+    """The part's pixels in a region, its display window and metadata as they are."""
+    window = Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend) & part.window if roi.defined else part.window
+    if window.empty:
+        raise ParameterError(f"{op.name}: roi {roi} is outside the result {part.window}")
+    return cropped(part, window)

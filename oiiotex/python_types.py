@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An op's declaration in words of Python: types, signature, docstring, results. The stub is made from it."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import OpenImageIO as oiio
+from OpenImageIO import ROI, ImageBuf
+
+from .core.op import Kind, Op, Output
+from .core.parameters import Numbers, Parameter, Size, Words
+from .session import Session
+
+FileName = str | os.PathLike[str]
+Array = np.ndarray[Any, np.dtype[Any]]
+"""(height, width) or (height, width, channels), rows from the top; integers as shares of their type's largest value."""
+Picture = oiio.ImageBuf | Array
+ImageLike = Picture | FileName | Mapping[str, Picture]
+"""An image of one part, a file, or parts by their names, as the functions return them."""
+
+__all__ = [
+    "ROI", "Array", "FileName", "ImageBuf", "ImageLike", "Literal", "Picture", "Sequence", "Session",
+]  # fmt: skip
+
+_NAMES = {
+    int: "int", float: "float", bool: "bool", str: "str", Path: "FileName", Size: "tuple[int, int]",
+    Numbers: "float | Sequence[float]", Words: "Sequence[str]",
+}  # fmt: skip
+_COMMON: tuple[tuple[str, str, int | None, str], ...] = (  # name, type, default, help
+    ("colorspace", "str | None", None, "colour space of the images that come first; their own tag where it is None"),
+    ("roi", "ROI | None", None, "compute only this region of the result"),
+    ("nthreads", "int", 0, "CPU threads, where no session says it; 0: as many as the process may use"),
+    ("session", "Session | None", None, "device, memory budget, colour config, progress"),
+)
+SINGLE, PARTS = "ImageBuf", "dict[str, ImageBuf]"
+
+
+def annotation(parameter: Parameter) -> str:
+    """The type of a parameter, or of an input image, as a text."""
+    if parameter.kind is None:
+        name = "Sequence[ImageLike]" if parameter.count else "ImageLike"
+        return name if parameter.default is not None else f"{name} | None"
+    if parameter.choices:
+        literals = ", ".join(repr(choice) for choice in parameter.choices if choice is not None)
+        names = [f"Literal[{literals}]"]
+    else:
+        names = [_NAMES[kind] for kind in parameter.kind]
+    optional = ["None"] if parameter.default is None else []
+    return " | ".join(dict.fromkeys([*names, *optional]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Form:
+    """One way to call an op: what differs from its full signature, and what it returns then.
+
+    Attributes
+    ----------
+    narrowed : dict of str to str
+        Types of parameters that say which way it is.
+    required : tuple of str
+        Those of them that must be given.
+    returns : str
+    """
+
+    narrowed: dict[str, str]
+    required: tuple[str, ...]
+    returns: str
+
+
+def forms(op: type[Op]) -> tuple[Form, ...]:
+    """The ways to call an op, from the plainest to all there are: what a type checker knows of its result."""
+    asked = {o.asked_by: o for o in op.outputs if o.asked_by and o.kind.is_image and not o.instead}
+    flags = {p.name: p for p in op.parameters() if p.name in asked and bool in (p.kind or ())}
+    # of what may be several parts or none, the call alone does not say how many there are
+    certain = [n for n in flags if not asked[n].name.endswith(".N") or asked[n].of]
+    plain = SINGLE if not (op.main().name.endswith(".N") or _passes_on(op)) else f"{SINGLE} | {PARTS}"
+    several = _several(op)
+    alone = {name: "Literal[1]" for name in several if name in {p.name for p in op.parameters()}}
+    alone |= {"single": "Literal[False]"} if "single" in {p.name for p in op.parameters()} else {}  # of many parts one
+    quiet = {n: _without_true(p, asked[n]) for n, p in flags.items()}
+    one_part = {i.name: "Picture" for i in op.images()[:1] if op.carries}
+    every = f"{SINGLE} | {PARTS}" if flags or op.carries or plain != SINGLE else SINGLE
+    last = f"{every} | list[{SINGLE}] | list[{PARTS}]" if several else every
+    ways = [Form(quiet | alone | one_part, (), plain)]
+    ways += [Form({name: "Literal[True]"} | alone, (name,), PARTS) for name in certain]
+    return (*(form for form in ways if form.returns != last), Form({}, (), last))
+
+
+def _passes_on(op: type[Op]) -> bool:
+    """Whether it makes images of all parts of its own."""
+    return all(image.many for image in op.images()) and not op.parameters()
+
+
+def _several(op: type[Op]) -> tuple[str, ...]:
+    """The parameters and inputs by which it makes several images."""
+    further = op.further_images()
+    if further is None:
+        return ()
+    known = {further.name, *(p.name for p in op.parameters())}
+    return tuple(name for name in (further.count, "variants", further.name) if name in known)
+
+
+def _without_true(parameter: Parameter, output: Output) -> str:
+    named = Path in (parameter.kind or ()) and output.kind is not Kind.CRYPTOMATTE
+    return "FileName | Literal[False]" if named else "Literal[False]"
+
+
+# --- signature and docstring ---
+
+
+def signature(op: type[Op], form: Form | None = None) -> inspect.Signature:
+    """Of the op's function, or of one form of it; types are texts."""
+    form = form or forms(op)[-1]
+    kinds = inspect.Parameter
+    first = [
+        kinds(
+            i.name,
+            kinds.VAR_POSITIONAL if i.many else kinds.POSITIONAL_ONLY,
+            annotation=form.narrowed.get(i.name, annotation(i)) + (" | None" if takes_none(op) else ""),
+            default=None if takes_none(op) else kinds.empty,
+        )
+        for i in op.images()
+    ]
+    keywords = [
+        kinds(
+            p.attribute,
+            kinds.KEYWORD_ONLY,
+            default=kinds.empty if p.name in form.required or p.required else p.default,
+            annotation=form.narrowed.get(p.name, annotation(p)),
+        )
+        for p in _keywords(op)
+        if not (form.narrowed and p.count and p.kind is None)
+    ]
+    common = [kinds(name, kinds.KEYWORD_ONLY, default=d, annotation=text) for name, text, d, _ in _COMMON]
+    return inspect.Signature([*first, *keywords, *common], return_annotation=form.returns)
+
+
+def takes_none(op: type[Op]) -> bool:
+    """Whether a parameter can stand for the one image, so that it may be left out."""
+    return len(op.images()) == 1 and not op.images()[0].many and not op.taken({"graph": "g"})
+
+
+def _keywords(op: type[Op]) -> tuple[Parameter, ...]:
+    further = op.further_images()
+    return (*op.optional_images(), *([] if further is None else [further]), *op.parameters())
+
+
+def docstring(op: type[Op]) -> str:
+    """The op's docstring with its parameters and results."""
+    lines = [in_python(inspect.getdoc(op) or "", op), "", "Parameters", "----------"]
+    shown = signature(op).parameters
+    for i in op.images():
+        star = "*" if i.many else ""
+        lines += [f"{star}{i.name} : {shown[i.name].annotation}", f"    {in_python(i.help, op)}"]
+    for p in _keywords(op):
+        default = "" if p.required else f", default {p.default!r}"
+        bounds = f"; {p.allowed_in_python()}" if p.ge is not None or p.le is not None or p.unit else ""
+        named = "; a text is the name of a part of the first image, else of a file" if p in op.optional_images() else ""
+        text = re.sub("^1: ", "True: ", p.help) if bool in (p.kind or ()) else p.help
+        lines += [f"{p.attribute} : {annotation(p)}{default}", f"    {in_python(text, op)}{named}{bounds}"]
+    for name, text, value, meaning in _COMMON:
+        lines += [f"{name} : {text}, default {value!r}", f"    {meaning}"]
+    lines += ["", "Returns", "-------", f"{forms(op)[-1].returns}"]
+    lines += ["    a dict where more than one part was asked for"] if len(forms(op)) > 1 else []
+    lines += ["    a list of these where there are several images"] if _several(op) else []
+    lines += [f"    {o.name}: {in_python(o.text, op)}" for o in op.outputs]
+    lines += ["", "Raises", "------", "oiiotex.Error", "    with one line that says what is wrong and what is allowed"]
+    return "\n".join(lines)
+
+
+# --- words of the command line ---
+
+_OPTIONS = (
+    (r"(add|say) --iscolorspace NAME( after it)?", "say colorspace=NAME"),
+    (r"--interchange SPACE lin_rec709 says", "Session(interchange=(SPACE, 'lin_rec709')) says"),
+    (r"; oiiotex --colorconfiginfo lists them", ""),
+    (r"--st_warp", "OpenImageIO.ImageBufAlgo.st_warp"),
+    (r"raise --cache", "raise the budget of the session"),
+    (r"add --fixnan box3 after it", "repair them first (OpenImageIO.ImageBufAlgo.fixNonFinite)"),
+)
+_FILTER = re.compile(r"--tex(\w+)((?::\w+=[^\s:,;)]+)*)")
+
+
+def in_python(text: str, op: type[Op]) -> str:
+    """A text that speaks of the command line, said for a caller of the op's function."""
+    for pattern, replacement in _OPTIONS:
+        text = re.sub(pattern, replacement, text)
+    flags = {p.name for other in _ops(Op) for p in other.parameters() if bool in (p.kind or ())}
+    flags -= {p.name for p in op.parameters() if bool not in (p.kind or ())}
+
+    def call(match: re.Match[str]) -> str:
+        given = match[2].lstrip(":").replace(":", ", ")
+        return f"filters.{match[1]}({given})" if given else f"filters.{match[1]}"
+
+    text = _FILTER.sub(call, text)
+    names = "|".join(sorted(flags)) or "(?!)"
+    return re.sub(rf":?\b({names})=([01])\b", lambda m: f"{m[1]}={bool(int(m[2]))}", text)
+
+
+def _ops(op: type[Op]) -> list[type[Op]]:
+    """All filters that are declared."""
+    own = [op] if hasattr(op, "name") and op.prefix == Op.prefix else []
+    return own + [filter for other in op.__subclasses__() for filter in _ops(other)]

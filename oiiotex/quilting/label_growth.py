@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A label map of any size grown from a found one: the future work of LSA16 §7.
+
+A label map is itself a texture. It is reduced to cells of about a quarter of its scale, labels become colours that lie
+far apart, and PatchMatch with voting (`optimization.synthesize`, without projection) makes a map of the new size:
+uniform use of the found map and matching of histograms hold the shares, whole patches hold what lies beside what. Of
+several starts the one is taken whose shares and neighbourhoods are nearest to those found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..core.window import Domain
+from ..deferred import np
+from ..errors import ImageError
+from ..opencl.device import Device
+from ..patchmatch.optimization import Recipe, synthesize
+
+CELLS = 4  # along the scale of a label map
+_LEAST, _MOST = 24, 192  # cells along the found map's shorter side
+_PATCHES = (11, 9, 7, 5)
+_UNIFORMITY = 0.3  # strong: shares matter more here than the coherence of single borders
+PATCHES_ACROSS = 3  # of the found map on the coarsest level, at least
+_ITERATIONS = 20
+_SIDE = 100.0  # of the cube of colours, Lab units
+
+
+@dataclass(frozen=True)
+class Grown:
+    """A grown label map.
+
+    Attributes
+    ----------
+    ids : (height, width) uint32
+        One per cell.
+    cell : int
+        Side of a cell, px.
+    shares, neighbours : float
+        How far the shares of labels, and of pairs that lie side by side, are from those found: half the sum of
+        absolute differences, 0 (the same) to 1.
+    """
+
+    ids: np.ndarray
+    cell: int
+    shares: float
+    neighbours: float
+
+
+def cell_side(rho: float, width: int, height: int) -> int:
+    """The side of a cell for a label map of that scale, px: small enough for the map to hold some patches of cells."""
+    shorter = min(width, height)
+    side = round(rho / CELLS) if rho > 0 else shorter // 64
+    return max(1, -(-shorter // _MOST), min(side, shorter // _LEAST))
+
+
+def cells_of(ids: np.ndarray, side: int) -> np.ndarray:
+    """The most frequent label of every cell, ties to the lower; (rows, columns), what is left over is cut off."""
+    rows, columns = (max(1, n // side) for n in ids.shape)
+    ids = ids[: rows * side, : columns * side]
+    best, most = np.zeros((rows, columns), np.int64), np.full((rows, columns), -1)
+    for label in np.unique(ids):
+        count = (ids == label).reshape(rows, ids.shape[0] // rows, columns, -1).sum((1, 3))
+        better = count > most
+        best[better], most[better] = label, count[better]
+    return best.astype(np.uint32)
+
+
+def apart(count: int) -> np.ndarray:
+    """Colours (count, 3) on a grid of the cube, each as far as can be from those before it."""
+    steps = max(2, int(np.ceil(count ** (1 / 3))) + 1)
+    grid = np.stack(np.meshgrid(*[np.linspace(0, _SIDE, steps)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    chosen, nearest = [0], np.full(len(grid), np.inf)
+    while len(chosen) < count:
+        nearest = np.minimum(nearest, ((grid - grid[chosen[-1]]) ** 2).sum(1))
+        chosen.append(int(nearest.argmax()))
+    return grid[chosen].astype(np.float32)
+
+
+def grow_labels(
+    device: Device,
+    ids: np.ndarray,
+    side: int,
+    domain: Domain,
+    seed: int,
+    budget: int,
+    progress: Callable[[int, int], None],
+    tries: int = 4,
+) -> Grown:
+    """Grow a map of labels.
+
+    Parameters
+    ----------
+    device : Device
+    ids : (h, w) int
+        0 is no label; it does not grow.
+    side : int
+        Of a cell, px (`cell_side`).
+    domain : Domain
+        Of what the grown map is for.
+    seed : int
+    budget : int
+        Bytes that may be held.
+    progress : callable
+        Called with (steps done, steps in all).
+    tries : int
+        Starts, of which the best is taken.
+
+    Raises
+    ------
+    ImageError
+        The map has no label, or pieces too small for a patch of cells.
+    """
+    cells = cells_of(ids, side)
+    labels, index = np.unique(cells, return_inverse=True)
+    index = index.reshape(cells.shape)
+    allowed = cells != 0
+    if not allowed.any():
+        raise ImageError("the label map has no label to grow")
+    width, height = (max(_PATCHES[-1], -(-n // side)) for n in domain.size)
+    values = apart(len(labels))[index]
+    best, steps = None, 0
+
+    def counted(_: int, total: int) -> None:
+        nonlocal steps
+        steps += 1
+        progress(steps, total * tries)
+
+    patch = _patch(cells.shape, allowed, (height, width))
+    # where the map is hardly larger than a patch there is nothing to choose from
+    coarsest = min(1.0, PATCHES_ACROSS * patch / min(cells.shape))
+    for attempt in range(tries):
+        recipe = Recipe(
+            width, height, *domain.wraps, sigma=None, patch=patch, iterations=_ITERATIONS,
+            seed=(seed + 0x9E3779B1 * attempt) & 0xFFFFFFFF, uniformity=_UNIFORMITY,
+            contrast=1.0, flat=False, coarsest=max(0.25, coarsest),
+        )  # fmt: skip
+        mask = None if allowed.all() else allowed
+        synthesis = synthesize(device, values, mask, recipe, budget, counted, "cells without a label")
+        grown = synthesis.source.gather(index)
+        off = _away(_shares(index, allowed, len(labels)), _shares(grown, np.ones(grown.shape, bool), len(labels)))
+        beside = _away(_pairs(index, allowed, len(labels)), _pairs(grown, np.ones(grown.shape, bool), len(labels)))
+        if best is None or off + beside < best.shares + best.neighbours:
+            best = Grown(labels[grown].astype(np.uint32), side, off, beside)
+    assert best is not None
+    return best
+
+
+def _patch(shape: tuple[int, ...], allowed: np.ndarray, size: tuple[int, int]) -> int:
+    """The largest patch of cells that is at most a fourth of both maps, and of which one is free of holes."""
+    least = min(*shape, *size)
+    for patch in _PATCHES:
+        inside = np.lib.stride_tricks.sliding_window_view(allowed, (min(patch, shape[0]), min(patch, shape[1])))
+        if (4 * patch <= least or patch == _PATCHES[-1]) and inside.all((2, 3)).any():
+            return patch
+    raise ImageError("the labelled pieces of the label map are too small to grow from")
+
+
+def _shares(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
+    return np.bincount(index[counted], minlength=count) / max(1, np.count_nonzero(counted))
+
+
+def _pairs(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
+    """Shares of pairs of different labels among all neighbours, whichever is left or above: (count^2,)."""
+    sums = np.zeros(count * count)
+    total = 0
+    for a, b, ok in (
+        (index[:, :-1], index[:, 1:], counted[:, :-1] & counted[:, 1:]),
+        (index[:-1], index[1:], counted[:-1] & counted[1:]),
+    ):
+        low, high = np.minimum(a[ok], b[ok]), np.maximum(a[ok], b[ok])
+        sums += np.bincount((low * count + high), minlength=count * count)
+        total += low.size
+    return sums / max(1, total)
+
+
+def _away(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.abs(a - b).sum() / 2)

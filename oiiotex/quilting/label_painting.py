@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Paintings of labels: the fine one read at any size, and what is kept for the next edit."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..color.config import as_float
+from ..core.image import Part, channels_of
+from ..core.parameters import Size
+from ..core.source_map import NONE
+from ..core.window import Window
+from ..deferred import np
+from ..errors import ImageError
+from ..io.documents import read_arrays
+from .guide_map import Meaning, Strays
+from .quilt_plan import Grid, Plan
+from .quilter import Demand, Quilt
+
+log = logging.getLogger("oiiotex")
+
+
+def painted_labels(fine: Part, meaning: Meaning, size: Size) -> Callable[[Window], np.ndarray]:
+    """The labels that a fine painting asks for in any window of the result: (height, width) int64, 0 where none.
+
+    Raises
+    ------
+    ImageError
+        (of what is returned) Colours or ids that mean no label, with their counts and places.
+    """
+    whole, channels = fine.window, channels_of(fine.spec)
+
+    def read(window: Window) -> np.ndarray:
+        y = whole.top + np.arange(window.top, window.bottom) * whole.height // size.height
+        x = np.arange(window.left, window.right) * whole.width // size.width
+        rows = fine.read(Window(whole.left, int(y[0]), whole.right, int(y[-1]) + 1))[y - y[0]][:, x]
+        met = meaning.codes_of(rows, channels)
+        if channels.alpha is not None:
+            met[as_float(rows[..., channels.alpha]) < 0.5] = 0
+        place, stray = meaning.find(met)
+        stray &= met != 0
+        if stray.any():
+            strays = Strays()
+            strays.add(met, stray, whole.left + x, y)
+            raise ImageError(f"the fine painting has {meaning.strays(strays, 'px')}")
+        return np.where(met == 0, 0, meaning.keys[place, 0])
+
+    return read
+
+
+def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict[str, np.ndarray]:
+    """Plans and what was asked for, by prefix; the first is a plan as --texquilt:render=1 reads it.
+
+    Parameters
+    ----------
+    layers : dict of str to Quilt
+        They are sewn to the end.
+    exemplar : (int, int)
+        Width and height of the exemplar that they speak of.
+    """
+    combined: dict[str, np.ndarray] = {}
+    for prefix, layer in layers.items():
+        arrays = layer.finished().arrays(exemplar)
+        combined |= {f"{prefix}{name}": array for name, array in arrays.items()}
+        combined[f"{prefix}keys"], combined[f"{prefix}guide"] = layer.demand.keys, layer.demand.guide
+    return combined
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A layer of a painting to begin with.
+
+    Attributes
+    ----------
+    plan : Plan
+    demand : Demand
+        What it was asked for.
+    path : Path
+        Where it was read, for messages.
+    fine : bool
+        The painting has a fine layer.
+    """
+
+    plan: Plan
+    demand: Demand
+    path: Path
+    fine: bool
+
+    def kept(self, grid: Grid, demand: Demand, flag: str) -> Plan:
+        """The plan without the patches of which something else is asked now.
+
+        Raises
+        ------
+        ImageError
+            The grid is another one.
+        """
+        g = self.plan.grid
+        if g != grid:
+            raise ImageError(
+                f"before={self.path} is of {g.width}x{g.height} in patches of {g.patch} px, this is"
+                f" {grid.width}x{grid.height} in patches of {grid.patch} px: size, tile and patch must be the same"
+            )
+        changed = self.demand.keys != demand.keys
+        if demand.guide is not None:
+            changed |= (self.demand.guide != demand.guide).any((2, 3))
+        log.info("%s: %d of %d patches change", flag, np.count_nonzero(changed), changed.size)
+        offsets = np.where(changed, NONE, self.plan.offsets)
+        return Plan(grid, offsets, self.plan.vertical.copy(), self.plan.horizontal.copy())
+
+
+def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
+    """A painting's layer; None where there is no such one.
+
+    Raises
+    ------
+    ImageError
+        It cannot be read within `budget` bytes, or is a plan of --texquilt, which does not say what was painted.
+    """
+    arrays = read_arrays(path, budget)
+    if "keys" not in arrays:
+        raise ImageError(f"before={path} is no plan of --texpaint: it does not say what was painted")
+    if f"{prefix}keys" not in arrays:
+        return None
+    plan, _ = Plan.of(arrays, path, prefix)
+    if f"{prefix}guide" not in arrays:
+        raise ImageError(f"{path} is no whole plan")
+    demand = Demand(arrays[f"{prefix}keys"], arrays[f"{prefix}guide"])
+    fine = "fine_keys" in arrays
+    if demand.keys.shape != plan.grid.shape or demand.guide.shape[:2] != plan.grid.shape:
+        raise ImageError(f"{path} is no whole plan")
+    return Begun(plan, demand, path, fine)

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What --texquilt, --texpaint and --texcomposite share: patches of an exemplar sewn by content, LSA16 section 6.1."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ..color.lab_grid import COARSE_STEPS, to_grid
+from ..core.access import Gather
+from ..core.image import Image, derived_spec
+from ..core.label_map import LabelMap, label_maps
+from ..core.op import Kind, Output
+from ..core.parameters import Size, param
+from ..core.source_map import SourceMap, Sources, require_addressable, tile_spec
+from ..core.window import Window
+from ..deferred import np
+from ..errors import ImageError, ParameterError
+from ..exemplar.exemplar_masks import both, label_levels, label_map
+from ..exemplar.exemplar_op import ExemplarPixels, LabelledExemplar
+from ..exemplar.photo_lattice import Structured, fitting_size, least_size
+from ..labels.content_table import (
+    TABLE_BYTES,
+    ContentTable,
+    content_table,
+    largest_window,
+    patch_side,
+    regions,
+    whole_windows,
+    window_keys,
+)
+from ..opencl.buffers import require_room
+from ..regularity.lattice import Lattice
+from ..session import Session
+from .guide_map import Meaning, keys_in, labels_met, meaning_of, wishes_of
+from .label_painting import Begun
+from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
+from .quilter import MOST_FINER, Demand, Quilt, QuiltExemplar, Rules, cell_memory, folded
+
+log = logging.getLogger("oiiotex")
+
+CARRIED = Output("label.N", Kind.IDS, "label parts of the photo, made from the same sources", asked_by="keep")
+LEAST_PATCH, _LEAST_GUIDED = 8, 32
+_LAB_BYTES = 12  # of a pixel of the exemplar
+_REGIONS = 12  # of the exemplar, from which a guide's label should be had
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quilted(LabelledExemplar, Gather):
+    """What is sewn from patches of a photo."""
+
+    size: Size | None = param(
+        None, ge=1, le=1 << 22, unit="px", help="of the result; the guide's or else the exemplar's when left out"
+    )
+    tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the result tiles")
+    patch: int | None = param(
+        None,
+        ge=LEAST_PATCH,
+        le=MOST_PATCH,
+        unit="px",
+        help="side of a patch; the label level's scale, or shorter side / 8, as a power of two when left out (less"
+        " where a guide's labels are found in too few places)",
+    )
+    candidates: int = param(256, ge=1, le=65536, help="patches that are tried in a place, at most")
+    reuse: float = param(
+        1.0,
+        ge=0,
+        le=1e9,
+        help="a region of the exemplar that is shown oftener than twice, and than once more than this times its fair"
+        " share, costs, the more the oftener",
+    )
+    finer: float = param(0.5, ge=0, le=100, help="weight of finer levels' labels in the overlaps, beside colour")
+    guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside colour")
+    keep: bool = param(False, help="label parts of the exemplar follow, made from the same sources")
+
+    def read(self, session: Session, *also: np.ndarray | None) -> ExemplarPixels:
+        """As `LabelledExemplar.read`, where the table of its contents fits the memory, too."""
+        spec = self.exemplar.first.spec
+        require_addressable((spec.height, spec.width))
+        session.require(
+            (TABLE_BYTES + _LAB_BYTES) * spec.width * spec.height,
+            f"the content table of {spec.width}x{spec.height}",
+            "make the exemplar smaller",
+        )
+        return super().read(session, *also)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sewing:
+    """What one layer of a result is sewn of, where that is not what its op says.
+
+    Attributes
+    ----------
+    op : Quilted
+        Which exemplar, and how.
+    guide : Image or None
+    level : int or None
+    size : Size or None
+    patch, overlap : int or None
+        As of --texquilt.
+    structured : Structured or None
+        The op, where it keeps the exemplar's lattice.
+    meaning : callable or None
+        The ids that the label map has -> what the guide's ids or colours mean; None: ids that mean themselves.
+    begun : Begun or None
+        A painting to begin with: its patches stay where the same is asked for.
+    """
+
+    op: Quilted
+    guide: Image | None
+    level: int | None
+    size: Size | None
+    patch: int | None
+    overlap: int | None = None
+    structured: Structured | None = None
+    meaning: Callable[[np.ndarray], Meaning] | None = None
+    begun: Begun | None = None
+
+    def quilt(self, seen: ExemplarPixels, session: Session) -> Quilt:
+        """The quilt, of which nothing is made yet: its sources, its grid, what it is asked for, its plan at the end.
+
+        Raises
+        ------
+        ImageError, ParameterError
+            It does not fit the memory, no patch fits the exemplar, or the guide asks for what there is not.
+        """
+        source = self.op.exemplar.first
+        width, height = source.spec.width, source.spec.height
+        lab, allowed = to_grid(seen.values, COARSE_STEPS), seen.usable
+        lattice = None if self.structured is None else self.structured.lattice_of(seen.values, seen.usable, session)
+        with session.stats.time("content"):
+            labels = self._label_map()
+            ids = None if labels is None else labels.ids
+            grid = self._grid(labels, ids, allowed, lattice)
+            rows, columns = grid.shape
+            session.require(cell_memory(grid, self.guide is not None), _task(grid))
+            keyed = ids if self.guide is not None else np.ones((height, width), np.uint8)
+            table = content_table(*window_keys(keyed, grid.patch, allowed), grid.patch)
+            demand = self._demand(grid, keyed, table, session)
+        exemplar = QuiltExemplar(lab, table, self._finer(labels), keyed if demand.guide is not None else None)
+        log.info(
+            "%s: %d x %d patches of %d px that overlap by %d", self.op.flag(), columns, rows, grid.patch, grid.overlap
+        )
+        return Quilt(
+            session.device, exemplar, grid, demand, self._rules(grid.patch), session.budget,
+            held=width * height * source.pixel_bytes,
+            plan=None if self.begun is None else self.begun.kept(grid, demand, self.op.flag()),
+            in_step=None if self.structured is None else self.structured.in_step(lattice, grid, self.op.seed),
+            report=session.advance,
+        )  # fmt: skip
+
+    def require_memory(self, session: Session) -> None:
+        """Refuse what sizes alone show not to fit: before anything is read, on a device not opened.
+
+        What there is of labels can only make patches smaller, and their number larger.
+
+        Raises
+        ------
+        ImageError, DeviceError
+            With the figures.
+        """
+        source, labels = self.op.exemplar.first, self._label_map()
+        shorter = min(source.spec.width, source.spec.height)
+        patch = self.patch or patch_side((labels.scale if labels else 0) or shorter / 8)
+        if patch > shorter:
+            return
+        size, given = self._asked()
+        if self.structured is not None and self.structured.structure > 0 and not given:
+            size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
+        grid = Grid.tiling(*size, self.op.tile, patch=patch, overlap=min(self._overlap(patch), patch // 3))
+        session.require(cell_memory(grid, self.guide is not None), _task(grid))
+        held = source.spec.width * source.spec.height * source.pixel_bytes
+        require_room(session.device, plan_bytes(grid, AT_ONCE), session.budget, _task(grid), held)
+
+    def _label_map(self) -> LabelMap | None:
+        """The label map of the level, where anything speaks of labels."""
+        if all(source is None for source in (self.op.label, self.guide, self.level, self.op.labels)):
+            return None
+        return label_map(self.op.exemplar, self.op.labels, self.level)
+
+    def _rules(self, patch: int) -> Rules:
+        return Rules(
+            seed=self.op.seed,
+            candidates=self.op.candidates,
+            reach=min(4, patch // 16),
+            reuse=self.op.reuse,
+            finer=self.op.finer,
+            guidance=self.op.guidance,
+        )
+
+    def _grid(
+        self, labels: LabelMap | None, ids: np.ndarray | None, allowed: np.ndarray | None, lattice: Lattice | None
+    ) -> Grid:
+        size = fitting_size(self.op.flag(), lattice, *self._asked(), self._wraps)
+        patch, overlap = self._sides(labels, ids, allowed)
+        return Grid.tiling(*size, self.op.tile, patch=patch, overlap=overlap)
+
+    def _asked(self) -> tuple[Size, bool]:
+        """The size of the result before a lattice is looked at, and whether it is prescribed."""
+        like = (self.guide or self.op.exemplar).first.spec
+        return self.size or Size(like.width, like.height), self.size is not None or self.guide is not None
+
+    @property
+    def _wraps(self) -> tuple[bool, bool]:
+        return "x" in self.op.tile, "y" in self.op.tile
+
+    def _overlap(self, patch: int) -> int:
+        return self.overlap or max(4 if patch >= 12 else patch // 3, patch // 4)
+
+    def _sides(self, labels: LabelMap | None, ids: np.ndarray | None, allowed: np.ndarray | None) -> tuple[int, int]:
+        """Side of a patch and overlap, such that there is a patch at all, and of a guide's labels several."""
+        spec = self.op.exemplar.first.spec
+        if ids is not None:
+            allowed = both(ids != 0, allowed)
+        rho = 0.0 if labels is None else labels.scale
+        shorter = min(spec.width, spec.height)
+        most = shorter if allowed is None else largest_window(allowed)
+        patch = self.patch or patch_side(rho or shorter / 8)
+        if patch > most and self.patch is None:
+            smaller = 1 << max(0, most.bit_length() - 1)
+            if smaller >= LEAST_PATCH:
+                log.warning(
+                    "%s: no patch of %d px fits what may be taken: %d px instead", self.op.flag(), patch, smaller
+                )
+                patch = smaller
+        if self.patch is None and self.guide is not None:
+            patch = self._guided_side(ids, patch)
+        if patch > most:
+            raise ImageError(
+                f"no patch of {patch} px fits what may be taken of {self.op.exemplar.source}: the largest square is"
+                f" {most} px" + (f", patch={most} takes it" if most >= LEAST_PATCH else "")
+            )
+        overlap = self._overlap(patch)
+        if 3 * overlap > patch:
+            raise ParameterError(f"overlap={overlap}: at most a third of patch={patch}, {patch // 3}, is allowed")
+        return patch, overlap
+
+    def _guided_side(self, ids: np.ndarray, patch: int) -> int:
+        """Halved until there are several places to take each of the guide's labels from: else the few would repeat."""
+        meaning = self._meant(ids)
+        wanted = labels_met(self.guide.first, meaning)
+        while patch > _LEAST_GUIDED:
+            block = patch - patch // 4
+            if all(regions(whole_windows(ids == label, patch), block) >= _REGIONS for label in wanted):
+                break
+            patch //= 2
+        return patch
+
+    def _demand(self, grid: Grid, ids: np.ndarray, table: ContentTable, session: Session) -> Demand:
+        """The key of every cell."""
+        if self.guide is None:
+            return Demand(np.zeros(grid.shape, np.int32))
+        meaning = self._meant(ids)
+        wishes = wishes_of(self.guide.first, meaning, grid, session)
+        keys, replaced = keys_in(table, wishes.keys)
+        if replaced:
+            named = ", ".join(f"{a} by {b}" for a, b in list(replaced.items())[:5])
+            more = f" and {len(replaced) - 5} more" if len(replaced) > 5 else ""
+            log.warning(
+                "%s: no patch holds these pairs of labels (dominant, second), the nearest are taken: %s%s",
+                self.op.flag(),
+                named,
+                more,
+            )
+        return Demand(keys, wishes.wanted)
+
+    def _meant(self, ids: np.ndarray) -> Meaning:
+        """What the guide's ids or colours mean."""
+        there = np.flatnonzero(np.bincount(ids.ravel()))
+        return meaning_of(self.guide.first, None, there) if self.meaning is None else self.meaning(there)
+
+    def _finer(self, labels: LabelMap | None) -> tuple[np.ndarray, ...]:
+        """Label maps of the levels below."""
+        if labels is None or self.op.finer == 0:
+            return ()
+        levels = label_levels(self.op.exemplar, self.op.labels).values()
+        below = [one for one in levels if one.level < labels.level][-MOST_FINER:]
+        return tuple(folded(one.ids) for one in below)
+
+
+def _task(grid: Grid) -> str:
+    return f"quilting {grid.width}x{grid.height} in {math.prod(grid.shape)} patches of {grid.patch} px"
+
+
+# --- the result ---
+
+
+def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, session: Session) -> dict[str, Any]:
+    """Pixels of `op.exemplar` from their sources as the op's image, the sources as 'st', the exemplar's label parts.
+
+    Parameters
+    ----------
+    op : Quilted
+    read : callable
+        Window of the result -> its sources.
+    grid : Grid
+        Its size and where it wraps.
+    session : Session
+    """
+    source, size = op.exemplar.first, (grid.width, grid.height)
+    # all parts are asked for the same windows
+    spec = tile_spec(source.spec, "x" * grid.wrap_x + "y" * grid.wrap_y, size)
+    sources = Sources(functools.lru_cache(1)(read), spec, session.spread)
+    sewn: dict[str, Any] = sources.parts(op.main().name, source)
+    labels = {one.part.name for one in label_maps(op.exemplar).values()}
+    for part in op.exemplar.parts[1:]:
+        alike = (part.spec.width, part.spec.height) == (source.spec.width, source.spec.height)
+        if part.name in labels:
+            like = derived_spec(part.spec, *size)
+            sewn |= {part.name: functools.partial(sources.copied, part, like)} if alike else {}
+        else:
+            log.warning("%s: part '%s' of %s is not carried along", op.name, part.name, op.exemplar.source)
+    return sewn
+
+
+def sewn_whole(sewing: Sewing, seen: ExemplarPixels, session: Session) -> dict[str, Any]:
+    """The result of one sewing; where its plan is asked for, it is sewn to the end."""
+    quilt, spec = sewing.quilt(seen, session), sewing.op.exemplar.first.spec
+    plan = {"plan": lambda: quilt.finished().arrays((spec.width, spec.height))}
+    return sewn_parts(sewing.op, quilt.sources, quilt.grid, session) | plan

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a quilt is made of: a grid of patches, and a plan of offsets and cuts from which any window follows.
+
+LSA16 section 6.1: only the exemplar, patch indices and some stitching information need to be kept.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..core.source_map import NONE, SourceMap
+from ..core.window import Domain, Window
+from ..deferred import np
+from ..errors import ImageError
+from ..io.documents import read_arrays
+from ..opencl.buffers import Buffers, in_smaller_pieces
+from ..opencl.device import Device
+
+MOST_PATCH = 256
+AT_ONCE = 1 << 20  # pixels of the largest window that is rendered at once
+_FACTS = 26  # cl/quilting.cl, facts
+_VERSION = 1
+_SIDE = (1, (1 << 31) - 1)
+# least and most of each fact of a saved plan: version, size, patch, overlap, wraps, exemplar's size
+_SAVED = ((_VERSION, _VERSION), _SIDE, _SIDE, (2, MOST_PATCH), (1, MOST_PATCH - 1), (0, 1), (0, 1), *[(1, 65536)] * 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid(Domain):
+    """Where patches lie in the output; a little closer along an axis that wraps, where its size asks for it.
+
+    Attributes
+    ----------
+    patch, overlap : int
+        Side of a patch, and how far it overlaps its neighbours; at most a third of it.
+    """
+
+    patch: int
+    overlap: int
+
+    def __post_init__(self) -> None:
+        for size, wraps, axis in ((self.width, self.wrap_x, "wide"), (self.height, self.wrap_y, "high")):
+            if wraps and size < self.patch:
+                raise ImageError(f"a tile must be at least as {axis} as a patch, {self.patch} px; it is {size}")
+
+    @property
+    def step(self) -> int:
+        """From one patch to the next, at most."""
+        return self.patch - self.overlap
+
+    @property
+    def xs(self) -> np.ndarray:
+        """Where columns begin."""
+        return _places(self.width, self.step, self.overlap, self.wrap_x)
+
+    @property
+    def ys(self) -> np.ndarray:
+        """Where rows begin.
+
+        A torus begins `overlap` above the output: then its closing seam lies in the last rows, and the first ones are
+        known before the last.
+        """
+        places = _places(self.height, self.step, self.overlap, self.wrap_y)
+        return places - self.overlap if self.wrap_y else places
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        return len(self.ys), len(self.xs)
+
+    def waves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Cells in the order in which they are decided, and where in it each wave begins."""
+        rows, columns = self.shape
+        i, j = np.divmod(np.arange(rows * columns, dtype=np.uint32), np.uint32(columns))
+        wave = j + np.uint32(2) * i
+        order = np.argsort(wave, kind="stable").astype(np.uint32)
+        return order, np.append(0, np.bincount(wave).cumsum())
+
+    def wave_of(self, window: Window) -> int:
+        """How many waves must be done before a window of the output can be made."""
+        rows, columns = self.shape
+        last = int(np.searchsorted(self.ys, window.bottom - 1, "right")) - 1
+        if self.wrap_y and window.bottom > self.height - self.overlap:  # where the torus closes
+            last = rows - 1
+        return 2 * last + columns
+
+
+def _places(size: int, step: int, overlap: int, wraps: bool) -> np.ndarray:
+    if not wraps:
+        return np.arange(max(1, -(-(size - overlap) // step)), dtype=np.int32) * np.int32(step)
+    count = max(2, -(-size // step))
+    return (np.arange(count, dtype=np.int64) * size // count).astype(np.int32)
+
+
+@dataclass
+class Plan:
+    """What the output is made of: it and the exemplar give every pixel.
+
+    Attributes
+    ----------
+    grid : Grid
+    offsets : (rows, columns) uint32
+        Top-left pixel of a cell's patch in the exemplar, as `SourceMap.packed`; NONE where there is none yet.
+    vertical, horizontal : (rows, columns, patch) uint8
+        Pixel (x, y) of a patch shows where x >= vertical[y] and y >= horizontal[x].
+    """
+
+    ARRAYS: ClassVar[tuple[str, ...]] = ("facts", "offsets", "vertical", "horizontal")
+
+    grid: Grid
+    offsets: np.ndarray
+    vertical: np.ndarray
+    horizontal: np.ndarray
+
+    @classmethod
+    def empty(cls, grid: Grid) -> Plan:
+        """No cell has a patch."""
+        cuts = (np.zeros((*grid.shape, grid.patch), np.uint8) for _ in range(2))
+        return cls(grid, np.full(grid.shape, NONE, np.uint32), *cuts)
+
+    def arrays(self, exemplar: tuple[int, int]) -> dict[str, np.ndarray]:
+        """What a file holds, by name."""
+        g = self.grid
+        facts = np.array([_VERSION, g.width, g.height, g.patch, g.overlap, *g.wraps, *exemplar], np.int64)
+        return {"facts": facts, "offsets": self.offsets, "vertical": self.vertical, "horizontal": self.horizontal}
+
+    @classmethod
+    def load(cls, path: Path, budget: int) -> tuple[Plan, tuple[int, int]]:
+        """A saved plan, and the size of the exemplar that it speaks of.
+
+        Raises
+        ------
+        ImageError
+            There is no such file, it does not fit `budget` bytes, is no plan, or one that would read outside the
+            exemplar.
+        """
+        return cls.of(read_arrays(path, budget), path)
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, np.ndarray], path: Path, prefix: str = "") -> tuple[Plan, tuple[int, int]]:
+        """As `load`, from a file's arrays, whose names begin with `prefix`."""
+        try:
+            facts, offsets, vertical, horizontal = (arrays[f"{prefix}{name}"] for name in cls.ARRAYS)
+        except KeyError as error:
+            raise ImageError(f"{path}: no plan can be read: it has no {error}") from error
+        if facts.shape != (len(_SAVED),) or facts.dtype != np.int64 or facts[0] != _VERSION:
+            raise ImageError(f"{path} is a plan of another version")
+        _, width, height, patch, overlap, wrap_x, wrap_y, *exemplar = values = tuple(map(int, facts))
+        sound = all(low <= fact <= high for fact, (low, high) in zip(values, _SAVED, strict=True)) and overlap < patch
+        sound &= (offsets.dtype, vertical.dtype, horizontal.dtype) == (np.uint32, np.uint8, np.uint8)
+        # a grid is made only of what its cells could cover: its places are arrays themselves
+        if not sound or offsets.ndim != 2 or height > offsets.shape[0] * patch or width > offsets.shape[1] * patch:
+            raise ImageError(f"{path} is no whole plan")
+        grid = Grid(width, height, bool(wrap_x), bool(wrap_y), patch=patch, overlap=overlap)
+        plan = cls(grid, offsets, vertical, horizontal)
+        y, x = SourceMap(offsets).yx
+        cuts = (*plan.grid.shape, patch)
+        fits = offsets.shape == plan.grid.shape and vertical.shape == cuts == horizontal.shape
+        if not fits or (y + patch > exemplar[1]).any() or (x + patch > exemplar[0]).any():
+            raise ImageError(f"{path} is no whole plan")
+        if max(vertical.max(), horizontal.max()) >= overlap:
+            raise ImageError(f"{path} is no whole plan")
+        return plan, (exemplar[0], exemplar[1])
+
+
+def plan_bytes(grid: Grid, pixels: int) -> dict[str, int]:
+    """Device memory of a plan that is rendered, at most `pixels` at once."""
+    cells = math.prod(grid.shape)
+    cuts = grid.patch * cells
+    return {"offset": 4 * cells, "vertical": cuts, "horizontal": cuts, "source": 4 * pixels}
+
+
+class Renderer:
+    """Source coordinates of any window, from a plan on the device.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : mapping
+        At least `plan_bytes`.
+    grid : Grid
+    facts : sequence of int
+        What the kernels want to know beside the grid.
+    pixels : int
+        How many are rendered at once.
+    lock : lock, optional
+        Held while the device is used.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        buffers: Mapping[str, Any] | Buffers,
+        grid: Grid,
+        facts: Sequence[int],
+        pixels: int,
+        lock: threading.Lock | None = None,
+    ):
+        self._device, self._buffers, self._grid, self._pixels = device, buffers, grid, pixels
+        self._run = device.program("quilting")
+        self._lock = lock or threading.Lock()
+        g = grid
+        rows, columns = g.shape
+        all_facts = [g.patch, g.overlap, g.width, g.height, columns, rows, *g.wraps, *facts]
+        all_facts += [0] * (_FACTS - len(all_facts))
+        tables = (np.array(all_facts, np.int64).astype(np.uint32), g.xs, g.ys)
+        self.plan = (*map(device.upload, tables), buffers["offset"], buffers["vertical"], buffers["horizontal"])
+
+    @classmethod
+    def of(cls, device: Device, plan: Plan, budget: int) -> Renderer:
+        """Of a finished plan."""
+        task = f"a plan of {plan.grid.width}x{plan.grid.height}"
+        buffers = Buffers(device, plan_bytes(plan.grid, AT_ONCE), budget, task)
+        for name, array in (("offset", plan.offsets), ("vertical", plan.vertical), ("horizontal", plan.horizontal)):
+            device.write(buffers[name], array)
+        return cls(device, buffers, plan.grid, [], AT_ONCE)
+
+    def sources(self, window: Window) -> SourceMap:
+        """Which exemplar pixel lies where."""
+        return SourceMap(in_smaller_pieces(lambda pixels: self._in_pieces(window, pixels), self._pixels, window.width))
+
+    def _in_pieces(self, window: Window, pixels: int) -> np.ndarray:
+        pieces = window.cells(window.width, max(1, pixels // max(1, window.width)))
+        rendered = [self._rendered(piece) for piece in pieces]
+        return rendered[0] if len(rendered) == 1 else np.concatenate(rendered)
+
+    def _rendered(self, window: Window) -> np.ndarray:
+        g = self._grid
+        column = np.searchsorted(g.xs, np.arange(window.left, window.right), "right") - 1
+        row = np.searchsorted(g.ys, np.arange(window.top, window.bottom), "right") - 1
+        if g.wrap_y:  # the first row of cells begins above the output, at its lower end
+            row[np.arange(window.top, window.bottom) >= g.height + g.ys[0]] = 0
+        with self._lock:
+            places = [self._device.upload(p.astype(np.int32)) for p in (column, row)]
+            source, size = self._buffers["source"], (window.width, window.height)
+            self._run("render", size, *self.plan, *places, source, window.left, window.top, *size)
+            return self._device.read(source, (window.height, window.width), np.uint32)
+
+    def read(self) -> Plan:
+        """The plan as it is on the device."""
+        shape, b = self._grid.shape, self._buffers
+        with self._lock:
+            cuts = (self._device.read(b[n], (*shape, self._grid.patch), np.uint8) for n in ("vertical", "horizontal"))
+            return Plan(self._grid, self._device.read(b["offset"], shape, np.uint32), *cuts)

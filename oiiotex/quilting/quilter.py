@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Image quilting (Efros & Freeman 2001) on a stream, its candidates chosen by their content (LSA16 section 6.1).
+
+A regular grid of square patches that overlap is filled from the top left to the bottom right. What is kept is a plan:
+for every cell the patch's offset in the exemplar and two cuts. The source of any output pixel follows from the plan
+alone, so the overlaps of a cell are looked up through it, no pixels are kept, and any window can be made at any time.
+
+Cells (i, j) with the same j + 2 i do not see each other: they are decided together, wave by wave. The order is a fact
+of the grid, so no band, budget or thread shows in it.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from ..color.lab_grid import COARSE_STEPS, SPAN
+from ..core.source_map import NONE, SourceMap
+from ..core.window import Window
+from ..deferred import np
+from ..labels.content_table import ContentTable
+from ..opencl.buffers import Buffers, offset_table
+from ..opencl.device import Device
+from ..regularity.offset_prices import InStep
+from .quilt_plan import AT_ONCE, Grid, Plan, Renderer, plan_bytes
+from .repetition import GROWTH, Squares, laid
+
+GUIDE = 4  # samples of the guide along a side of a cell, cl/quilting.cl
+LABEL_STEP, _BINS, _COARSE = 4, 256, 4  # cl/quilting.cl
+MOST_FINER = 3  # cl/quilting.cl, LEVELS
+_WORST = 3 * (SPAN * COARSE_STEPS) ** 2  # largest squared difference of two pixels in grid steps
+_ROWS = 128  # of squares that are added up in 32 bits
+_LOSSES = 1 << 16  # of what is least in step, as numbers of a table
+_OVER = 16  # of a use too much, cl/quilting.cl
+_FLUSH = 64  # waves between two marks in the queue
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How patches are chosen.
+
+    Attributes
+    ----------
+    seed : int
+    candidates : int
+        Patches that are tried in a cell, at most.
+    reach : int
+        px by which the best of them may move to fit better: halved until nothing is left.
+    reuse : float
+        Showing a region costs where that is oftener than twice, and than once more than this times its share so far.
+    finer : float
+        Weight of the distance of finer levels' histograms, in units of the exemplar's variance.
+    guidance : float
+        Weight of pixels whose label is not the guide's, in the same unit.
+    """
+
+    seed: int = 0
+    candidates: int = 256
+    reach: int = 4
+    reuse: float = 1.0
+    finer: float = 0.5
+    guidance: float = 1.0
+
+
+@dataclass(frozen=True)
+class QuiltExemplar:
+    """What patches are taken from.
+
+    Attributes
+    ----------
+    lab : (h, w, 3) int16
+        Lab in steps of `lab_grid.COARSE_STEPS`.
+    table : ContentTable
+        Of windows of the patch's size.
+    finer : tuple of (h, w) uint8
+        At most MOST_FINER label maps of finer levels, `folded`, which tell candidates apart (LSA16 section 6.1).
+    labels : (h, w) or None
+        The label map that a guide speaks of.
+    """
+
+    lab: np.ndarray
+    table: ContentTable
+    finer: tuple[np.ndarray, ...] = ()
+    labels: np.ndarray | None = None
+
+
+@dataclass
+class Demand:
+    """What cells ask for.
+
+    Attributes
+    ----------
+    keys : (rows, columns) int32
+        The number of each cell's key in the content table.
+    guide : (rows, columns, GUIDE, GUIDE) uint16 or None
+        Labels that a cell wants at the middles of its pieces; 0: any.
+    """
+
+    keys: np.ndarray
+    guide: np.ndarray | None = None
+
+
+def folded(ids: np.ndarray) -> np.ndarray:
+    """Labels as the bins in which they are counted, uint8: of more than 255 some share one; 0 stays apart."""
+    return np.where(ids > 0, (ids - 1) % (_BINS - 1) + 1, 0).astype(np.uint8)
+
+
+def reduced(lab: np.ndarray) -> np.ndarray:
+    """(h, w, 3) int16 -> means of its whole squares of _COARSE pixels, halves up."""
+    h, w = (n // _COARSE for n in lab.shape[:2])
+    squares = lab[: h * _COARSE, : w * _COARSE].reshape(h, _COARSE, w, _COARSE, 3)
+    return ((squares.sum((1, 3), np.int32) + _COARSE**2 // 2) >> 4).astype(np.int16)
+
+
+def total_variance(lab: np.ndarray) -> float:
+    """The variances of all channels of (h, w, 3) int16, added up."""
+    rows = lab.reshape(len(lab), -1)
+    count, squares = rows.size // 3, np.zeros(rows.shape[1], np.int64)
+    for top in range(0, len(rows), _ROWS):
+        piece = rows[top : top + _ROWS].astype(np.int32)
+        squares += np.einsum("ij,ij->j", piece, piece)
+    sums = rows.sum(0, np.int64).reshape(-1, 3).sum(0)
+    pairs = zip(squares.reshape(-1, 3).sum(0).tolist(), sums.tolist(), strict=True)
+    return sum((count * square - total**2) / count**2 for square, total in pairs)
+
+
+def cell_memory(grid: Grid, guided: bool) -> int:
+    """Bytes of what grows with the number of patches: to be asked before anything is worked out for them."""
+    cells = math.prod(grid.shape)
+    return cells * (4 + 4 + 2 * GUIDE**2 * guided) + sum(plan_bytes(grid, 0).values())
+
+
+def layout(exemplar: QuiltExemplar, grid: Grid, rules: Rules, guided: bool, pixels: int) -> dict[str, int]:
+    """Device memory of a `Quilt`, in bytes by name.
+
+    Parameters
+    ----------
+    exemplar : QuiltExemplar
+    grid : Grid
+    rules : Rules
+    guided : bool
+        Cells ask for labels.
+    pixels : int
+        Of the largest window that is made at once.
+    """
+    cells, wave = math.prod(grid.shape), min(grid.shape[0], (grid.shape[1] + 1) // 2)
+    area, patch = exemplar.lab.shape[0] * exemplar.lab.shape[1], grid.patch
+    table, squares = exemplar.table, Squares.of(grid, *exemplar.lab.shape[:2])
+    labels = math.prod(-(-n // LABEL_STEP) for n in exemplar.lab.shape[:2])
+    return {
+        "exemplar": 6 * area,
+        "offsets": table.offsets.nbytes,
+        "key_map": table.key_map.nbytes,
+        "starts": 4 * len(table.starts),
+        **dict.fromkeys(("shown", "shares"), 4 * squares.rows * squares.columns),
+        "finer": len(exemplar.finer) * labels,
+        "labels": 2 * labels if guided else 2,
+        "guide": 2 * GUIDE**2 * (cells if guided else 1),
+        "order": 4 * cells,
+        "keys": 4 * cells,
+        **plan_bytes(grid, pixels),
+        "target": 6 * wave * patch**2,
+        "coarse": 6 * max(1, area // _COARSE**2),
+        "coarse_target": 6 * wave * (patch // _COARSE) ** 2,
+        "histogram": 2 * _BINS * wave * max(1, len(exemplar.finer)),
+        "candidate": 4 * wave * rules.candidates,
+        **dict.fromkeys(("cost", "price"), 8 * wave * rules.candidates),
+        **dict.fromkeys(("best", "best_number"), 4 * wave),
+        "table": 8 * wave * patch * grid.overlap,
+    }
+
+
+@dataclass
+class Quilt:
+    """A plan as it is made, on the device.
+
+    Parameters
+    ----------
+    device : Device
+    exemplar : QuiltExemplar
+    grid : Grid
+    demand : Demand
+    rules : Rules
+    budget : int
+    held : int
+        Bytes that the caller holds beside it.
+    pixels : int
+        Of the largest window that is rendered at once.
+    plan : Plan, optional
+        Where to begin: cells that have a patch keep it.
+    in_step : InStep, optional
+        The exemplar's lattice, where the quilt keeps it.
+    report : callable, optional
+        Called with (waves done, waves in all).
+
+    Raises
+    ------
+    DeviceError
+        It does not fit; with the figure.
+    """
+
+    device: Device
+    exemplar: QuiltExemplar
+    grid: Grid
+    demand: Demand
+    rules: Rules
+    budget: int
+    held: int = 0
+    pixels: int = AT_ONCE
+    plan: Plan | None = None
+    in_step: InStep | None = None
+    report: Callable[[int, int], None] | None = None
+    waves_decided: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        e, g, t = self.exemplar, self.grid, self.exemplar.table
+        guided = self.demand.guide is not None and e.labels is not None
+        sizes = layout(e, g, self.rules, guided, self.pixels)
+        size = f"quilting {g.width}x{g.height} in {math.prod(g.shape)} patches of {g.patch} px"
+        self._buffers = Buffers(self.device, sizes, self.budget, size, held=self.held)
+        self._run = self.device.program("quilting")
+        self._lock, self._flushed = threading.Lock(), None
+        order, self._waves = g.waves()
+        start = self.plan or Plan.empty(g)
+        if self.plan is not None:  # cells that are decided stay
+            keep = start.offsets.ravel()[order] == NONE
+            self._waves = np.append(0, keep.cumsum())[self._waves]
+            order = order[keep]
+        self._kept = math.prod(g.shape) - len(order)
+        squares = Squares.of(g, *e.lab.shape[:2])
+        inputs = {
+            "exemplar": e.lab, "coarse": reduced(e.lab),  # rows x columns x 3, both
+            "offsets": t.offsets, "key_map": t.key_map,
+            "starts": offset_table(t.starts), "order": order,
+            "shown": squares.shown(laid(start.offsets)),  # rows x columns of squares
+            "shares": squares.shares(t, self.demand.keys, self.rules.reuse),  # the same
+            "keys": self.demand.keys.astype(np.int32), "offset": start.offsets,  # rows x columns of cells
+            "vertical": start.vertical, "horizontal": start.horizontal,  # rows x columns of cells x patch
+        }  # fmt: skip
+        if e.finer:
+            inputs["finer"] = np.stack([f[::LABEL_STEP, ::LABEL_STEP] for f in e.finer], -1)  # x levels
+        if guided:
+            wanted = e.labels[::LABEL_STEP, ::LABEL_STEP]
+            inputs["labels"], inputs["guide"] = wanted.astype(np.uint16), self.demand.guide.astype(np.uint16)
+        phases, losses, steps = np.zeros(10, np.uint32), np.zeros(1, np.int32), np.zeros((2, 2), np.int32)
+        if self.in_step is not None:
+            phases, losses = self.in_step.phases(patch=g.patch), self.in_step.table(_LOSSES)
+            steps = self.in_step.steps()
+        self._lattice = self.device.upload(phases), self.device.upload(losses)
+        for name, array in inputs.items():
+            if array.size:
+                self.device.write(self._buffers[name], array)
+        self.plan = None  # it lives on the device now
+        rows, columns = e.lab.shape[0] - g.patch + 1, e.lab.shape[1] - g.patch + 1
+        facts = (
+            e.lab.shape[1], columns, rows, squares.side, squares.count, squares.before, squares.columns,
+            self.rules.candidates, len(e.finer), self._stride, max(1, (2**31 - 1) // (_WORST * g.patch)),
+            self.rules.seed & 0xFFFFFFFF, guided, self.in_step is not None, *steps.ravel(),
+        )  # fmt: skip
+        self._renderer = Renderer(self.device, self._buffers, g, facts, self.pixels, self._lock)
+        self._units = self._weights(len(e.finer))
+
+    @property
+    def _stride(self) -> int:
+        """px between two samples of a histogram: as many for any patch."""
+        return max(LABEL_STEP, self.grid.patch // 16)
+
+    def _weights(self, levels: int) -> tuple[np.int64, ...]:
+        """Costs of one sample of a histogram too much, of one sample that is not the guide's, of use and of step."""
+        g, squares = self.grid, Squares.of(self.grid, *self.exemplar.lab.shape[:2])
+        variance = total_variance(self.exemplar.lab)
+        overlaps = variance * 2 * g.patch * g.overlap  # usual beside theirs, about
+        costs = (
+            self.rules.finer * variance * self._stride**2 / max(1, levels),
+            self.rules.guidance * overlaps / GUIDE**2,
+            GROWTH * overlaps / (squares.count**2 * _OVER**2),
+            0.0 if self.in_step is None else self.in_step.most(overlaps) / _LOSSES,
+        )
+        return tuple(np.int64(round(cost)) for cost in costs)
+
+    # --- making ---
+
+    @property
+    def waves(self) -> int:
+        """How many there are."""
+        return len(self._waves) - 1
+
+    def advance(self, waves: int) -> None:
+        """Decide all cells of the first `waves` waves; nothing is done again."""
+        with self._lock:
+            while self.waves_decided < min(waves, self.waves):
+                self._wave(int(self._waves[self.waves_decided]), int(self._waves[self.waves_decided + 1]))
+                self.waves_decided += 1
+                if self.waves_decided % _FLUSH == 0:  # the queue is not to grow without end, nor to run empty
+                    if self._flushed is not None:
+                        self._flushed.wait()
+                    self._flushed = self.device.mark()
+                if self.report is not None:
+                    self.report(self.waves_decided, self.waves)
+
+    def _wave(self, first: int, last: int) -> None:
+        cells = last - first
+        if not cells:
+            return
+        b, g, levels = self._buffers, self.grid, len(self.exemplar.finer)
+        plan = self._renderer.plan
+        run = functools.partial(self._run, team=True)
+        run("target", (g.patch, cells), *plan, b["order"], first, b["exemplar"], b["target"], cells, group=8)
+        run("reduce", (g.patch // _COARSE, cells), plan[0], b["target"], b["coarse_target"], cells, group=16)
+        if levels:
+            run("histogram", (levels, cells), *plan, b["order"], first, b["finer"], b["histogram"], cells, group=1)
+        progress = (self._kept + first << 16) // math.prod(g.shape)
+        place = (b["order"], first, cells, b["keys"], b["target"], b["exemplar"], b["coarse_target"], b["coarse"],
+                 b["finer"], b["histogram"], b["guide"], b["labels"], b["shown"], b["shares"], progress, *self._lattice,
+                 *self._units)  # fmt: skip
+        table = b["offsets"], b["starts"], b["key_map"]
+        tried = b["candidate"], b["cost"], b["price"]
+        best = b["best"], b["best_number"]
+        run("score", (self.rules.candidates, cells), *plan, *place, *table, *tried)
+        run("best", (cells,), *plan, *place, *table, *tried, *best, self.rules.reach, group=1)
+        use = b["shown"], b["shares"], progress, self._units[2]
+        run("assign", (1,), plan[0], b["order"], first, cells, *use, *tried, *best, b["offset"])
+        for number in range(3):  # the last two only where there may be something to the right or below
+            if number == 0 or self._closes:
+                run("cut", (2, cells), *plan, b["order"], first, cells, b["exemplar"], b["table"], number, group=1)
+
+    @property
+    def _closes(self) -> bool:
+        return self.grid.wrap_x or self.grid.wrap_y or int(self._waves[-1]) < math.prod(self.grid.shape)
+
+    # --- reading ---
+
+    def sources(self, window: Window) -> SourceMap:
+        """Which exemplar pixel lies where. Makes what it needs."""
+        self.advance(self.grid.wave_of(window))
+        return self._renderer.sources(window)
+
+    def finished(self) -> Plan:
+        """The whole plan."""
+        self.advance(self.waves)
+        return self._renderer.read()

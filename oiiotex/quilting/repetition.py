@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How often a quilt shows regions of its exemplar, and how often it should: what showing them again costs.
+
+Not in LSA16 or Efros & Freeman 2001. The exemplar is cut into squares. A patch shows those that its middle covers, half
+an overlap inside of its border, where cuts lie on the average, so the shown parts of all patches are as large as the
+quilt. Each square has a share: how often it would be shown if all that a key's patches can show were shown alike. Of
+that share a square is due, at any time, the part of the quilt that is laid. Twice, or once more than is due, is free,
+what is above that costs its square (cl/quilting.cl, use_share): what a large quilt shows often it shows all over, and
+every part of the photo has its turn. All of it is whole numbers, so that nothing but the order of cells counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..core.source_map import NONE, SourceMap
+from ..deferred import np
+from ..labels.content_table import ContentTable
+from .quilt_plan import Grid
+
+GROWTH = 0.3  # price of a patch that is shown once too often, in exemplar variances of the overlaps' pixels
+UNITS = 256  # of a use, as shares are counted: cl/quilting.cl
+_SQUARES = 6  # along the side of what a patch shows, at least
+
+
+@dataclass(frozen=True)
+class Squares:
+    """The squares of an exemplar, as patches of a grid show them.
+
+    Attributes
+    ----------
+    side : int
+        px.
+    count : int
+        Of a patch along a side.
+    before : int
+        px from a patch's corner to what it shows.
+    rows, columns : int
+        Of the exemplar.
+    """
+
+    side: int
+    count: int
+    before: int
+    rows: int
+    columns: int
+
+    @classmethod
+    def of(cls, grid: Grid, height: int, width: int) -> Squares:
+        """Of an exemplar of that size."""
+        side = max(1, grid.step // _SQUARES)
+        count, before = grid.step // side, grid.overlap // 2
+        # of the last patch, rounded up
+        rows, columns = ((n - grid.patch + before + side // 2) // side + count for n in (height, width))
+        return cls(side, count, before, rows, columns)
+
+    def shown(self, offsets: np.ndarray) -> np.ndarray:
+        """How many of the patches at these offsets, packed, show each square: (rows, columns) int32."""
+        y, x = ((n + self.before + self.side // 2) // self.side for n in SourceMap(offsets).yx)
+        return _spread(np.bincount(y * self.columns + x, minlength=self.rows * self.columns), self)
+
+    def shares(self, table: ContentTable, keys: np.ndarray, reuse: float) -> np.ndarray:
+        """How often each square is due when cells with these keys are laid, `reuse` times: (rows, columns) int32.
+
+        In 1 / `UNITS`. Of a key all squares that its patches can show are shown alike.
+        """
+        cells = np.bincount(keys.ravel(), minlength=len(table.keys))
+        shares = np.zeros((self.rows, self.columns))
+        for key in np.flatnonzero(cells):
+            can = self.shown(table.offsets[table.starts[key] : table.starts[key + 1]]) > 0
+            shares += np.where(can, cells[key] * self.count**2 / np.count_nonzero(can), 0.0)
+        return np.minimum(np.rint(UNITS * reuse * shares), 2**31 - 1).astype(np.int32)
+
+
+def laid(offsets: np.ndarray) -> np.ndarray:
+    """Those of cells that have a patch."""
+    return offsets[offsets != NONE]
+
+
+def _spread(corners: np.ndarray, squares: Squares) -> np.ndarray:
+    """Counts of first squares -> counts of all squares that belong to them."""
+    sums = np.zeros((squares.rows + 1, squares.columns + 1), np.int64)
+    sums[1:, 1:] = corners.reshape(squares.rows, squares.columns).cumsum(0).cumsum(1)
+    n = squares.count
+    upper, left = (np.maximum(np.arange(1, size + 1) - n, 0) for size in (squares.rows, squares.columns))
+    lower = sums[1:] - sums[upper]
+    return (lower[:, 1:] - lower[:, left]).astype(np.int32)

@@ -1,0 +1,317 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A photo's lattice: the one or two frequencies at which it repeats, found by what it has in common with itself.
+
+Candidates are peaks of the normalised autocorrelation: pairs of them span lattices of rank 2, peaks of its spectrum are
+stripes (rank 1). The one that the autocorrelation is highest on, on the average, is refined to a fraction of a pixel by
+least squares over its peaks, farther and farther away. Whether it is more than chance is asked of the photo itself
+(order_test): rows of cells are shifted against each other at random, and what such a photo shows of the lattice must be
+far below what the photo shows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..core.image import resized
+from ..core.window import Domain
+from ..deferred import np
+from .autocorrelation import Autocorrelation, autocorrelation, high_passed
+from .order_test import order_of
+
+SIDE, LARGEST_SIDE = 256, 1024  # px; longer side that a photo is looked at with: half its own, between these
+SMALLEST = 4.0  # px at that size: a lattice finer than that is inside of every patch
+CELLS = 2.5  # a period fits into the photo so often at least
+SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank: of rank 2 along every direction
+BINS = 64  # of a phase
+_BLUR = 0.5  # px of a folded autocorrelation
+_AS_GOOD = 0.85  # of the best one's correlation: a lattice with a smaller cell is as good
+STRAIN, RANGE = 4.0, 0.3  # of sizes that fit
+_PEAKS, _TRIED = 24, 4
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """What repeats.
+
+    Attributes
+    ----------
+    frequencies : (rank, 2) float64
+        Cycles per pixel along x and y; of rank 1 stripes, of rank 2 a reduced pair.
+    order : float
+        How far it stands above chance, in deviations.
+    likeness : (BINS,) * rank float64
+        The photo's normalised autocorrelation, the mean over all offsets of equal phase.
+    """
+
+    frequencies: np.ndarray
+    order: float
+    likeness: np.ndarray
+
+    @property
+    def rank(self) -> int:
+        """1: it repeats along one direction; 2: in two."""
+        return len(self.frequencies)
+
+    def vectors(self) -> np.ndarray:
+        """The shortest steps to the same again, px: (rank, 2) float64; x and y."""
+        return np.linalg.pinv(self.frequencies).T
+
+    def first_vectors(self) -> np.ndarray:
+        """The three shortest that are no opposites: of stripes one, two and three steps. (3, 2) float64."""
+        vectors = self.vectors()
+        if self.rank == 1:
+            return vectors * np.arange(1, 4)[:, None]
+        third = vectors[0] - np.sign(vectors[0] @ vectors[1] or 1.0) * vectors[1]
+        return np.concatenate([vectors, third[None]])
+
+    def on_torus(self, domain: Domain) -> np.ndarray:
+        """The nearest frequencies that close on a tile: (rank, 2) float64."""
+        return np.where(domain.wraps, np.rint(self.frequencies * domain.size) / domain.size, self.frequencies)
+
+    def strain(self, domain: Domain) -> float:
+        """How far it must be stretched or sheared for that: a share of the period."""
+        moved = self.on_torus(domain) - self.frequencies
+        return float((np.linalg.norm(moved, axis=1) / np.linalg.norm(self.frequencies, axis=1)).max())
+
+    def fitting(self, domain: Domain, multiple: int = 1) -> tuple[int, int]:
+        """The size nearest to that of the domain, of multiples alone, on which it closes with hardly a strain.
+
+        A multiple of the periods that is a little nearer is not worth a stretch: what counts is the relative change of
+        the size plus `STRAIN` times the strain.
+        """
+
+        def along(axis: int, size: int) -> int:
+            sizes = np.arange(math.ceil(size * (1 - RANGE)), math.floor(size * (1 + RANGE)) + 1)
+            sizes = np.append(size, sizes[sizes % multiple == 0])
+            cycles = self.frequencies[:, axis] * sizes[:, None]
+            rest = np.abs(cycles - np.rint(cycles)) / sizes[:, None] / np.linalg.norm(self.frequencies, axis=1)
+            return int(sizes[np.argmin(np.abs(sizes - size) / size + STRAIN * rest.max(1))])
+
+        return tuple(along(n, size) if domain.wraps[n] else size for n, size in enumerate(domain.size))
+
+    def losses(self) -> np.ndarray:
+        """What each phase is less alike than phase 0, 0 to 1: (BINS,) * rank float64."""
+        loss = np.maximum(0.0, self.likeness.flat[0] - self.likeness)
+        return loss / max(float(loss.max()), 1e-12)
+
+    def scaled(self, x: float, y: float) -> Lattice:
+        """That of the photo made so many times as wide and high."""
+        return Lattice(self.frequencies / [x, y], self.order, self.likeness)
+
+    def __str__(self) -> str:
+        steps = " and ".join(f"({x:.2f}, {y:.2f})" for x, y in self.vectors())
+        return f"{'stripes of' if self.rank == 1 else 'a lattice of'} {steps} px"
+
+
+def find_lattice(values: np.ndarray, usable: np.ndarray | None = None) -> Lattice | None:
+    """The lattice of a photo; None where it shows none.
+
+    Parameters
+    ----------
+    values : (height, width, channels) float32
+        CIE Lab.
+    usable : (height, width) bool or None
+        Pixels that count; None: all.
+    """
+    height, width = values.shape[:2]
+    longer = max(height, width)
+    factor = min(1.0, min(LARGEST_SIDE, max(SIDE, longer / 2)) / longer)
+    small = round(width * factor), round(height * factor)
+    if min(small) < 4 * SMALLEST:
+        return None
+    counted = np.ones(small[::-1], bool)
+    if usable is not None:
+        counted = resized(usable[..., None].astype(np.float32), *small)[..., 0] > 0.99
+        values = np.where(usable[..., None], values, np.float32(0))
+    if np.count_nonzero(counted) < min(small) ** 2 // 4:
+        return None
+    texture = high_passed(resized(values, *small).astype(np.float64), counted)
+    if not (texture**2).mean() > 1e-4:
+        return None
+    alike = autocorrelation(texture, counted)
+    for candidate in (_plane_lattice, _stripes):
+        frequencies = candidate(alike, min(small))
+        if frequencies is not None:
+            enough = SURE[len(frequencies)]
+            order = order_of(texture, counted, frequencies, enough)
+            if order >= enough:
+                lattice = Lattice(frequencies, order, alike.folded(frequencies, BINS, _BLUR))
+                return lattice.scaled(width / small[0], height / small[1])
+    return None
+
+
+def _near_maxima(values: np.ndarray, radius: int) -> np.ndarray:
+    """The largest value within a square around each."""
+    for axis in (0, 1):
+        padded = np.pad(values, [(radius, radius) if a == axis else (0, 0) for a in (0, 1)], constant_values=-np.inf)
+        values = np.lib.stride_tricks.sliding_window_view(padded, 2 * radius + 1, axis).max(-1)
+    return values
+
+
+def _smoothed(ncc: np.ndarray) -> np.ndarray:
+    """By a binomial filter: peaks between pixels are as high as those on them."""
+    for axis in (0, 1):
+        ncc = 0.5 * ncc + 0.25 * (np.roll(ncc, 1, axis) + np.roll(ncc, -1, axis))
+    return ncc
+
+
+def _reduced(vectors: np.ndarray) -> np.ndarray:
+    """The shortest pair that spans the same lattice (Lagrange), the shorter first."""
+    while True:
+        if vectors[0] @ vectors[0] > vectors[1] @ vectors[1]:
+            vectors = vectors[::-1]
+        steps = np.rint(vectors[0] @ vectors[1] / (vectors[0] @ vectors[0]))
+        if steps == 0:
+            return vectors
+        vectors = np.array([vectors[0], vectors[1] - steps * vectors[0]])
+
+
+def _points(vectors: np.ndarray, reach: tuple[int, int], most: int) -> np.ndarray:
+    """Steps (n, 2) of the lattice points within reach, of each and its opposite one."""
+    corners = np.array([[reach[0], reach[1]], [reach[0], -reach[1]]])
+    most = min(most, int(np.ceil(np.abs(corners @ np.linalg.inv(vectors)).max())))
+    steps = np.stack(np.meshgrid(np.arange(-most, most + 1), np.arange(0, most + 1)), -1).reshape(-1, 2)
+    steps = steps[(steps[:, 1] > 0) | (steps[:, 0] > 0)]
+    at = steps @ vectors
+    return steps[(np.abs(at) <= reach).all(1)]
+
+
+def _height(vectors: np.ndarray, maxima: np.ndarray, weight: np.ndarray) -> float:
+    """The mean of `maxima` on a lattice's points."""
+    reach = maxima.shape[1] // 2, maxima.shape[0] // 2
+    at = np.rint(_points(vectors, reach, 99) @ vectors).astype(np.int64)
+    at = at[weight[at[:, 1] + reach[1], at[:, 0] + reach[0]] > 0]
+    return float(maxima[at[:, 1] + reach[1], at[:, 0] + reach[0]].mean()) if len(at) > 2 else -1.0
+
+
+def _near_heights(pairs: np.ndarray, maxima: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The same for many pairs (n, 2, 2) and the points up to two steps away."""
+    steps = np.array([[i, j] for j in range(3) for i in range(-2, 3) if j > 0 or i > 0])
+    reach = np.array([maxima.shape[1] // 2, maxima.shape[0] // 2])
+    at = np.rint(steps @ pairs).astype(np.int64)
+    within = (np.abs(at) <= reach).all(-1)
+    x, y = np.moveaxis(np.where(within[..., None], at, 0) + reach, -1, 0)
+    says = within & (weight[y, x] > 0)
+    return np.where(says, maxima[y, x], 0.0).sum(1) / np.maximum(says.sum(1), 1)
+
+
+def _fits(vectors: np.ndarray, side: int) -> bool:
+    """Whether both periods, across the other vector, are neither too small nor too large for the photo."""
+    area = abs(np.linalg.det(vectors))
+    lengths = np.linalg.norm(vectors, axis=1)
+    return bool(area / lengths.max() >= SMALLEST and lengths.max() <= side / CELLS)
+
+
+def _plane_lattice(likeness: Autocorrelation, side: int) -> np.ndarray | None:
+    """Frequencies of the best lattice of rank 2."""
+    ncc, weight = _smoothed(likeness.ncc), likeness.weight
+    reach_x, reach_y = likeness.reach
+    x, y = likeness.offsets()
+    peaks = (_near_maxima(ncc, 2) == ncc) & (weight > 0) & ((y > 0) | ((y == 0) & (x > 0)))
+    peaks &= (x * x + y * y >= SMALLEST**2) & (np.abs(x) <= side / 2) & (np.abs(y) <= side / 2)
+    at = np.stack([x[peaks], y[peaks]], 1).astype(np.float64)
+    height = ncc[peaks]
+    if len(at) < 2:
+        return None
+    strong = np.flatnonzero(height >= 0.5 * height.max())
+    nearest = strong[np.argsort((at[strong] ** 2).sum(1), kind="stable")[:_PEAKS]]
+    highest = np.argsort(-height, kind="stable")[: _PEAKS // 2]
+    chosen = np.flatnonzero(np.bincount(np.concatenate([nearest, highest])))
+    maxima, pairs = _near_maxima(ncc, 1), {}
+    for i in chosen:
+        for j in chosen[chosen < i]:
+            if abs(np.linalg.det(at[[i, j]])) >= SMALLEST**2:
+                vectors = _reduced(at[[i, j]])
+                if _fits(vectors, side):
+                    pairs[vectors.tobytes()] = vectors
+    if not pairs:
+        return None
+    floor = float(np.average(maxima, weights=weight))
+    tried = np.stack(list(pairs.values()))
+    heights = _near_heights(tried, maxima, weight) - floor
+    tried, heights = (a[np.argsort(-heights, kind="stable")] for a in (tried, heights))
+    good = tried[heights >= _AS_GOOD * heights[0]]
+    good = good[np.argsort(np.abs(np.linalg.det(good)), kind="stable")]
+    refined = [_refined(vectors, ncc, weight) for vectors in [*good[:_TRIED], *tried[:_TRIED]]]
+    heights = [(_height(v, maxima, weight), v) for v in refined if v is not None and _fits(v, side)]
+    if not heights or max(h for h, _ in heights) <= floor:
+        return None
+    least = floor + _AS_GOOD * (max(h for h, _ in heights) - floor)
+    vectors = min((v for h, v in heights if h >= least), key=lambda v: abs(np.linalg.det(v)))
+    while denser := [v for v in _splits(vectors, side) if _height(v, maxima, weight) >= least]:
+        vectors = denser[0]
+    return np.linalg.inv(vectors).T
+
+
+def _splits(vectors: np.ndarray, side: int) -> list[np.ndarray]:
+    """Lattices with a half or a third of the cell that have all points of this one."""
+    matrices = [[[1 / n, 0], [0, 1]] for n in (2, 3)] + [[[k / n, 1 / n], [1, 0]] for n in (2, 3) for k in range(n)]
+    return [v for matrix in matrices if _fits(v := _reduced(np.array(matrix) @ vectors), side)]
+
+
+def _refined(vectors: np.ndarray, ncc: np.ndarray, weight: np.ndarray) -> np.ndarray | None:
+    """By least squares over the peaks near the points, first the nearest, at last the farthest."""
+    reach = np.array([ncc.shape[1] // 2, ncc.shape[0] // 2])
+    for most in (1, 2, 4, 8, 16):
+        near = int(np.clip(np.linalg.norm(vectors, axis=1).min() / 5, 1, 4))
+        steps = _points(vectors, tuple(reach - near - 1), most)
+        at = np.rint(steps @ vectors).astype(np.int64) + reach
+        around = np.arange(-near, near + 1)
+        windows = ncc[at[:, 1, None, None] + around[:, None], at[:, 0, None, None] + around]
+        down, across = np.divmod(windows.reshape(len(at), -1).argmax(1), len(around))
+        x, y = at[:, 0] + across - near, at[:, 1] + down - near
+        says = (weight[y, x] > 0) & (ncc[y, x] > 0)
+        x, y, steps = x[says], y[says], steps[says]
+        between = [
+            _parabola(ncc[y, x - 1], ncc[y, x], ncc[y, x + 1]),
+            _parabola(ncc[y - 1, x], ncc[y, x], ncc[y + 1, x]),
+        ]
+        places, w = np.stack([x, y], 1) + np.stack(between, 1) - reach, ncc[y, x][:, None]
+        if len(steps) < 2 or np.linalg.matrix_rank(steps) < 2:
+            return None
+        vectors = np.linalg.lstsq(steps * w, places * w, rcond=None)[0]
+        if abs(np.linalg.det(vectors)) < SMALLEST**2:
+            return None
+    return _reduced(vectors)
+
+
+def _parabola(before: np.ndarray, peak: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Where between its neighbours a peak lies, -0.5 to 0.5."""
+    bend = np.minimum(before - 2 * peak + after, -1e-12)
+    return np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
+
+
+def _stripes(likeness: Autocorrelation, side: int) -> np.ndarray | None:
+    """The frequency of the best lattice of rank 1."""
+    weighted = (likeness.ncc - likeness.mean) * likeness.weight
+    x, y = likeness.offsets()
+    weighted[x * x + y * y < 9] = 0.0
+    length = 4 * (max(weighted.shape) // 2)
+    power = np.abs(np.fft.rfft2(weighted, (length, length)))
+    fy, fx = np.fft.fftfreq(length)[:, None], np.fft.rfftfreq(length)[None]
+    size = np.hypot(fx, fy)
+    power[(size < CELLS / side) | (size > 1 / SMALLEST)] = 0.0
+    rows, columns = np.nonzero((_near_maxima(power, 2) == power) & (power > 0))
+    order = np.argsort(-power[rows, columns], kind="stable")[:5]
+    peaks = np.stack([fx[0, columns[order]], fy[rows[order], 0]], 1)
+    candidates = [peak / k for peak in peaks for k in (1, 2, 3) if np.hypot(*peak) / k >= CELLS / side]
+    if not candidates:
+        return None
+    heights = [_over_floor(likeness, c) for c in candidates]
+    good = [c for c, h in zip(candidates, heights, strict=True) if h >= 0.9 * max(heights)]
+    best = max(good, key=lambda c: float(np.hypot(*c)))
+    step = 0.25 / max(weighted.shape)  # a quarter of what the photo's extent tells apart
+    for _ in range(3):
+        ahead = step * best / np.hypot(*best)
+        aside = ahead[::-1] * [1, -1]
+        best = max(
+            (best, best + ahead, best - ahead, best + aside, best - aside), key=lambda c: _over_floor(likeness, c)
+        )
+        step /= 2
+    return best[None]
+
+
+def _over_floor(likeness: Autocorrelation, frequency: np.ndarray) -> float:
+    profile = likeness.folded(frequency[None], 24)
+    return float(profile[0] - profile.mean())

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What it costs to copy from a place of the photo that does not lie on its lattice as the target's place does.
+
+Not in MJH17. A target patch at x and its match at e are in step where e - x is a vector of the lattice. How much they
+are out of step is the phase of e - x, and what a phase costs is what the photo's normalised autocorrelation, folded
+onto one cell of the lattice, loses against phase 0, in units of the most that any phase loses. All vectors of the
+lattice cost nothing, 0 among them, so a place of the photo is as near as another: neither uniformity nor the way out
+of a stain is dearer than before. On a torus the lattice of the result is the nearest that closes.
+
+Phases are unsigned 32-bit integers that wrap at a whole cycle, prices integers out of a table: no device decides
+otherwise than another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ..deferred import np
+from .lattice import Lattice
+
+BITS = 6  # cl/lattice.h, PHASE_BITS
+MOST = 100_000_000  # of a price
+STRENGTH = 2.0  # what is least in step costs so many patch variances at structure 1
+
+
+@dataclass(frozen=True)
+class Prices:
+    """On one level, as cl/lattice.h reads them.
+
+    Attributes
+    ----------
+    phases : (10,) uint32
+        Of u and v, in cycles / 2^32: per pixel of the exemplar along x, y, then of the target, then at the corner.
+    table : (2^BITS, 2^BITS) int32
+        Over v and u; of stripes all rows are alike.
+    """
+
+    phases: np.ndarray
+    table: np.ndarray
+
+    def at(self, x: int, y: int, own_x: np.ndarray, own_y: np.ndarray) -> np.ndarray:
+        """Of copying to (x, y) from columns and rows of the exemplar, (rows, columns) int32; as cl/lattice.h has it."""
+        p = self.phases.astype(np.int64)
+        u, v = (
+            (p[n] * own_x + p[n + 1] * own_y[:, None] - p[n + 4] * x - p[n + 5] * y + p[8 + n // 2]) % (1 << 32)
+            for n in (0, 2)
+        )
+        return self.table[v >> (32 - BITS), u >> (32 - BITS)]
+
+
+@dataclass(frozen=True)
+class InStep:
+    """What a result keeps of its exemplar's lattice.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        Of the exemplar.
+    wanted : (rank, 2) float64
+        Its frequencies on the result, as by `Lattice.on_torus`.
+    structure : float
+        How dear it is to be out of step, 0 to 1.
+    origin : (int, int)
+        Where in the exemplar's plane the result's first pixel lies, px.
+    """
+
+    lattice: Lattice
+    wanted: np.ndarray
+    structure: float
+    origin: tuple[int, int] = (0, 0)
+
+    def moved(self, x: int, y: int) -> InStep:
+        """For the part of the result that begins there."""
+        return replace(self, origin=(self.origin[0] + x, self.origin[1] + y))
+
+    def prices(self, own_scale: tuple[float, float], scale: tuple[float, float], patch: int, variance: float) -> Prices:
+        """Prices on a level.
+
+        Parameters
+        ----------
+        own_scale, scale : (float, float)
+            Of the level along x, y: of the exemplar, of the result.
+        patch : int
+            Side of a patch, px: phases are compared at its middle.
+        variance : float
+            Of the exemplar's pixels there, summed over channels.
+        """
+        return Prices(self.phases(own_scale, scale, patch), self.table(self.most(patch**2 * variance)))
+
+    def most(self, variance: float) -> float:
+        """The price of what is least in step, beside sums of squares whose variance is that."""
+        return STRENGTH * self.structure * variance
+
+    def table(self, most: float) -> np.ndarray:
+        """As `Prices.table`, where what is least in step costs so much."""
+        price = np.rint(np.minimum(most * self.lattice.losses(), MOST)).astype(np.int32)
+        return np.ascontiguousarray(np.broadcast_to(price.T, (1 << BITS, 1 << BITS)))
+
+    def steps(self) -> np.ndarray:
+        """How far to move where a phase is a whole cycle off, by phase u and v: (2, 2) int32, x and y, 1/256 px."""
+        steps = np.zeros((2, 2), np.int32)
+        steps[: self.lattice.rank] = np.rint(256 * self.lattice.vectors())
+        return steps
+
+    def phases(
+        self, own_scale: tuple[float, float] = (1, 1), scale: tuple[float, float] = (1, 1), patch: int = 0
+    ) -> np.ndarray:
+        """As `Prices.phases`; the arguments are those of `prices`."""
+        rank = self.lattice.rank
+        own, wanted = (np.zeros((2, 2)) for _ in range(2))
+        own[:rank], wanted[:rank] = self.lattice.frequencies / own_scale, self.wanted / scale
+        corner = (own - wanted).sum(1) * (patch / 2) + 0.5 / (1 << BITS)  # half a bin: floor rounds then
+        corner[:rank] -= self.wanted @ np.array(self.origin)
+        cycles = np.concatenate([own.ravel(), wanted.ravel(), corner]) % 1.0
+        return (np.rint(cycles * 2.0**32).astype(np.uint64) & np.uint64(0xFFFFFFFF)).astype(np.uint32)

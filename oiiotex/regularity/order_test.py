@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a lattice is more than chance: a permutation test on the photo itself.
+
+The photo is cut into the lattice's cells, and the mean of all cells is taken: where they are alike, it varies as they
+do; where they are not, it is flat. Then whole rows of cells are shifted against each other at random, which keeps all
+that is inside of a row (ledges, streaks, stones of like size) and takes only the order away. The variance of the mean
+cell must stand far above that of such photos, along both directions of the lattice.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..deferred import np
+
+SHIFTED = 64  # photos whose rows are shifted
+_BIN = 1.5  # px at least that a part of a cell is wide
+_BINS = 4, 32  # of a cell, at least and at most
+
+
+def order_of(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, enough: float) -> float:
+    """By how many deviations the mean cell's variance stands above that of shifted photos, where it does so least.
+
+    Of a lattice of rank 2 rows are shifted along each of its short vectors in turn: stripes do not change where they
+    are shifted along themselves, and so are no such lattice.
+
+    Parameters
+    ----------
+    texture : (height, width, channels) float64
+        High-passed.
+    usable : (height, width) bool
+    frequencies : (rank, 2) float
+        Cycles per pixel.
+    enough : float
+        Below it nothing more is tried.
+    """
+    if len(frequencies) == 1:
+        return _order_along(texture, usable, frequencies)
+    vectors = np.linalg.inv(frequencies).T
+    steps = np.array([[[1, 0], [0, 1]], [[0, 1], [1, 0]], [[1, 1], [0, 1]], [[1, -1], [0, 1]]])
+    least = math.inf
+    for pair in steps:
+        least = min(least, _order_along(texture, usable, np.linalg.inv(pair @ vectors).T))
+        if least < enough:
+            break
+    return least
+
+
+def _order_along(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray) -> float:
+    """The same for rows that are shifted along the first vector alone."""
+    bins = [int(np.clip(1 / (_BIN * np.hypot(*f)), *_BINS)) for f in frequencies]
+    random = np.random.Generator(np.random.PCG64(0x0DE5))
+    sums, counts = _cell_rows(texture, usable, frequencies, bins)
+    own = _variance(sums.sum(0), counts.sum(0))
+    rows, parts, by_chance = np.arange(len(sums))[:, None], np.arange(bins[0]), []
+    for _ in range(SHIFTED):
+        at = rows, (parts + random.integers(0, bins[0], len(sums))[:, None]) % bins[0]
+        by_chance.append(_variance(sums[at].sum(0), counts[at].sum(0)))
+    return float((own - np.mean(by_chance)) / max(float(np.std(by_chance)), 1e-12))
+
+
+def _cell_rows(
+    texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, bins: list[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums over the cells of each row, (rows, *bins, channels), and counts without channels."""
+    height, width, channels = texture.shape
+    y, x = np.mgrid[:height, :width]
+    row = np.floor(x * frequencies[0, 0] + y * frequencies[0, 1]).astype(np.int64)
+    row -= row.min()
+    part = [row[usable]]
+    for (fx, fy), n in zip(frequencies, bins, strict=True):
+        phase = (x * fx + y * fy)[usable] % 1.0
+        part.append(np.minimum((phase * n).astype(np.int64), n - 1))
+    shape = (int(row.max()) + 1, *bins)
+    place, size = np.ravel_multi_index(tuple(part), shape), int(np.prod(shape))
+    counts = np.bincount(place, minlength=size).reshape(shape)
+    sums = [np.bincount(place, texture[..., c][usable], size).reshape(shape) for c in range(channels)]
+    return np.stack(sums, -1), counts
+
+
+def _variance(sums: np.ndarray, counts: np.ndarray) -> float:
+    """Of the mean cell, over its parts and summed over channels."""
+    mean = sums.sum(tuple(range(counts.ndim))) / counts.sum()
+    part = sums / np.maximum(counts, 1)[..., None]
+    return float((((part - mean) ** 2) * counts[..., None]).sum() / counts.sum())

@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One use of an op, from its checked values to parts, files and printed lines.
+
+What an output's kind means is said here, once for all ops: which type and colour tag its pixels have, whether they may
+be converted, and whether it becomes a part of the image, a file beside it, or text. Files are checked before the work.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import logging
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from . import __version__
+from .core.access import Neighbourhood, Pointwise
+from .core.attributes import SOURCE, TAG, mark_as_data, note
+from .core.hash import sha1
+from .core.image import Image, Part, from_pixels
+from .core.label_map import LabelMap
+from .core.op import Kind, Op, Output, Space
+from .core.window import Window
+from .deferred import np, oiio
+from .errors import Error, ImageError, ParameterError, Unseen
+from .io.atomic import name_beside, temporary_beside
+from .io.cryptomatte import cryptomatte_part
+from .io.movie import require_encoder, write_movie
+from .io.paint_palette import require_palette, write_palette
+from .io.writing import require_writable, write
+
+if TYPE_CHECKING:
+    from .session import Session
+
+log = logging.getLogger("oiiotex")
+
+_TYPES = {Kind.IDS: "uint", Kind.PICTURE: "uint8"} | dict.fromkeys(
+    (Kind.MASK, Kind.COORDINATES, Kind.MEASURE, Kind.CRYPTOMATTE), "float"
+)
+_FORESEEN = "oiiotex:foreseen"  # the attribute of parts whose windows, channels or number may yet be others
+_CHANNELS = {Kind.COORDINATES: 2, Kind.PICTURE: 3, Kind.CRYPTOMATTE: 4} | dict.fromkeys(
+    (Kind.IDS, Kind.MASK, Kind.MEASURE), 1
+)
+_LARGE = 1 << 20  # bytes of a manifest that should lie beside the image and not in it
+
+
+class Result(NamedTuple):
+    """An image that an op has made, the names by which Python has its parts, and which limits it fails, in words."""
+
+    image: Image
+    names: tuple[str, ...]
+    failed: tuple[str, ...] = ()
+
+
+def run(op: Op, session: Session, written: set[str] | None = None, provenance: bool = True) -> tuple[Result, ...]:
+    """What the op makes: its images, and beside them the files and lines that it was asked for.
+
+    Parameters
+    ----------
+    op : Op
+    session : Session
+    written : set of str, optional
+        Real paths of files that ops of the same line have written before; those written now join them.
+    provenance : bool
+        Files say how they were made; images do in any case.
+
+    Raises
+    ------
+    ParameterError
+        A file would overwrite what the op reads, another of its files, or one in `written`.
+    ImageError
+        A file's folder cannot be written, or its format cannot hold what it is to hold; and what the op raises.
+    """
+    written = set() if written is None else written
+    files = op.files()
+    _require_free(op, files, written)
+    facts = _facts(op)
+    sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
+    results = _Runner(op, session, files, provenance).results(op.compute(session), sources)
+    written.update(os.path.realpath(path) for path in files.values())
+    return results
+
+
+def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
+    """What `run` would make, as far as the line says it: nothing is written, no pixel computed.
+
+    The op itself is asked, up to where it looks at pixels or at the device. From there on only what it declares is
+    known: `is_foreseen` says so of its images, and of all that is made of them.
+
+    Parameters
+    ----------
+    op : Op
+    session : Session
+        One whose device raises `Unseen`, as the pixels of the op's images do.
+    written : set of str
+        As `run` takes it.
+
+    Raises
+    ------
+    Error
+        What `run` would refuse.
+    """
+    files = op.files()
+    _require_free(op, files, written)
+    reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
+    written.update(os.path.realpath(path) for path in files.values())
+    guessed = any(map(is_foreseen, op.operands()))
+    images = None
+    if not reads_written:  # else what it is to read is not there yet
+        try:
+            sources = [(name, _facts(op)) for name, _ in _sources(op)]
+            runner = _Runner(op, session, files, provenance=False, dry=True)
+            images = tuple(result.image for result in runner.results(op.compute(session), sources))
+        except Unseen:
+            pass
+        except Error:
+            if not guessed:
+                raise
+    if images is None:
+        sources = itertools.islice(itertools.cycle(_sources(op)), op.result_count())
+        images = tuple(_declared(op, name) for name, _ in sources)
+        guessed = True
+    return tuple(map(as_foreseen, images)) if guessed else images
+
+
+def is_foreseen(image: Image) -> bool:
+    """Whether only a part of what is to be known of the image is known."""
+    return any(part.spec.get_int_attribute(_FORESEEN) for part in image.parts)
+
+
+def as_foreseen(image: Image) -> Image:
+    """The image as one of which only a part is known."""
+    return Image(tuple(_saying(part, {_FORESEEN: 1}) for part in image.parts), image.source)
+
+
+def _declared(op: Op, source: str) -> Image:
+    """What the op declares of an image that it makes: parts, and their types."""
+    operands = op.operands()
+    like = operands[0].first.spec if operands else oiio.ImageSpec(1, 1, 3, oiio.FLOAT)
+    parts: list[Part] = []
+    instead = tuple(output for output in op.outputs if output.instead and op.asked(output))
+    for output in instead or op.outputs:
+        asked = op.asked(output)
+        if output.of:
+            parts += [getattr(op, output.of).first] if asked else []
+        elif asked is True and output.kind.is_image:
+            name = operands[0].first.name if operands and output.kind is Kind.PIXELS else output.name
+            parts.append(_unseen_part(output, name, like, stored=op.prefix == Op.prefix))
+    parts += op.carried()
+    return Image(tuple(parts), source)
+
+
+def _unseen_part(output: Output, name: str, like: oiio.ImageSpec, stored: bool) -> Part:
+    """An output as a part of which nothing but its kind is known."""
+    count = _CHANNELS.get(output.kind, like.nchannels)
+    spec = oiio.ImageSpec(1, 1, count, _type_of(output) or like.format)
+    if output.kind is Kind.PIXELS:
+        spec.channelnames, spec.alpha_channel = like.channelnames, like.alpha_channel
+
+    def fetch(_: Window) -> np.ndarray:
+        raise Unseen
+
+    pixel_type = spec.format if stored else None
+    return Part(name.replace(".N", ".1"), spec, fetch, pixel_type, ready=True, exact=output.kind.is_exact)
+
+
+@dataclass(frozen=True)
+class _Runner:
+    """Turns what one op has computed into images and files."""
+
+    op: Op
+    session: Session
+    files: Mapping[str, Path]
+    provenance: bool
+    dry: bool = False  # make no file, print no line
+
+    def results(self, results: Any, sources: Iterable[tuple[str, dict[str, Any]]]) -> tuple[Result, ...]:
+        """What `compute` gave, as images, which say these facts of their sources; of further images the first's."""
+        images = results if isinstance(results, tuple) else (results,)
+        pairs = zip(images, itertools.cycle(sources), strict=False)
+        return tuple(self.result(image, *source) for image, source in pairs)
+
+    def result(self, results: Image | Mapping[str, Any], source: str, facts: dict[str, Any]) -> Result:
+        """The image of that source, its files written, which say these facts."""
+        op = self.op
+        if isinstance(results, Image):
+            parts = [_saying(part, facts) for part in results.parts]
+            return Result(Image(tuple(parts), results.source), _names(parts, op.main().name))
+        first = next(iter(results))
+        originals = [getattr(op, output.of).first for output in op.outputs if output.of and op.asked(output)]
+        parts, tables = list(originals), []
+        beside: dict[Path, list[Part]] = defaultdict(list)
+        for name, output, path, value in self._wanted(results):
+            if not output.kind.is_image:
+                tables.append((output, path, value))
+                continue
+            part = self._part(output, name, path, value, name == first)
+            (parts if path is None or output.kind is Kind.CRYPTOMATTE else beside[path]).append(part)
+        for path, members in beside.items():
+            with self.session.checkpoints(path):
+                metadata = facts if self.provenance else {}
+                image = Image(tuple(_saying(part, metadata) for part in members), str(path))
+                write(image, path, _type_of(op.output(members[0].name)))
+        for table in tables:  # what they name is there now
+            self._table_leaves(*table)
+        failed = [text for output, _, report in tables if op.judges(output) for text in report["failed"]]
+        parts += op.carried()
+        parts = [_saying(part, facts) for part in parts]
+        return Result(Image(tuple(parts), source), _names(parts, "" if originals else first), tuple(failed))
+
+    def _wanted(self, results: Mapping[str, Any]) -> Iterator[tuple[str, Output, Path | None, Any]]:
+        """Of what somebody asked for or hears: its name, declaration, file and value, made now where it was not yet."""
+        for name, value in results.items():
+            output = self.op.output(name)
+            if self.dry and not (self.op.asked(output) is True and output.kind.is_image):
+                continue
+            if self.op.asked(output) or self._is_said(output) or self.op.judges(output):
+                path = self.files.get(name) or self.files.get(output.name)
+                yield name, output, path, value() if callable(value) else value
+
+    def _is_said(self, output: Output) -> bool:
+        """Whether somebody hears what there is to say of it."""
+        return output.lines is not None and self.session.say is not None
+
+    def _table_leaves(self, output: Output, path: Path | None, value: Any) -> None:
+        """Print a table's lines; write what has a file."""
+        if self._is_said(output):
+            for line in output.lines(value):
+                self.session.say(line)
+        if path is None:
+            return
+        if output.kind is Kind.TABLE:
+            _write_json(value, path)
+            return
+        if output.kind is Kind.MOVIE:
+            write_movie(path, *value)
+            return
+        if output.kind is Kind.PAINTS:
+            write_palette(path, value)
+            return
+        with temporary_beside(path) as temporary, open(temporary, "wb") as file:
+            np.savez_compressed(file, **value)
+
+    def _part(self, output: Output, name: str, path: Path | None, value: Any, is_image: bool) -> Part:
+        """A part as its kind has it, of colours that were said to be none as data."""
+        op = self.op
+        if output.kind is Kind.PICTURE:
+            return _picture(name, value)
+        if output.kind is Kind.CRYPTOMATTE:
+            return self._cryptomatte(value, path)
+        pixel_type = _type_of(output)
+        said_data = op.space is Space.LAB and op.working_space is Space.DATA  # by the parameter data
+        called = value.name if is_image else name  # the op's image may take the photo's place, and name
+
+        def describe(spec: oiio.ImageSpec) -> None:
+            if pixel_type is not None:
+                spec.set_format(pixel_type)
+                spec.channelformats = ()
+            if pixel_type is not None or said_data:
+                mark_as_data(spec)
+            if called == name:
+                spec.attribute("oiio:subimagename", name)
+
+        part = replace(value.respecced(describe), name=called)
+        return part if pixel_type is None else replace(part, stored=pixel_type, exact=output.kind.is_exact)
+
+    def _cryptomatte(self, labels: Sequence[LabelMap], path: Path | None) -> Part:
+        """The part of all label maps, its manifest in it or in a file."""
+        image = getattr(self.op, self.op.images()[0].attribute).first if getattr(self.op, "single", False) else None
+        part, whole = cryptomatte_part(labels, path.name if path else None, image)
+        if path is not None:
+            _write_json(whole, path)
+        elif sum(len(name) + 14 for name in whole) > _LARGE:
+            log.warning("%s: the manifest is large: cryptomatte=FILE.json puts it beside the image", self.op.flag())
+        return part
+
+
+# --- before the work ---
+
+
+def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
+    """Refuse files that would overwrite something, or that cannot be written."""
+    taken = _read_by(op, {op.output(name).asked_by for name in files})
+    holders: dict[Path, list[Output]] = defaultdict(list)
+    for name, path in files.items():
+        output = op.output(name)
+        request, real = f"{output.asked_by}={path}", os.path.realpath(path)
+        if path not in holders:
+            if real in taken:
+                raise ParameterError(f"{request} would overwrite {taken[real]}")
+            if real in written:
+                raise ParameterError(f"{request} has just been written by an op's modifier")
+            taken[real] = request
+        elif holders[path][0].asked_by != output.asked_by:
+            raise ParameterError(f"{request} would overwrite {taken[real]}")
+        holders[path].append(output)
+    for path, outputs in holders.items():
+        if all(output.kind.is_image and output.kind is not Kind.CRYPTOMATTE for output in outputs):
+            require_writable(Image(tuple(_pixel_of(output) for output in outputs)), path, _type_of(outputs[0]))
+        else:
+            name_beside(path)  # it looks at the folder
+            if outputs[0].kind is Kind.MOVIE:
+                require_encoder(path)
+            elif outputs[0].kind is Kind.PAINTS:
+                require_palette(path)
+
+
+def _read_by(op: Op, asking: set[str]) -> dict[str, str]:
+    """Real paths of what the op is made from, and what they are called; `asking` parameters name what it writes."""
+    names = {}
+    for slot, image in op.given():
+        names[os.path.realpath(image.source)] = f"{slot.name}, an image that it reads"
+    for parameter in op.parameters():
+        value = getattr(op, parameter.attribute)
+        if isinstance(value, Path) and parameter.attribute not in asking:
+            names[os.path.realpath(value)] = f"{parameter.name}, a file that it reads"
+    return names
+
+
+def _type_of(output: Output) -> oiio.TypeDesc | None:
+    """The pixel type that an output's kind asks for."""
+    name = _TYPES.get(output.kind)
+    return oiio.TypeDesc(name) if name else None
+
+
+def _pixel_of(output: Output) -> Part:
+    """A part of one pixel that asks of a format what the output will."""
+    kind = _type_of(output)
+    spec = oiio.ImageSpec(1, 1, 3 if output.kind is Kind.PICTURE else 2, kind or oiio.TypeDesc(oiio.UINT8))
+    return Part(output.name, spec, lambda window: np.zeros((1, 1, spec.nchannels)), kind, exact=output.kind.is_exact)
+
+
+# --- what is made ---
+
+
+def _sources(op: Op) -> list[tuple[str, Part | None]]:
+    """What the op's images are made from, and its name: of several maps of a material each from its own."""
+    slots = (*op.images()[:1], op.further_images())
+    named = [(image.source, image.first) for slot, image in op.given() if slot in slots]
+    files = [(str(value), None) for value in op.values().values() if isinstance(value, Path)]
+    return named or files or [(op.name, None)]
+
+
+def _facts(op: Op) -> dict[str, Any]:
+    """How the op's images say that they were made; of what from, `_photo` says."""
+    facts = op.provenance()
+    return facts | {"oiiotex:version": __version__} if facts else {}
+
+
+def _photo(op: Op, name: str, part: Part | None) -> dict[str, str]:
+    """The photo by name, and the hash of the pixels that were taken, as --hash prints it; as said, where it was said.
+
+    What looks at a pixel and what is around it, and what has yet to be computed, is not looked at only for a hash.
+    """
+    if part is None:
+        return {SOURCE: os.path.basename(name)}
+    source = part.spec.get_string_attribute(SOURCE) or os.path.basename(name)
+    if " SHA-1 " not in source and (op.copies or (part.ready and not isinstance(op, (Pointwise, Neighbourhood)))):
+        with contextlib.suppress(ImageError):  # no hash of channels that are not alike; what is broken is said later
+            source += f" SHA-1 {sha1(part)}"
+    return {SOURCE: source}
+
+
+def _names(parts: Sequence[Part], main: str) -> tuple[str, ...]:
+    """The parts' names, the first being the op's image unless it is what was kept."""
+    names = [part.name for part in parts]
+    return (main or names[0], *names[1:]) if main not in names[1:] else tuple(names)
+
+
+def _picture(name: str, pixels: np.ndarray) -> Part:
+    """sRGB for screens."""
+    if pixels.dtype != np.uint8:
+        pixels = np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
+    spec.attribute(TAG, "srgb_rec709_scene")
+    spec.attribute("oiio:subimagename", name)
+    return from_pixels(name, pixels, spec, spec.format)
+
+
+def _write_json(facts: Any, path: Path) -> None:
+    """Facts into a file, whole or not at all."""
+    with temporary_beside(path) as temporary:
+        temporary.write_text(json.dumps(facts, indent=1))
+
+
+def _saying(part: Part, facts: dict[str, Any]) -> Part:
+    """The part, its metadata saying how it was made."""
+
+    def mark(spec: oiio.ImageSpec) -> None:
+        for name, value in facts.items():
+            note(spec, name, value)
+
+    return part.respecced(mark) if facts else part

@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Clique partitioning: vertices grouped so that the weights inside the groups add up to as much as possible.
+
+CZF02 section III: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised Texture Segmentation by clique partitioning.
+Weights above 0 say that two vertices belong together, weights below that they do not, and how many groups there are
+follows from them. The exact problem is NP-hard; here are the paper's heuristic and a refinement by single moves.
+
+Departures from the paper: ties, which it does not mention, go to the lower vertex, so that some pair of cliques always
+has chosen each other; and after its heuristic has stopped, vertices move one by one where that raises the score.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array, issparse, sparray, spmatrix
+
+Weights = np.ndarray | sparray | spmatrix
+
+SWEEPS = 50  # of the refinement, at most: each raises the score, so it ends by itself
+_WIDE = 8192  # vertices of a dense matrix beyond which its copy is one of float32
+_ROWS = 256  # of a dense matrix that are looked at together
+_NEAR = 16  # choices of a clique that are kept in case the best ones go
+_LEAST = 1e-9  # of the largest weight: a gain below it is a rounding error, not a gain
+
+
+def partition(weights: Weights, refine: bool = True) -> np.ndarray:
+    """Vertices grouped into cliques of large total weight.
+
+    Parameters
+    ----------
+    weights : (n, n) array or scipy sparse array
+        Symmetric; above 0 where two vertices should be in one clique, below 0 where not. What a sparse one does not
+        hold is 0. The diagonal is not looked at. A dense one needs memory for a copy, a sparse one twice its size.
+    refine : bool
+        Move single vertices and merge cliques until no such step raises the score; False: the paper's heuristic alone.
+
+    Returns
+    -------
+    (n,) int64
+        The clique of every vertex, 0, 1, ... by their first vertices.
+
+    Raises
+    ------
+    ValueError
+        Not square, not symmetric, or not finite.
+
+    References
+    ----------
+    CZF02 section III B.
+    """
+    weights = _checked(weights)
+    labels = numbered(_merged(weights))
+    if refine:
+        for _ in range(SWEEPS):
+            moved = _moved(weights, labels)
+            labels = numbered(labels)
+            joined = _merged(contracted(weights, labels))
+            labels = numbered(joined[labels])
+            if not moved and joined.max(initial=-1) + 1 == len(joined):
+                break
+    return labels
+
+
+def joined_to(weights: Weights, labels: np.ndarray, count: int) -> np.ndarray:
+    """Cliques joined, the pair of the largest mean weight first, until there are no more than `count`.
+
+    Not in the paper, which finds the number: weights and labels as `partition` takes and gives them.
+    """
+    while (left := int(labels.max(initial=-1)) + 1) > count:
+        between = contracted(weights, labels)
+        between = between.toarray() if issparse(between) else between
+        sizes = np.bincount(labels).astype(np.float64)
+        mean = between / np.outer(sizes, sizes)
+        np.fill_diagonal(mean, -np.inf)
+        a, b = divmod(int(mean.argmax()), left)
+        labels = numbered(np.where(labels == b, a, labels))
+    return labels
+
+
+def contracted(weights: Weights, labels: np.ndarray) -> Weights:
+    """The weights between cliques: of two, the sum over pairs of their vertices; the diagonal is 0."""
+    count = int(labels.max(initial=-1)) + 1
+    if issparse(weights):
+        entries = weights.tocoo()
+        a, b = labels[entries.row], labels[entries.col]
+        apart = a != b
+        between = csr_array((entries.data[apart], (a[apart], b[apart])), shape=(count, count))
+        between.sum_duplicates()
+        return between
+    if count == 0:
+        return np.zeros((0, 0))
+    member = csr_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(count, len(labels)))
+    between = member @ np.ascontiguousarray((member @ weights).T)
+    np.fill_diagonal(between, 0)
+    return between
+
+
+def _checked(weights: Weights) -> Weights:
+    if weights.ndim != 2 or weights.shape[0] != weights.shape[1]:
+        raise ValueError(f"weights of pairs are a square matrix, not {weights.shape}")
+    if issparse(weights):
+        matrix = csr_array(weights, dtype=np.float64)
+        matrix.sum_duplicates()
+        if not np.isfinite(matrix.data).all() or abs(matrix - matrix.T).max() > 1e-6 * max(1.0, abs(matrix).max()):
+            raise ValueError("weights must be finite and symmetric")
+        return matrix
+    matrix = np.asarray(weights)
+    matrix = matrix if matrix.dtype in (np.float32, np.float64) else matrix.astype(np.float64)
+    blocks = [slice(first, first + 512) for first in range(0, len(matrix), 512)]  # that fit caches: no second matrix
+    for n, rows in enumerate(blocks):
+        for columns in blocks[n:]:
+            here, there = matrix[rows, columns], matrix[columns, rows].T
+            if not (np.abs(here - there) <= 1e-6 * (1 + np.abs(there))).all():  # what is not finite is not, either
+                raise ValueError("weights must be finite and symmetric")
+    return matrix
+
+
+def numbered(labels: np.ndarray) -> np.ndarray:
+    """The same groups, numbered by their first vertices."""
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[inverse]
+
+
+# --- the heuristic ---
+
+
+def _merged(weights: Weights) -> np.ndarray:
+    """CZF02 section III B: all pairs of cliques merge that (1, 2) are each other's best choice and (3) gain by it."""
+    return _merged_sparse(weights) if issparse(weights) else _merged_dense(weights)
+
+
+def _merged_dense(weights: np.ndarray) -> np.ndarray:
+    count = len(weights)
+    clique = np.arange(count)  # of every vertex: a row of `cost`
+    if count < 2:
+        return clique
+    state = _Cost(weights)
+    while True:
+        a = np.flatnonzero(state.alive & (state.best > 0) & (state.choice[state.choice] == np.arange(len(state.cost))))
+        a = a[a < state.choice[a]]
+        b = state.choice[a]
+        if not len(a):
+            return clique
+        into = np.arange(len(state.cost))
+        into[b] = a
+        clique = into[clique]
+        state.alive[b] = False
+        if state.cost is weights or 16 * len(a) > len(into) or 4 * np.count_nonzero(state.alive) < 3 * len(into):
+            clique = (np.cumsum(state.alive) - 1)[clique]
+            state = _Cost(state.joined(a, b))
+        else:
+            state.join(a, b)
+
+
+class _Cost:
+    """c(a, b) of the paper for all pairs of cliques, and of every clique the best choice.
+
+    A row that has changed is written as a row alone: its column, which lies all over memory, is stale, and what reads
+    other rows takes its values from the row. Beside the best choice the next ones are kept: all that cost more than
+    `floor` are among `near`, so a row is looked through again only when all of these have gone.
+    """
+
+    def __init__(self, cost: np.ndarray):
+        count = len(cost)
+        self.cost, self.alive = cost, np.ones(count, bool)
+        self.stale = np.zeros(0, np.int64)
+        self.choice, self.best = np.empty(count, np.int64), np.empty(count)
+        self.near = np.zeros((count, min(_NEAR, count)), np.int64)
+        self.near_cost, self.floor = np.full(self.near.shape, -np.inf), np.empty(count)
+        for first in range(0, count, _ROWS):  # the best alone, which is far quicker: many will not be asked again
+            which = np.arange(first, min(first + _ROWS, count))
+            rows = self._choose(which)
+            rows[np.arange(len(which)), self.choice[which]] = -np.inf
+            self._keep(which, self.choice[which, None], self.best[which, None], rows.max(1))
+
+    def rows(self, which: np.ndarray) -> np.ndarray:
+        """Rows as they should be; nothing chooses itself, or what has gone."""
+        rows = self.cost[which]
+        rows[:, self.stale] = self.cost[np.ix_(self.stale, which)].T
+        rows[:, ~self.alive] = -np.inf
+        rows[np.arange(len(which)), which] = -np.inf
+        return rows
+
+    def _choose(self, which: np.ndarray) -> np.ndarray:
+        """Look for the best choice of some; their rows."""
+        rows = self.rows(which)
+        self.choice[which] = rows.argmax(1)
+        self.best[which] = rows[np.arange(len(which)), self.choice[which]]
+        return rows
+
+    def _choose_several(self, which: np.ndarray) -> None:
+        """Look for the best choices of some."""
+        rows, size = self._choose(which), self.near.shape[1]
+        near = np.argpartition(rows, -size, 1)[:, -size:]
+        cost = np.take_along_axis(rows, near, 1)
+        self._keep(which, near, cost, cost.min(1))
+
+    def _keep(self, which: np.ndarray, near: np.ndarray, cost: np.ndarray, floor: np.ndarray) -> None:
+        """Keep those of (rows, choices) that cost more than all others, which `floor` says of each row."""
+        self.floor[which] = floor
+        self.near[which, : near.shape[1]] = near
+        self.near_cost[which] = -np.inf
+        self.near_cost[which, : near.shape[1]] = np.where(cost > floor[:, None], cost, -np.inf)
+
+    def _sums(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """The incremental update, of rows: c(a + b, k) = c(a, k) + c(b, k)."""
+        self.alive[b] = True
+        rows = self.rows(np.concatenate([a, b]))
+        self.alive[b] = False
+        sums = rows[: len(a)] + rows[len(a) :]
+        sums[:, a] += sums[:, b]
+        sums[:, b] = -np.inf
+        return sums
+
+    def join(self, a: np.ndarray, b: np.ndarray) -> None:
+        """Add b to a; only what looked at them and lost by it chooses anew."""
+        rows = self._sums(a, b)
+        self.stale = np.union1d(self.stale[self.alive[self.stale]], a)
+        self.cost[a] = rows
+        self.cost[np.ix_(self.stale, a)] = rows[:, self.stale].T
+        changed = np.zeros(len(self.cost), bool)
+        changed[a] = changed[b] = True
+        self.near_cost[changed[self.near]] = -np.inf
+        offered = np.flatnonzero(self.alive & ~changed & (rows.max(0) > self.floor))
+        self._offer(offered, a, rows[:, offered].T)
+        self.best = self.near_cost.max(1)
+        highest = self.near_cost == self.best[:, None]
+        self.choice = np.where(highest, self.near, len(self.cost)).min(1)  # of equal ones the lowest
+        lost = self.alive & np.isneginf(self.best)
+        lost[a] = True
+        self._choose_several(np.flatnonzero(lost))
+
+    def _offer(self, which: np.ndarray, a: np.ndarray, cost: np.ndarray) -> None:
+        """Take `a` among the choices of some, where they cost (which, a) more than what is not kept."""
+        cost = np.where(cost > self.floor[which, None], cost, -np.inf)
+        cost = np.concatenate([self.near_cost[which], cost], 1)
+        near = np.concatenate([self.near[which], np.broadcast_to(a, (len(which), len(a)))], 1)
+        size = self.near.shape[1]
+        order = np.argpartition(cost, -size, 1)
+        gone = np.take_along_axis(cost, order[:, :-size], 1).max(1, initial=-np.inf)
+        near, cost = (np.take_along_axis(of, order[:, -size:], 1) for of in (near, cost))
+        self._keep(which, near, cost, np.maximum(self.floor[which], gone))
+
+    def joined(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """A new matrix of what is left when b has been added to a, by blocks of rows."""
+        kept = np.flatnonzero(self.alive)
+        matrix = np.empty((len(kept), len(kept)), np.float32 if len(self.cost) > _WIDE else np.float64)
+        place, partner = np.searchsorted(kept, a), np.full(len(self.cost), -1)
+        partner[a] = b
+        self.alive[b] = True  # until they have been read
+        for first in range(0, len(kept), _ROWS):
+            here = kept[first : first + _ROWS]
+            rows = self.rows(here).astype(matrix.dtype)
+            paired = np.flatnonzero(partner[here] >= 0)
+            if len(paired):
+                rows[paired] += self.rows(partner[here[paired]])
+            block = rows[:, kept]
+            block[:, place] += rows[:, b]
+            matrix[first : first + _ROWS] = block
+        return matrix
+
+
+def _merged_sparse(weights: csr_array) -> np.ndarray:
+    clique = np.arange(weights.shape[0])
+    cost = contracted(weights, clique)
+    while True:
+        best, choice = _best_sparse(cost)
+        a = np.flatnonzero((best > 0) & (choice[choice] == np.arange(len(choice))))
+        a = a[a < choice[a]]
+        if not len(a):
+            return clique
+        alive = np.ones(len(choice), bool)
+        alive[choice[a]] = False
+        into = np.cumsum(alive) - 1
+        into[choice[a]] = into[a]
+        clique = into[clique]
+        cost = contracted(cost, into)
+
+
+def _best_sparse(cost: csr_array) -> tuple[np.ndarray, np.ndarray]:
+    """Of every row its largest entry, and the first column that has it; 0 and the row itself where it is empty."""
+    count = cost.shape[0]
+    best, choice = np.zeros(count), np.arange(count)
+    filled = np.flatnonzero(np.diff(cost.indptr))
+    if len(filled):
+        starts = cost.indptr[filled]
+        best[filled] = np.maximum.reduceat(cost.data, starts)
+        highest = cost.data == np.repeat(best, np.diff(cost.indptr))
+        choice[filled] = np.minimum.reduceat(np.where(highest, cost.indices, count), starts)
+    return best, choice
+
+
+# --- the refinement ---
+
+
+def _moved(weights: Weights, labels: np.ndarray) -> int:
+    """One sweep of single vertices to the clique that they gain most by, or to one of their own; `labels` changes.
+
+    Who may gain is asked of all at once; before a vertex moves it is asked again, so that the score only rises.
+    """
+    count = len(labels)
+    if count == 0:
+        return 0
+    cliques = free = int(labels.max()) + 1
+    member = csr_array((np.ones(count), (np.arange(count), labels)), shape=(count, cliques))
+    least = _LEAST * max(1.0, float(weights.max()), -float(weights.min()))
+    if issparse(weights):
+        pull = (weights @ member).tocsr()
+        pull.sum_duplicates()
+        most = np.maximum(_best_sparse(pull)[0], 0.0)
+        own = pull.multiply(member).sum(1) - weights.diagonal()
+    else:
+        pull = (member.T @ weights).T
+        own = pull[np.arange(count), labels] - weights.diagonal()
+        pull[np.arange(count), labels] = own
+        most = np.maximum(pull.max(1), 0.0)
+    moved = 0
+    for v in np.flatnonzero(most > own + least):
+        near, strength = _row(weights, v)
+        gain = np.bincount(labels[near], strength, free + 1)  # the last: alone
+        to = int(gain.argmax())
+        if gain[to] > gain[labels[v]] + least:
+            labels[v] = to
+            free += to == free
+            moved += 1
+    return moved
+
+
+def _row(weights: Weights, v: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices that v has weights to, and these, without itself."""
+    if issparse(weights):
+        entries = slice(weights.indptr[v], weights.indptr[v + 1])
+        near, strength = weights.indices[entries], weights.data[entries]
+        return near[near != v], strength[near != v]
+    strength = weights[v].astype(np.float64)
+    strength[v] = 0
+    return np.arange(len(strength)), strength

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An image decomposed into subtextures: CZF02 whole, and the way that does better by default.
+
+By default textons come from a filter bank, too fine a segmentation is merged (`region_merging`), and the subtextures
+compete for pixels with their texton distributions, before and after; the paper groups samples by clique partitioning
+and compares every pixel's histogram with those of the samples around it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..color.lab_reduced import LabPixels
+from ..labels.features import Texture, texture_of
+from ..session import Session
+from .clique_partition import joined_to, numbered, partition
+from .region_merging import blurred, fine_regions, merged
+from .textons import (
+    FULL,
+    Counts,
+    Samples,
+    bank_counts,
+    disc_sums,
+    histogram_roots,
+    mean_shift_similarities,
+    sample_grid,
+    similarities,
+    weighted_counts,
+)
+
+_CELL = 4  # px, of filter bank textons
+_LEAST = 0.02  # of the image: smaller subtextures lose their pixels in the competition
+_COUPLINGS = (2, 4, 6, 8, 8)  # of a cell with its surroundings in each round, nats; its own textons: nats per pixel
+_UPDATES = 4  # of the memberships in a round
+_NEAR = 1 / 4  # sigma of the surroundings per radius
+_PRIOR = 5  # px of every texton that a subtexture is thought to have before it is looked at
+_SMOOTH = 1.0  # cells, of the last vote
+
+
+@dataclass(frozen=True)
+class DecompositionSettings:
+    """How an image is decomposed; px are those of the (reduced) image.
+
+    Attributes
+    ----------
+    features : str
+        "bank" or "haar".
+    bins : int
+        Textons; of colour and structure each with "haar".
+    radius, shift : float
+        Of the disc, and how far to look for the best match, px.
+    scales : int
+        Radii at which the second place is looked at, half an octave apart.
+    search : str
+        "grid" or "meanshift".
+    group : str
+        "merging" of regions or "cliques" of samples.
+    threshold : float
+        Similarity of places, or probability of regions, above which two belong together.
+    count : int or None
+        Of subtextures; None: found.
+    step : int
+        Between samples, px.
+    refine : bool
+        Of the clique partition.
+    assign : str
+        "competition" or "neighbours".
+    """
+
+    features: str = "bank"
+    bins: int = 64
+    radius: float = 48.0
+    shift: float = 24.0
+    scales: int = 1
+    search: str = "grid"
+    group: str = "merging"
+    threshold: float = 0.32
+    count: int | None = None
+    step: int = 16
+    refine: bool = True
+    assign: str = "competition"
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """What was found.
+
+    Attributes
+    ----------
+    labels : (h, w) int32
+        Of the reduced image, 1 .. count by first pixel; 0 where nothing is seen.
+    count : int
+    samples : int
+        Regions, or vertices of the clique partition, that were grouped.
+    groups : int
+        Before the competition.
+    """
+
+    labels: np.ndarray
+    count: int
+    samples: int
+    groups: int
+
+
+def decomposed(
+    pixels: LabPixels,
+    settings: DecompositionSettings,
+    session: Session,
+    advance: Callable[[int, int], None] = lambda done, total: None,
+    texture: Callable[[Session], Texture] | None = None,
+) -> Decomposition:
+    """The subtextures of an image.
+
+    Parameters
+    ----------
+    pixels : LabPixels
+    settings : DecompositionSettings
+    session : Session
+    advance : callable
+        Called with (done, total).
+    texture : callable, optional
+        Gives the pixels' texture, where it is known from elsewhere.
+    """
+    if not pixels.seen.any():
+        advance(2, 4)
+        advance(3, 4)
+        return Decomposition(np.zeros(pixels.seen.shape, np.int32), 0, 0, 0)
+    with threadpool_limits(1, "blas"):
+        with session.stats.time("textons"):
+            if settings.features == "haar":
+                counts = weighted_counts(pixels, session, settings.bins)
+            else:
+                looks = texture(session) if texture else texture_of(pixels.lab, pixels.seen, session)
+                counts = bank_counts(looks, session, settings.bins, _CELL)
+        advance(2, 4)
+        with session.stats.time("groups"):
+            group = _cliques if settings.group == "cliques" else _merged_regions
+            labels, samples = group(counts, settings, session)
+            groups = len(np.unique(labels))
+        advance(3, 4)
+        height, width = pixels.seen.shape
+        with session.stats.time("pixels of subtextures"):
+            if settings.assign == "competition":
+                labels = _competed(_gathered(counts, _CELL // counts.side), labels, settings.radius, (height, width))
+            else:
+                side = -(-height // labels.shape[0])
+                labels = np.repeat(np.repeat(labels, side, 0), side, 1)[:height, :width]
+    labels, count = _numbered(labels, pixels.seen)
+    return Decomposition(labels, count, samples, groups)
+
+
+def _merged_regions(counts: Counts, settings: DecompositionSettings, session: Session) -> tuple[np.ndarray, int]:
+    """Labels (h, w) of cells by merging of regions that have competed, and how many there were."""
+    cells = _gathered(counts, _CELL // counts.side)
+    values = cells.values.astype(np.float32) / (FULL * cells.side**2)
+    start = fine_regions(values, cells.side, 2 * (settings.count or 1))
+    regions = _members(values, start, cells.side, settings.radius).argmax(-1)
+    return merged(values, regions, cells.side, settings.threshold, settings.count), len(np.unique(regions))
+
+
+def _cliques(counts: Counts, settings: DecompositionSettings, session: Session) -> tuple[np.ndarray, int]:
+    """Labels (h, w) of cells by clique partitioning (CZF02 sections II B and III), and how many samples there are."""
+    side = counts.side
+    scales = tuple(settings.radius / side * 2 ** (s / 2) for s in _octaves(settings.scales))
+    roots = [histogram_roots(disc_sums(counts.values, r, session)) for r in scales]
+    seen = counts.values.any(-1)
+    samples = sample_grid(seen, max(1, round(settings.step / side)))
+    if not len(samples.places):  # islands between the samples
+        samples = Samples(np.arange(seen.shape[0]), np.arange(seen.shape[1]), np.flatnonzero(seen)[:1])
+    shift = settings.shift / side
+    if settings.search == "meanshift" and shift > 0:
+        likeness = mean_shift_similarities(counts, scales, samples, shift, session)
+    else:
+        likeness = similarities(roots[0], samples, shift, tuple(roots[1:]))
+    weights = likeness.astype(np.float64) - settings.threshold
+    cliques = partition(weights, settings.refine)
+    if settings.count is not None:
+        cliques = joined_to(weights, cliques, settings.count)
+    return _nearest_samples(roots[0], samples, cliques), len(samples.places)
+
+
+def _octaves(scales: int) -> list[int]:
+    """0, -1, 1, -2, ...: the true scale first."""
+    return [(-1) ** s * ((s + 1) // 2) for s in range(scales)]
+
+
+def _nearest_samples(roots: np.ndarray, samples: Samples, cliques: np.ndarray) -> np.ndarray:
+    """The clique of the sample, of the nine around a cell, whose histogram is most alike: CZF02 section II B."""
+    height, width = roots.shape[:2]
+    down, across = len(samples.rows), len(samples.columns)
+    index = np.full(down * across, -1)
+    index[samples.places] = np.arange(len(samples.places))
+    index = np.pad(index.reshape(down, across), 1, constant_values=-1)
+    at = roots[samples.cells()].astype(np.float32)
+    nearest_row = np.abs(np.arange(height)[:, None] - samples.rows).argmin(1)
+    nearest_column = np.abs(np.arange(width)[:, None] - samples.columns).argmin(1)
+    best, labels = np.full((height, width), -1.0, np.float32), np.zeros((height, width), np.int64)
+    order = sorted(((dy, dx) for dy in (0, 1, 2) for dx in (0, 1, 2)), key=lambda d: (d[0] - 1) ** 2 + (d[1] - 1) ** 2)
+    for top in range(0, height, 64):
+        rows = slice(top, top + 64)
+        here = roots[rows].astype(np.float32)
+        for dy, dx in order:
+            sample = index[nearest_row[rows, None] + dy, nearest_column + dx]
+            likeness = np.where(sample >= 0, np.einsum("yxk,yxk->yx", here, at[sample]), -1.0)
+            better = likeness > best[rows]
+            best[rows][better] = likeness[better]
+            labels[rows][better] = cliques[sample[better]]
+    lonely = best < 0
+    if lonely.any():  # no sample near: the first one, then the competition or nothing else decides
+        labels[lonely] = cliques[0]
+    return labels
+
+
+# --- competition ---
+
+
+def _gathered(counts: Counts, times: int) -> Counts:
+    """Cells `times` as wide."""
+    if times <= 1:
+        return counts
+    values = counts.values
+    for axis in (0, 1):
+        values = np.add.reduceat(values, np.arange(0, values.shape[axis], times), axis=axis)
+    return Counts(values, counts.side * times)
+
+
+def _competed(counts: Counts, labels: np.ndarray, radius: float, shape: tuple[int, int]) -> np.ndarray:
+    """Subtextures compete for cells: (h, w) labels of pixels."""
+    values = counts.values.astype(np.float32) / (FULL * counts.side**2)
+    height, width = values.shape[:2]
+    if labels.shape != (height, width):
+        labels = labels[:: labels.shape[0] // height or 1, :: labels.shape[1] // width or 1][:height, :width]
+    member = _members(values, labels, counts.side, radius)
+    best = None
+    for n, votes in enumerate(np.moveaxis(blurred(member, _SMOOTH), -1, 0)):
+        votes = _enlarged(votes, counts.side, shape)
+        if best is None:
+            best, winners = votes, np.zeros(shape, np.int64)
+        else:
+            winners[votes > best] = n
+            np.maximum(best, votes, out=best)
+    return winners
+
+
+def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float) -> np.ndarray:
+    """Shares (h, w, n) that cells have in subtextures, the largest first at the start; small ones are gone.
+
+    In every round a subtexture has the texton distribution of its cells. A cell is a member of each by a share: the
+    likelihood of its textons times what its surroundings are members of (the mean field of a Potts model with
+    Gaussian neighbourhoods). Surroundings count for more from round to round, so that borders settle late.
+    """
+    height, width, bins = values.shape
+    seen = values.any(-1).astype(np.float32)
+    areas = np.bincount(labels.ravel(), seen.ravel())
+    largest = np.argsort(-areas, kind="stable")[: int(1 / _LEAST)]
+    member = (labels[..., None] == largest).astype(np.float32) * seen[..., None]
+    sigma = max(1.0, _NEAR * radius / side)
+    for coupling in _COUPLINGS:
+        areas = member.sum((0, 1), dtype=np.float64)
+        member = member[..., areas >= min(_LEAST * areas.sum(), areas.max())]
+        sums = member.reshape(height * width, -1).T @ values.reshape(height * width, bins)
+        chances = sums + np.float32(_PRIOR / side**2)
+        likely = values @ np.log(chances / chances.sum(1, keepdims=True)).T
+        likely = blurred(likely - likely.max(-1, keepdims=True), 1.0)
+        for _ in range(_UPDATES):
+            member = likely + np.float32(coupling) * blurred(member, sigma)
+            member = np.exp(member - member.max(-1, keepdims=True))
+            member *= seen[..., None] / member.sum(-1, keepdims=True)
+    return member
+
+
+def _enlarged(values: np.ndarray, side: int, shape: tuple[int, int]) -> np.ndarray:
+    """Cells as pixels, linearly between their centres."""
+    for axis in (0, 1):
+        at = np.clip((np.arange(shape[axis]) + 0.5) / side - 0.5, 0, values.shape[axis] - 1)
+        low = np.minimum(at.astype(np.int64), max(values.shape[axis] - 2, 0))
+        share = (at - low).astype(np.float32)
+        share = share[:, None] if axis == 0 else share
+        high = np.minimum(low + 1, values.shape[axis] - 1)
+        values = np.take(values, low, axis) * (1 - share) + np.take(values, high, axis) * share
+    return values
+
+
+def _numbered(labels: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, int]:
+    """1 .. count in the order of first pixels, 0 where nothing is seen."""
+    numbers = np.zeros(labels.shape, np.int32)
+    numbers[seen] = numbered(labels[seen]) + 1
+    return numbers, int(numbers.max())
+
+
+def memory_needed(pixels: int, settings: DecompositionSettings) -> int:
+    """Bytes that a decomposition holds at its height, of so many pixels of the reduced image."""
+    kinds = 2 * settings.bins if settings.features == "haar" else 0
+    per_pixel = 400 if settings.features == "bank" else 60 + 14 * kinds * (1 + settings.scales // 2)
+    vertices = pixels / settings.step**2
+    return math.ceil(per_pixel * pixels + 40 * vertices**2)

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Subtextures of an image that has been cut into superpixels: every superpixel has the one that most of it shows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..color.lab_reduced import LabPixels
+from ..labels.features import SmallLab
+from ..session import Session
+from ..superpixels.superpixels import Superpixels
+from .subtextures import DecompositionSettings, decomposed
+
+
+def superpixel_subtextures(
+    superpixels: Superpixels, small: SmallLab, session: Session, count: int | None = None
+) -> np.ndarray:
+    """The subtexture of every superpixel, (n,) int64 from 0 on.
+
+    Parameters
+    ----------
+    superpixels : Superpixels
+    small : SmallLab
+        The squares that they are described by: the image is not looked at again.
+    session : Session
+    count : int, optional
+        So many, if there are so many.
+    """
+    height, width = small.ids.shape
+    pixels = LabPixels(small.lab, small.ids > 0, small.factor, None, width, height)
+    labels = decomposed(pixels, DecompositionSettings(count=count), session, texture=small.texture).labels.astype(
+        np.int64
+    )
+    table = np.zeros((superpixels.count + 1, int(labels.max()) + 1), np.int64)
+    np.add.at(table, (small.ids.ravel(), labels.ravel()), 1)
+    table[np.arange(superpixels.count) + 1, labels[small.places[:, 0], small.places[:, 1]]] += 1
+    table[:, 0] = -1
+    return np.unique(table[1:].argmax(1), return_inverse=True)[1].reshape(-1)

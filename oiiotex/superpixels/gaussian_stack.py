@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mean colours of superpixels as a Gaussian stack of the image has them: LSA16 section 3.3.
+
+I_g = G_dsigma * I_(g-1), so level g is a blur of sqrt(sum of dsigma^2) px in all. Where the paper blurs the whole
+image, squares of pixels are blurred, twice as wide whenever the blur is three squares wide: a level costs milliseconds,
+and what this needs does not grow with the image. A square's own width counts as part of the blur.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+from ..color.lab_grid import FINE_STEPS
+from ..core.gaussian import gaussian_taps
+from ..deferred import np
+from ..opencl.buffers import Buffers, Download, offset_table
+from ..session import Session
+from .run_length import OUTSIDE
+from .superpixels import Superpixels
+
+_MARGIN = 16  # squares of zeros around the image: the longest reach of taps, and room for wide registers
+_AHEAD = 4  # levels on which the device works while the host merges by one
+_COARSEST = 128  # px; a square's pixels are counted in 16 bits
+_BLUR_IN_SQUARES = 3.0  # a blur that wide allows squares of twice the side
+
+
+def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], session: Session) -> Iterator[np.ndarray]:
+    """Sums of L, a, b over each superpixel in the blurred image, for every level after the first.
+
+    Parameters
+    ----------
+    superpixels : Superpixels
+    sigmas : sequence of float
+        Scales of the levels, px, rising.
+    session : Session
+
+    Yields
+    ------
+    (n, 3) float64, Lab units
+    """
+    if superpixels.count == 0 or len(sigmas) < 2:
+        return
+    reduced = superpixels.reduced
+    planes = reduced.sums.transpose(2, 0, 1).astype(np.float32)  # L, a, b, number x rows x columns of squares
+    planes[:3] /= FINE_STEPS
+    stack = _Stack(superpixels, planes, session)
+    with stack.buffers:
+        wanted, coming = 0.0, deque()
+        for number, (before, sigma) in enumerate(itertools.pairwise(sigmas)):
+            wanted += (sigma - before) ** 2
+            stack.blur_to(wanted)
+            coming.append(stack.sums_later(number))
+            if len(coming) == _AHEAD:
+                yield _lab(coming.popleft())
+        yield from map(_lab, coming)
+
+
+def _lab(sums: Download) -> np.ndarray:
+    return sums.array()[:, :3].astype(np.float64)
+
+
+class _Stack:
+    """The image at one blur after another, on the device."""
+
+    def __init__(self, superpixels: Superpixels, planes: np.ndarray, session: Session):
+        self._device, self._superpixels = session.device, superpixels
+        self._run = self._device.program("superpixels")
+        self._side = superpixels.reduced.side
+        self._variance = (self._side**2 - 1) / 12  # of the blur that there is, px^2
+        _, self.height, self.width = planes.shape
+        runs = superpixels.runs
+        inside = np.flatnonzero(runs.label != OUTSIDE)
+        order = inside[np.argsort(runs.label[inside], kind="stable")]
+        starts = offset_table(np.searchsorted(runs.label[order], np.arange(superpixels.count + 1)))
+        table = np.stack([runs.rows()[order], runs.left[order], runs.right()[order]], 1)  # runs x 3
+        first, last = starts[:-1], starts[1:] - 1
+        self._extent = (  # left, top, right, bottom of every superpixel's pixels, all inclusive
+            np.minimum.reduceat(table[:, 1], first),
+            table[first, 0],
+            np.maximum.reduceat(table[:, 2], first) - 1,
+            table[last, 0],
+        )
+        self._tables = self._device.upload(starts), self._device.upload(table)
+        boxes = self._boxes()
+        size = self._plane * 4 * 4
+        layout = {"image": size, "other": size, "shares": 2 * int(boxes[-1, 3])}
+        layout |= {f"sums{n}": 16 * superpixels.count for n in range(_AHEAD)}
+        self.buffers = Buffers(self._device, layout, session.budget, "the Gaussian stack")
+        padded = np.zeros((4, self.height + 2 * _MARGIN, self._stride), np.float32)  # planes x rows x columns
+        padded[:, _MARGIN:-_MARGIN, _MARGIN : _MARGIN + self.width] = planes
+        self._clear()
+        self._device.write(self.buffers["image"], padded)
+        self._share(boxes)
+
+    @property
+    def _stride(self) -> int:
+        return self.width + 2 * _MARGIN
+
+    @property
+    def _plane(self) -> int:
+        return self._stride * (self.height + 2 * _MARGIN)
+
+    def _clear(self) -> None:
+        for name in ("image", "other"):
+            self._device.fill(self.buffers[name], np.float32(0), 4 * self._plane)
+
+    def _boxes(self) -> np.ndarray:
+        """As cl/superpixels.cl wants them: (n + 1, 4) int32, the last one only an end."""
+        left, top, right, bottom = (edge // self._side for edge in self._extent)
+        sizes = (right - left + 1) * (bottom - top + 1).astype(np.int64)
+        boxes = np.zeros((len(sizes) + 1, 4), np.int32)
+        boxes[:-1, :3] = np.stack([left, top, right - left + 1], 1)
+        boxes[1:, 3] = offset_table(np.cumsum(sizes))
+        return boxes
+
+    def _share(self, boxes: np.ndarray) -> None:
+        self._box_table = self._device.upload(boxes)
+        count = self._superpixels.count
+        tables = self._box_table, *self._tables
+        self._run("shares", (count,), *tables, self.buffers["shares"], count, self._side, team=True)
+
+    def blur_to(self, variance: float) -> None:
+        """Blur until the whole blur has that variance, px^2, or as much more as squares have of themselves."""
+        missing = (variance - self._variance) / self._side**2
+        taps = taps_of(missing)
+        if len(taps) > 1:
+            self._blur(taps)
+            self._variance += float(taps @ np.square(np.arange(len(taps)) - len(taps) // 2.0)) * self._side**2
+        while self._variance >= (_BLUR_IN_SQUARES * self._side) ** 2 and self._side < _COARSEST:
+            self._halve()
+
+    def _blur(self, taps: np.ndarray) -> None:
+        table = self._device.upload(taps.astype(np.float32))
+        lanes = 1 if self._device.lanes == 1 else 8
+        shape = -(-self.width // lanes), 4 * self.height
+        for step in (1, self._stride):
+            images = self.buffers["image"], self.buffers["other"]
+            numbers = len(taps) // 2, self.width, self.height, self._stride, self._plane, _MARGIN, step
+            self._run("blur", shape, *images, table, *numbers)
+            self.buffers.swap("image", "other")
+
+    def _halve(self) -> None:
+        old = self._stride, self._plane
+        self.width, self.height = -(-self.width // 2), -(-self.height // 2)
+        self._device.fill(self.buffers["other"], np.float32(0), 4 * self._plane)
+        images = self.buffers["image"], self.buffers["other"]
+        numbers = *old, self.width, self.height, self._stride, self._plane, _MARGIN
+        self._run("halve", (self.width, 4 * self.height), *images, *numbers)
+        self.buffers.swap("image", "other")
+        self._device.fill(self.buffers["other"], np.float32(0), 4 * self._plane)
+        self._variance += 3 * self._side**2 / 12
+        self._side *= 2
+        self._share(self._boxes())
+
+    def sums_later(self, number: int) -> Download:
+        """(n, 4) float32: sums of Lab over each superpixel, on their way; `number` counts the levels."""
+        count = self._superpixels.count
+        image, shares, sums = (self.buffers[name] for name in ("image", "shares", f"sums{number % _AHEAD}"))
+        numbers = count, self._stride, self._plane, _MARGIN
+        self._run("gather", (count,), self._box_table, shares, image, sums, *numbers, team=True)
+        return self._device.read_later(sums, (count, 4), np.float32)
+
+
+def taps_of(variance: float) -> np.ndarray:
+    """Weights over squares, (2 radius + 1,) float64, of a Gaussian of that variance in squared squares."""
+    if variance < 0.01:
+        return np.ones(1)
+    if variance <= 0.5:  # sampled, so narrow a Gaussian would have another variance
+        return np.array([variance / 2, 1 - variance, variance / 2])
+    return gaussian_taps(math.sqrt(variance), 3.0, _MARGIN - 8)

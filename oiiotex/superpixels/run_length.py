@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Label maps as runs along rows: connected pieces, who borders on whom, small pieces given to their neighbours.
+
+A run is a stretch of one row with one label. Work and memory go with the number of runs, a fraction of that of pixels.
+Pieces are numbered by their first pixel in reading order, so no cut into bands can be seen in what comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from ..deferred import np
+
+OUTSIDE = -1  # what transparent pixels are
+_RUN_BYTES, _BORDER_BYTES = 40, 200  # of memory while pieces are put together, as measured on noise
+
+
+@dataclass(frozen=True)
+class Runs:
+    """A label map of height rows.
+
+    Attributes
+    ----------
+    width, height : int
+    first : (height + 1,) int64
+        Where each row's runs begin.
+    left : (n,) int32
+        First column of each run; it ends where the next one of its row begins.
+    label : (n,) int32
+        0 .. count - 1, or OUTSIDE.
+    """
+
+    width: int
+    height: int
+    first: np.ndarray
+    left: np.ndarray
+    label: np.ndarray
+
+    def rows(self) -> np.ndarray:
+        """The row of every run, (n,) int32."""
+        return np.repeat(np.arange(self.height, dtype=np.int32), np.diff(self.first))
+
+    def right(self) -> np.ndarray:
+        """The column after the last of every run, (n,) int32."""
+        right = np.empty_like(self.left)
+        right[:-1] = self.left[1:]
+        right[self.first[1:] - 1] = self.width
+        return right
+
+    def pixels(self, top: int, bottom: int, left: int, right: int) -> np.ndarray:
+        """Labels of a window as (rows, columns) int32.
+
+        Parameters
+        ----------
+        top, bottom, left, right : int
+            px from the map's corner; bottom and right are the first outside.
+        """
+        begin, end = self.first[top], self.first[bottom]
+        starts = self.left[begin:end].astype(np.int64)
+        starts += np.repeat(np.arange(bottom - top) * self.width, np.diff(self.first[top : bottom + 1]))
+        lengths = np.diff(starts, append=(bottom - top) * self.width)
+        return np.repeat(self.label[begin:end], lengths).reshape(bottom - top, self.width)[:, left:right]
+
+    def relabelled(self, of: np.ndarray) -> Runs:
+        """Each label replaced by `of[label]`, runs that then meet their like joined."""
+        label = np.append(of, OUTSIDE).astype(np.int32)[self.label]
+        keep = np.ones(len(label), bool)
+        keep[1:] = label[1:] != label[:-1]
+        keep[self.first[:-1]] = True
+        first = np.concatenate([[0], np.cumsum(keep)])[self.first]
+        return Runs(self.width, self.height, first, self.left[keep], label[keep])
+
+
+@dataclass(frozen=True)
+class Borders:
+    """Which labels touch: a < b, (m,) each, sorted, with the length of their common border in pixel sides."""
+
+    a: np.ndarray
+    b: np.ndarray
+    length: np.ndarray
+
+    @classmethod
+    def of(cls, a: np.ndarray, b: np.ndarray, length: np.ndarray, count: int) -> Borders:
+        """From pairs in any order, with repetitions; loops are left out.
+
+        Parameters
+        ----------
+        a, b : (m,) int
+            Pairs of labels, 0 .. count - 1.
+        length : (m,)
+            Pixel sides that they share.
+        count : int
+        """
+        apart = a != b
+        a, b, length = a[apart].astype(np.int64), b[apart].astype(np.int64), length[apart]
+        keys, where = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_inverse=True)
+        total = np.bincount(where, length, len(keys)).astype(np.int64)
+        return cls(keys // max(count, 1), keys % max(count, 1), total)
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """4-connected pieces of a label map: its runs with pieces as labels, the pieces' sizes, their borders."""
+
+    runs: Runs
+    sizes: np.ndarray
+    borders: Borders
+
+
+def pieces_of(
+    bands: Iterable[np.ndarray], width: int, height: int, require: Callable[[int], None] | None = None
+) -> Pieces:
+    """4-connected pieces of equal labels.
+
+    Parameters
+    ----------
+    bands : iterable of (rows, width) int32
+        The label map from top to bottom; OUTSIDE belongs to no piece.
+    width, height : int
+    require : callable, optional
+        Given the bytes that this will need so far; raises where that is too much. Photos have few runs, noise has
+        nearly as many as pixels.
+    """
+    finder = _Finder(width)
+    for labels in bands:
+        finder.add(labels)
+        if require is not None:
+            require(finder.need)
+    return finder.finished(height)
+
+
+class _Finder:
+    """Looks at one band after another and keeps runs, not pixels."""
+
+    def __init__(self, width: int):
+        self._width, self._count = width, 0
+        self._left: list[np.ndarray] = []
+        self._per_row: list[np.ndarray] = []
+        self._piece: list[np.ndarray] = []
+        self._sizes: list[np.ndarray] = []
+        self._same: list[np.ndarray] = []  # (2, n) pieces of two bands that are one
+        self._borders: list[Borders] = []
+        self.need = 0  # bytes, by the end
+        self._above: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # starts, labels, pieces of a row
+
+    def add(self, labels: np.ndarray) -> None:
+        rows, width = labels.shape
+        change = np.ones((rows, width), bool)
+        np.not_equal(labels[:, 1:], labels[:, :-1], out=change[:, 1:])
+        starts = np.flatnonzero(change)
+        label = labels.ravel()[starts]
+        lengths = np.diff(starts, append=rows * width)
+        per_row = np.bincount(starts // width, minlength=rows)
+
+        upper, lower, shared = _overlaps(starts, starts, width, rows)
+        one = (label[upper] == label[lower]) & (label[upper] != OUTSIDE)
+        count, piece = _united(upper[one], lower[one], len(starts))
+        inside = np.zeros(count, bool)
+        inside[piece] = label != OUTSIDE
+        number = np.where(inside, self._count + np.cumsum(inside) - 1, OUTSIDE)
+        piece, new = number[piece], np.count_nonzero(inside)  # in this band
+
+        self._sizes.append(np.bincount(piece[piece >= 0] - self._count, lengths[piece >= 0], new))
+        beside = np.flatnonzero(starts[1:] % width != 0)
+        pairs = [(piece[beside], piece[beside + 1], np.ones(len(beside))), (piece[upper], piece[lower], shared)]
+        self._count += new
+        top = slice(0, per_row[0])
+        if self._above is not None:
+            above_starts, above_label, above_piece = self._above
+            i, j, shared = _overlaps(above_starts, starts[top] + width, width, 2)
+            one = (above_label[i] == label[j]) & (label[j] != OUTSIDE)
+            self._same.append(np.stack([above_piece[i[one]], piece[j[one]]]))
+            pairs.append((above_piece[i[~one]], piece[j[~one]], shared[~one]))
+        a, b, length = (np.concatenate(c) for c in zip(*pairs, strict=True))
+        known = (a >= 0) & (b >= 0)
+        self._borders.append(Borders.of(a[known], b[known], length[known], self._count))
+
+        self._left.append((starts % width).astype(np.int32))
+        self._per_row.append(per_row)
+        self.need += _RUN_BYTES * len(starts) + _BORDER_BYTES * len(self._borders[-1].a)
+        self._piece.append(piece.astype(np.int32))
+        last = slice(len(starts) - per_row[-1], None)
+        self._above = starts[last] - (rows - 1) * width, label[last], piece[last]
+
+    def finished(self, height: int) -> Pieces:
+        same = np.concatenate(self._same, 1) if self._same else np.zeros((2, 0), np.int64)
+        # numbers by first pixel: pieces of bands are in that order, and a whole's is that of its first part
+        count, whole = _united(*same, self._count)
+        parts = np.concatenate([np.zeros(0), *self._sizes])
+        sizes = np.bincount(whole, parts, count).astype(np.int64)
+        a, b, length = (np.concatenate([getattr(x, f) for x in self._borders]) for f in ("a", "b", "length"))
+        borders = Borders.of(whole[a], whole[b], length, count)
+        starts = np.concatenate([[0], np.cumsum(np.concatenate(self._per_row))])
+        runs = Runs(self._width, height, starts, np.concatenate(self._left), np.concatenate(self._piece))
+        return Pieces(runs.relabelled(whole), sizes, borders)
+
+
+def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tuple[np.ndarray, ...]:
+    """Runs that touch across rows: (upper run, lower run, length).
+
+    `upper` and `lower` are first pixels of runs of one band of `rows` rows, counted row after row.
+    """
+    above = upper[: np.searchsorted(upper, (rows - 1) * width)]
+    skipped = np.searchsorted(lower, width)
+    below = lower[skipped:] - width
+    cuts = np.union1d(above, below)
+    i = np.searchsorted(above, cuts, "right") - 1
+    j = np.searchsorted(below, cuts, "right") - 1 + skipped
+    return i, j, np.diff(cuts, append=(rows - 1) * width)
+
+
+def _united(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
+    """Sets of 0 .. count - 1 when a[i] and b[i] belong together, by their first members: how many, and each one's."""
+    from scipy.sparse import coo_array  # when it is needed: it is slow to import
+    from scipy.sparse.csgraph import connected_components
+
+    if count == 0:
+        return 0, np.zeros(0, np.int32)
+    sets, of = connected_components(coo_array((np.ones(len(a), bool), (a, b)), (count, count)), directed=False)
+    first = np.full(sets, count)
+    np.minimum.at(first, of, np.arange(count))
+    rank = np.empty(sets, np.int32)
+    rank[np.argsort(first)] = np.arange(sets)
+    return sets, rank[of]
+
+
+def without_small(pieces: Pieces, least: float) -> Pieces:
+    """Pieces below `least` pixels joined to neighbours, until there is none that has a neighbour.
+
+    In every round each small piece chooses one neighbour: one that is not small, else a small one; of these the one
+    with the longest common border; of these the first. What has chosen each other becomes one, so every round leaves
+    at most half of the small pieces, and neither the order of work nor tiles can be seen.
+    """
+    runs, sizes, borders = pieces.runs, pieces.sizes, pieces.borders
+    of = np.arange(len(sizes))
+    while True:
+        small = sizes < least
+        a = np.concatenate([borders.a, borders.b])
+        b = np.concatenate([borders.b, borders.a])
+        length = np.concatenate([borders.length, borders.length])
+        asked = small[a]
+        a, b, length = a[asked], b[asked], length[asked]
+        if not len(a):
+            break
+        order = np.lexsort((b, -length, small[b], a))
+        chooser, best = np.unique(a[order], return_index=True)
+        count, joined = _united(chooser, b[order][best], len(sizes))
+        sizes = np.bincount(joined, sizes, count).astype(np.int64)
+        borders = Borders.of(joined[borders.a], joined[borders.b], borders.length, count)
+        of = joined[of]
+    return Pieces(runs.relabelled(of), sizes, borders)

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""SLIC in Lab on the device: LSA16 section 3.1, after Achanta et al. 2012, doi:10.1109/TPAMI.2012.120.
+
+A pixel chooses among the seeds of its own and the eight neighbouring cells of a regular grid. Departures:
+
+1. Seeds start as the means of their cells, not on single pixels: no noise, and no look at the image out of order.
+2. A distance is an exact integer: Lab stands on a grid of 1/8, centres on one of 1/64 (`Seeds.candidates`). The
+   partition is the same for any order of summation, tile, register width or device; ties go to the lower seed.
+3. A seed stays where it is until its mean is 0.2 Lab away, and cells whose nine seeds stand still are not looked at
+   again: what 1000 iterations cost is what still moves.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ..color.lab_grid import FINE_STEPS
+from ..color.lab_on_device import Band, LabGrid
+from ..deferred import np
+from ..opencl.buffers import Buffers
+from ..session import Session
+
+NONE = 255  # the slot of transparent pixels
+_STRIP = 16  # rows that one work-item looks at
+_SUMS = 6  # pixels, L, a, b, x, y
+_SCALE = 4  # integer distances are squared steps times this
+_STILL = 0.2  # Lab units by eq. 1 up to which a seed stays where it is: 0.01 sigma where colour does not change
+_ABSENT = 1 << 30  # base of a candidate that nobody chooses
+NINE = tuple((dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1))
+
+
+@dataclass(frozen=True)
+class SeedGrid:
+    """Cells of about sigma x sigma, one seed each.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the image, px.
+    across, down : int
+        Cells along x and y.
+    compactness : float
+        m of LSA16 eq. 1, Lab units per sigma.
+    """
+
+    width: int
+    height: int
+    across: int
+    down: int
+    compactness: float
+
+    @classmethod
+    def of(cls, width: int, height: int, sigma: float, compactness: float) -> SeedGrid:
+        """The grid whose cells come closest to that scale.
+
+        Parameters
+        ----------
+        width, height : int
+            Of the image, px.
+        sigma : float
+            px.
+        compactness : float
+            m of LSA16 eq. 1, Lab units per sigma.
+        """
+        return cls(width, height, max(1, round(width / sigma)), max(1, round(height / sigma)), compactness)
+
+    @property
+    def count(self) -> int:
+        """Seeds."""
+        return self.across * self.down
+
+    @property
+    def scale(self) -> float:
+        """sigma = sqrt(Ix Iy / #superpixels), px."""
+        return math.sqrt(self.width * self.height / self.count)
+
+    @property
+    def weight(self) -> float:
+        """Squared steps per squared pixel: m^2 / sigma^2 of LSA16 eq. 1."""
+        return (FINE_STEPS * self.compactness / self.scale) ** 2
+
+    @property
+    def shift(self) -> int:
+        """Bits by which x and y are shifted, so that a candidate's coefficients fit 16 bits."""
+        largest = 2 * self.weight * _SCALE * 3 * max(self.width / self.across, self.height / self.down)
+        return max(0, math.ceil(math.log2(largest / 32000)))
+
+    def edges(self, axis: int) -> np.ndarray:
+        """First column (axis 1) or row (axis 0) of every cell and the end, int32."""
+        size, cells = ((self.height, self.down), (self.width, self.across))[axis]
+        return (np.arange(cells + 1, dtype=np.int64) * size // cells).astype(np.int32)
+
+    def strips(self, band_rows: int) -> np.ndarray:
+        """(n, 4) int32: first row, row after the last, row of cells and its reference row.
+
+        None crosses a border between cells or between bands of that many rows.
+        """
+        edges = self.edges(0)
+        cuts = np.unique(np.concatenate([edges, np.arange(0, self.height, band_rows)])).tolist()
+        spans = []
+        for top, bottom in itertools.pairwise(cuts):
+            spans += [(y, min(y + _STRIP, bottom)) for y in range(top, bottom, _STRIP)]
+        rows = np.array(spans)
+        cell = np.searchsorted(edges, rows[:, 0], "right") - 1
+        return np.column_stack([rows, cell, self.references()[0][cell]]).astype(np.int32)
+
+    def references(self) -> tuple[np.ndarray, np.ndarray]:
+        """Reference rows and columns of the cells, (down,) and (across,)."""
+        y, x = (self.edges(axis).astype(np.int64) for axis in (0, 1))
+        return (y[:-1] + y[1:]) // 2, (x[:-1] + x[1:]) // 2
+
+
+def centres_of(sums: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Means (down, across, 5) of L, a, b in steps, x, y in px from sums (down, across, 6); a seed without pixels stays.
+
+    Seeds that never had a pixel are NaN.
+    """
+    count = sums[..., :1]
+    return np.where(count > 0, sums[..., 1:] / np.maximum(count, 1), before)
+
+
+def candidates(grid: SeedGrid, centres: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """The nine seeds around each of `cells` (k,), counted row by row, as linear functions of a pixel: (k, 9, 4) int32.
+
+    |v - c|^2 = |v|^2 - 2 v c + |c|^2, of which |v|^2 is the same for all nine. The coefficients -2 c are rounded to
+    integers, and |c|^2 is that of the rounded centre, so borders between cells of seeds are straight.
+    """
+    padded = np.full((grid.down + 2, grid.across + 2, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
+    padded[1:-1, 1:-1] = centres
+    row, column = (n[:, None] for n in np.divmod(cells, grid.across))
+    dy, dx = np.array(NINE).T
+    near = padded[row + 1 + dy, column + 1 + dx]  # cells x 9 x 5
+    rows, columns = grid.references()
+    near[..., 3] -= columns[column]
+    near[..., 4] -= rows[row]
+    absent = np.isnan(near[..., 0])
+    near[absent] = 0
+    unit = float(1 << grid.shift)
+    per_colour, per_place = -2.0 * _SCALE, -2.0 * _SCALE * grid.weight / unit
+    coefficients = np.rint(near * ([per_colour] * 3 + [per_place] * 2))
+    squares = coefficients * coefficients
+    base = (squares[..., 0] + squares[..., 1] + squares[..., 2]) / (4 * _SCALE)
+    base += (squares[..., 3] + squares[..., 4]) * (unit * unit / (4 * _SCALE * grid.weight))
+    c = coefficients.astype(np.int32)
+    packed = np.empty((*absent.shape, 4), np.int32)
+    packed[..., 0] = np.where(absent, _ABSENT, np.rint(base))
+    packed[..., 1] = (c[..., 0] & 0xFFFF) | (c[..., 1] << 16)
+    packed[..., 2] = (c[..., 2] & 0xFFFF) | (c[..., 3] << 16)
+    packed[..., 3] = c[..., 4]
+    return packed
+
+
+def own_cells_only(grid: SeedGrid) -> np.ndarray:
+    """Candidates with which every pixel chooses its own cell's seed."""
+    packed = np.zeros((grid.count, 9, 4), np.int32)
+    packed[..., 0] = _ABSENT
+    packed[:, 4, 0] = 0
+    return packed
+
+
+class Slic:
+    """SLIC on a `LabGrid`: centres that no longer move, and the slots of all pixels.
+
+    Parameters
+    ----------
+    lab : LabGrid
+    grid : SeedGrid
+    session : Session
+    """
+
+    def __init__(self, lab: LabGrid, grid: SeedGrid, session: Session):
+        self._lab, self.grid, self._device = lab, grid, session.device
+        self._run = self._device.program("superpixels")
+        self._strips = grid.strips(lab.band_rows)
+        first = np.searchsorted(self._strips[:, 2], np.arange(grid.down + 1)).astype(np.int32)  # of each row of cells
+        layout = {
+            "candidates": 16 * 9 * grid.count,
+            "sums": 4 * 9 * _SUMS * len(self._strips) * grid.across,
+            "totals": 8 * 9 * _SUMS * grid.count,
+            "slots": lab.band_rows * lab.width,
+            "active": grid.count,
+        }
+        self._buffers = Buffers(self._device, layout, session.budget, f"SLIC with {grid.count} seeds")
+        cells = np.repeat(np.arange(grid.across, dtype=np.int32), np.diff(grid.edges(1)))
+        self._tables = [self._device.upload(t) for t in (self._strips, grid.edges(1), cells, first)]
+
+    def __enter__(self) -> Slic:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._buffers.__exit__()
+
+    def iterate(self, iterations: int, jitter: np.ndarray | None = None) -> np.ndarray:
+        """Candidates after at most so many assignments of pixels to seeds, the last of which is left to `slots`.
+
+        `jitter` (down, across, 2) moves the seeds at the start, px.
+        """
+        from scipy.ndimage import maximum_filter  # when it is needed: it is slow to import
+
+        grid = self.grid
+        present = own_cells_only(grid)
+        centres = np.full((grid.down, grid.across, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
+        centres = centres_of(self._sums(present, np.ones(grid.count, bool)), centres)
+        if jitter is not None:
+            centres[..., 3:] += jitter
+        following = candidates(grid, centres, np.arange(grid.count))
+        active = np.ones(grid.count, bool)
+        for _ in range(iterations - 1):
+            present = following
+            means = centres_of(self._sums(present, active), centres)
+            away = (means - centres) ** 2
+            away = away[..., 0] + away[..., 1] + away[..., 2] + grid.weight * (away[..., 3] + away[..., 4])
+            moved = away > (_STILL * FINE_STEPS) ** 2
+            centres = np.where(moved[..., None], means, centres)
+            near = np.flatnonzero(maximum_filter(moved, 3, mode="constant"))
+            following = present.copy()
+            following[near] = candidates(grid, centres, near)
+            active = (following != present).any((1, 2))
+            if not active.any():
+                break
+        return following
+
+    def slots(self, chosen: np.ndarray) -> Iterator[tuple[Band, np.ndarray]]:
+        """(band, slots (rows, width) uint8) from top to bottom: which of its nine candidates a pixel chooses."""
+        self._device.write(self._buffers["candidates"], chosen)
+        for band in self._lab.bands():
+            self._assign(band, keep=1)
+            shape = band.bottom - band.top, self._lab.width
+            yield band, self._device.read(self._buffers["slots"], shape, np.uint8)
+
+    def _assign(self, band: Band, keep: int) -> None:
+        """Run the kernel over a band: sums into their buffer, or with `keep` slots into theirs."""
+        first, end = np.searchsorted(self._strips[:, 0], (band.top, band.bottom)).tolist()
+        tables = *self._tables[:3], *(self._buffers[name] for name in ("active", "sums", "slots"))
+        items = self._lab.width if self._device.lanes == 1 else self.grid.across
+        numbers = self._lab.width, self.grid.across, end - first, self.grid.shift, band.top, first, keep
+        self._run("assign", (items, end - first), band.lab, self._buffers["candidates"], *tables, *numbers)
+
+    def _sums(self, chosen: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """Sums (down, across, 6) over the pixels of every seed, in px from the image's corner; int64."""
+        device, buffers, grid = self._device, self._buffers, self.grid
+        device.write(buffers["candidates"], chosen)
+        device.write(buffers["active"], active.view(np.uint8))
+        edges, rows_active = grid.edges(0), active.reshape(grid.down, grid.across).any(1)
+        if device.lanes == 1:  # single lanes add to what there is
+            tables = self._tables[0], buffers["active"], buffers["sums"]
+            self._run("clear", (grid.across, len(self._strips)), *tables, grid.across, len(self._strips))
+
+        def wanted(top: int, bottom: int) -> bool:
+            rows = slice(np.searchsorted(edges, top, "right") - 1, np.searchsorted(edges, bottom, "left"))
+            return bool(rows_active[rows].any())
+
+        for band in self._lab.bands(wanted):
+            self._assign(band, keep=0)
+        tables = self._tables[3], buffers["active"], buffers["totals"]
+        self._run("total", (9 * _SUMS * grid.across, grid.down), buffers["sums"], *tables, grid.across, grid.down)
+        # rows x columns of cells x their nine seeds x sums
+        sums = device.read(buffers["totals"], (grid.down, grid.across, 9, _SUMS), np.int64)
+        rows, columns = grid.references()
+        sums[..., 4] += sums[..., 0] * columns[None, :, None]
+        sums[..., 5] += sums[..., 0] * rows[:, None, None]
+        total = np.zeros((grid.down + 2, grid.across + 2, _SUMS), np.int64)
+        for n, (dy, dx) in enumerate(NINE):
+            total[1 + dy : 1 + dy + grid.down, 1 + dx : 1 + dx + grid.across] += sums[:, :, n]
+        return total[1:-1, 1:-1]

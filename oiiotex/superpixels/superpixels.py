@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Superpixels of an image of any size: SLIC, connected, with their statistics.
+
+LSA16 section 3.1 and 3.3: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction
+for Texture Synthesis, SIGGRAPH 2016. Lab passes the device (`lab_on_device`), seeds settle (`slic`), pixels become
+runs (`run_length`); what stays in memory are runs and sums. Every sum is one of whole numbers, so the partition and all
+that is said of it are the same to the bit for any tile, budget, register width or thread count.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from ..color.lab import Lens
+from ..color.lab_grid import FINE_STEPS
+from ..color.lab_on_device import PIXEL_BYTES, LabGrid, most_on_device
+from ..core.attributes import mark_as_data
+from ..core.image import Image, Part, derived_spec
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..opencl.buffers import Buffers, in_smaller_pieces, offset_table
+from ..session import Session
+from .run_length import OUTSIDE, Pieces, Runs, pieces_of, without_small
+from .slic import NINE, NONE, SeedGrid, Slic
+
+COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
+FINEST = 0.02  # sigma_1 as a share of the shorter side: LSA16 section 3.4
+LEAST_SIGMA = 4.0  # px; below, a superpixel is no pattern
+ITERATIONS = 1000
+_BAND_ROWS = 128  # of labels that become runs at once
+_SUMS = 21  # what cl/superpixels.cl keeps of each superpixel's powers
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The image in squares, with which the Gaussian stack begins.
+
+    Attributes
+    ----------
+    side : int
+        Of a square, px.
+    sums : (down, across, 4) int32
+        L, a, b in steps of 1/8, and number, of a square's opaque pixels.
+    """
+
+    side: int
+    sums: np.ndarray
+
+
+@dataclass(frozen=True)
+class Superpixels:
+    """n superpixels of one image, numbered by their first pixel in reading order.
+
+    Attributes
+    ----------
+    window : Window
+        The image's data window.
+    labels : Part
+        One uint32 channel: ids 1 .. n, 0 where alpha is 0. Any window can be read in any order.
+    sizes : (n,) int64
+        Pixels.
+    positions : (n, 2) float64
+        Centroid (x, y) of the pixels' corners, relative to the window's.
+    power_sums : (n, 3, 5) float64
+        Sums over pixels of L, a, b to the first .. fifth power, in Lab units to that power: exact sums over a grid of
+        1/8 unit, rounded once.
+    edges : (m, 2) int32
+        a < b, 0-based: superpixels with a common border (4-connectivity).
+    sigma : float
+        Their scale sigma_1, px.
+    runs : Runs
+        The label map, 0-based.
+    reduced : Reduced
+    """
+
+    window: Window
+    labels: Part
+    sizes: np.ndarray
+    positions: np.ndarray
+    power_sums: np.ndarray
+    edges: np.ndarray
+    sigma: float
+    runs: Runs
+    reduced: Reduced
+
+    @property
+    def count(self) -> int:
+        """n."""
+        return len(self.sizes)
+
+    def error(self, compactness: float = COMPACTNESS) -> float:
+        """LSA16 eq. 3: the sum over pixels of the squared distance (eq. 1) to the mean of their superpixel, Lab^2."""
+        n = self.sizes[:, None]
+        colour = self.power_sums[..., 1].sum() - (self.power_sums[..., 0] ** 2 / n).sum()
+        rows, left, right = self.runs.rows().astype(np.float64), self.runs.left, self.runs.right()
+        inside = self.runs.label != OUTSIDE
+        squares = ((_squares(right) - _squares(left)) + rows**2 * (right - left))[inside].sum()
+        place = squares - (self.positions**2 * n).sum()
+        return float(colour + (compactness / self.sigma) ** 2 * place)
+
+
+def finest_scale(window: Window) -> float:
+    """sigma_1, px: LSA16 section 3.4, but not below `LEAST_SIGMA`."""
+    return max(LEAST_SIGMA, FINEST * min(window.width, window.height))
+
+
+def superpixels(
+    image: Image,
+    lens: Lens,
+    session: Session,
+    *,
+    sigma: float | None = None,
+    compactness: float = COMPACTNESS,
+    iterations: int = ITERATIONS,
+    runs: int = 1,
+    minsize: int | None = None,
+    seed: int = 0,
+    advance: Callable[[int, int], None] = lambda done, total: None,
+) -> Superpixels:
+    """Superpixels of the image's first part: LSA16 section 3.
+
+    Parameters
+    ----------
+    image, lens, session
+    sigma : float, optional
+        Their scale, px; `finest_scale` when left out.
+    compactness : float
+        m of eq. 1, Lab units per sigma.
+    iterations : int
+        At most so many assignments of pixels to seeds.
+    runs : int
+        The best of so many runs by eq. 3; all but the first begin with seeds moved at random.
+    minsize : int, optional
+        Smaller pieces are joined to neighbours; a quarter of sigma^2 when left out.
+    seed : int
+        Of those random moves.
+    advance : callable
+        Called with (done, total).
+
+    Raises
+    ------
+    ImageError, DeviceError
+        NaN or Inf, or what does not fit.
+    """
+    part = image.first
+    sigma = finest_scale(part.window) if sigma is None else sigma
+    side = 1 << max(0, int(math.log2(sigma / 16)))  # a superpixel is 16 to 32 squares wide, whatever the image's size
+    grid = SeedGrid.of(part.window.width, part.window.height, sigma, compactness)
+    least = 0.25 * grid.scale**2 if minsize is None else minsize
+
+    def require(need: int) -> None:
+        session.require(need, f"{part.spec.width}x{part.spec.height} cut into so many pieces", "blur the image first")
+
+    def within(most: int) -> Superpixels:
+        """With so many bytes of the image on the device at a time."""
+        best: Superpixels | None = None
+        with LabGrid(image, lens, session, side, most) as lab:
+            reduced = _reduced(lab, side, session)
+            advance(1, 2 * runs + 1)
+            with Slic(lab, grid, session) as slic:
+                for run in range(runs):
+                    chosen = slic.iterate(iterations, _jitter(grid, seed, run) if run else None)
+                    advance(2 * run + 2, 2 * runs + 1)
+                    pieces = without_small(pieces_of(_labels(slic, chosen), lab.width, lab.height, require), least)
+                    candidate = _described(part, lab, grid, pieces, reduced, session)
+                    if best is None or candidate.error(compactness) < best.error(compactness):
+                        best = candidate
+                    advance(2 * run + 3, 2 * runs + 1)
+        assert best is not None
+        return best
+
+    row = PIXEL_BYTES * part.window.width
+    return in_smaller_pieces(within, min(most_on_device(session), row * part.window.height), side * row)
+
+
+def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
+    """Random moves of seeds by up to a quarter of a cell, (down, across, 2) px, from a counter-based hash."""
+    bits = np.random.Philox(key=[seed, run]).random_raw(2 * grid.count)
+    share = (bits >> np.uint64(11)).astype(np.float64) / 2.0**54 - 0.25
+    return share.reshape(grid.down, grid.across, 2) * [grid.width / grid.across, grid.height / grid.down]
+
+
+def _labels(slic: Slic, chosen: np.ndarray) -> Iterator[np.ndarray]:
+    """The seeds that pixels choose, OUTSIDE where they are transparent: (rows, width) int32 from top to bottom."""
+    grid = slic.grid
+    away = np.zeros(NONE + 1, np.int32)
+    away[: len(NINE)] = [dy * grid.across + dx for dy, dx in NINE]
+    rows = np.repeat(np.arange(grid.down, dtype=np.int32) * grid.across, np.diff(grid.edges(0)))
+    columns = np.repeat(np.arange(grid.across, dtype=np.int32), np.diff(grid.edges(1)))
+    for band, slots in slic.slots(chosen):
+        for top in range(0, len(slots), _BAND_ROWS):
+            piece = slots[top : top + _BAND_ROWS]
+            labels = away[piece]
+            labels += rows[band.top + top : band.top + top + len(piece), None]
+            labels += columns
+            labels[piece == NONE] = OUTSIDE
+            yield labels
+
+
+def _reduced(lab: LabGrid, side: int, session: Session) -> Reduced:
+    device = session.device
+    across, down = -(-lab.width // side), -(-lab.height // side)
+    run = device.program("superpixels")
+    with Buffers(device, {"reduced": 16 * across * down}, session.budget, "the reduced image") as buffers:
+        for band in lab.bands():
+            first, rows = band.top // side, band.bottom - band.top
+            count = -(-band.bottom // side) - first
+            numbers = lab.width, band.top, rows, side, across, first, count
+            run("reduce", (across, count), band.lab, buffers["reduced"], *numbers)
+        return Reduced(side, device.read(buffers["reduced"], (down, across, 4), np.int32))
+
+
+def _described(
+    part: Part, lab: LabGrid, grid: SeedGrid, pieces: Pieces, reduced: Reduced, session: Session
+) -> Superpixels:
+    runs, sizes = pieces.runs, pieces.sizes
+    inside = runs.label != OUTSIDE
+    label, left, right, rows = runs.label[inside], runs.left[inside], runs.right()[inside], runs.rows()[inside]  # (n,)
+    length = (right - left).astype(np.int64)
+    # exact: sums of integers below 2^53
+    x = np.bincount(label, (left.astype(np.int64) + right - 1) * length, len(sizes)) / 2
+    y = np.bincount(label, rows * length, len(sizes))
+    return Superpixels(
+        window=part.window,
+        labels=label_part(part, runs),
+        sizes=sizes,
+        positions=np.stack([x, y], 1) / sizes[:, None],
+        power_sums=_power_sums(lab, np.stack([rows, left, right], 1), label, len(sizes), session),
+        edges=np.stack([pieces.borders.a, pieces.borders.b], 1).astype(np.int32),
+        sigma=grid.scale,
+        runs=runs,
+        reduced=reduced,
+    )
+
+
+def _power_sums(lab: LabGrid, runs: np.ndarray, label: np.ndarray, count: int, session: Session) -> np.ndarray:
+    """(count, 3, 5) from runs (n, 3): row, first column, column after the last, sorted by row."""
+    if count == 0:
+        return np.zeros((0, 3, 5))
+    device = session.device
+    run = device.program("superpixels")
+    with Buffers(device, {"powers": 8 * _SUMS * count}, session.budget, f"{count} superpixels") as buffers:
+        device.fill(buffers["powers"], np.int64(0), _SUMS * count)
+        for band in lab.bands():
+            begin, end = np.searchsorted(runs[:, 0], (band.top, band.bottom))
+            order = np.argsort(label[begin:end].astype(np.uint16 if count <= 1 << 16 else np.int32), kind="stable")
+            starts = np.searchsorted(label[begin:end][order], np.arange(count + 1))
+            tables = device.upload(offset_table(starts)), device.upload(runs[begin:end][order])
+            run("powers", (count,), band.lab, *tables, buffers["powers"], count, lab.width, band.top, team=True)
+        # superpixels x (L, a, b) x sums, those of the fourth and fifth power in two halves
+        sums = device.read(buffers["powers"], (count, 3, 7), np.int64).astype(np.float64)
+    upper = 2.0**32
+    powers = [sums[..., 0], sums[..., 1], sums[..., 2], sums[..., 3] + upper * sums[..., 4]]
+    powers.append(sums[..., 5] + upper * sums[..., 6])
+    return np.stack(powers, -1) / float(FINE_STEPS) ** np.arange(1, 6)
+
+
+def _squares(end: np.ndarray) -> np.ndarray:
+    """0^2 + 1^2 + ... + (end - 1)^2."""
+    n = end.astype(np.float64)
+    return (n - 1) * n * (2 * n - 1) / 6
+
+
+def label_part(part: Part, runs: Runs) -> Part:
+    """A label map of `part` as a part of its own: ids from 1 on, 0 where runs are OUTSIDE."""
+    spec = label_spec(part.spec)
+    whole = part.window
+
+    def fetch(window: Window) -> np.ndarray:
+        rows, columns = window.inside(whole)
+        ids = runs.pixels(rows.start, rows.stop, columns.start, columns.stop) + 1
+        return ids.astype(np.uint32)[..., None]
+
+    return Part("superpixels", spec, fetch, spec.format, ready=True, exact=True)
+
+
+def label_spec(spec: oiio.ImageSpec) -> oiio.ImageSpec:
+    """The spec of a label map of an image: one uint32 channel of data in its windows."""
+    new = derived_spec(spec)
+    new.set_format(oiio.TypeDesc(oiio.UINT32))
+    new.channelformats = ()
+    new.nchannels, new.channelnames, new.alpha_channel, new.z_channel = 1, ("Y",), -1, -1
+    mark_as_data(new)
+    return new

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every set of build options that the program uses: what is compiled for compilers that are not here.
+
+`conftest.py` holds every program that any test builds against it, and `test_cross_compile.py` the calls in the source.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+from oiiotex.exemplar.materials import _MOST_CHANNELS
+from oiiotex.filters.stationarize import _PATCHES
+from oiiotex.projections.histograms import BINS, INVERSE
+from oiiotex.projections.pearson_table import KURTOSES, SCORES, SKEWNESSES
+from oiiotex.stationarity.steerable import RADIUS
+
+CHANNELS = range(3, _MOST_CHANNELS + 1)
+TABLES = {"SKEWNESSES": [SKEWNESSES], "KURTOSES": [KURTOSES], "SCORES": [SCORES]}
+# file in cl/: macro: the values that it may have
+OPTIONS: dict[str, dict[str, object]] = {
+    "candidates": {"RUN": [1, 16]},
+    "histograms": {"BINS": [BINS], "INVERSE": [INVERSE], "CHANNELS": CHANNELS},
+    "moments": {"INVERSE": [INVERSE], **TABLES, "CHANNELS": CHANNELS},
+    "multiscale": {"RUN": [1, 16]},
+    "patchmatch": {"PATCH": range(_PATCHES[0], _PATCHES[-1] + 1), "CHANNELS": CHANNELS, "LATTICE": [0, 1]},
+    "quilting": {},
+    "steerable": {"RADIUS": [RADIUS], "CHANNELS": CHANNELS},
+    "superpixels": {},
+    "use_prices": {},
+}
+# of a range the ends and what is usual are compiled; RUN is 1 on a GPU
+COMPILED = {"CHANNELS": [3, 6, CHANNELS[-1]], "PATCH": [_PATCHES[0], 11, _PATCHES[-1]], "RUN": [1]}
+
+
+def compiled(stem: str) -> list[dict[str, int]]:
+    """The sets of macros with which a file is compiled for GPUs."""
+    macros = OPTIONS[stem]
+    return [dict(zip(macros, values, strict=True)) for values in product(*(COMPILED.get(m, macros[m]) for m in macros))]
+
+
+def require_known(stem: str, macros: dict[str, int]) -> None:
+    """Refuse options that the table does not have."""
+    known = OPTIONS.get(stem)
+    assert known is not None, f"cl/{stem}.cl is not in tests/kernel_options.py"
+    assert set(macros) == set(known), f"{stem}: {macros}: tests/kernel_options.py has {sorted(known)}"
+    for name, value in macros.items():
+        assert value in known[name], f"{stem}: {name}={value}: tests/kernel_options.py has {known[name]}"

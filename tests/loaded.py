@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All that a line may ask for, imported: the program itself imports what a line names."""
+
+import OpenImageIO
+import PyOpenColorIO
+
+from oiiotex.cli import caches, devices, frame_runs, parallel, report, shells
+from oiiotex.cli.language import LANGUAGE
+
+__all__ = [
+    "OpenImageIO",
+    "PyOpenColorIO",
+    "caches",
+    "devices",
+    "frame_runs",
+    "parallel",
+    "report",
+    "shells",
+]
+assert LANGUAGE.ops and LANGUAGE.groups  # all of their files are imported

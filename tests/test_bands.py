@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A synthesis has the same bits in whatever bands its rows pass through the device, and wherever they lie meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from oiiotex.core.source_map import SourceMap
+from oiiotex.patchmatch import memory, optimization
+from oiiotex.patchmatch.constraints import Constraints, FixedPixels
+from oiiotex.patchmatch.level_rows import halo
+from oiiotex.patchmatch.optimization import Recipe, Synthesis, synthesize
+from oiiotex.regularity.lattice import Lattice
+from oiiotex.regularity.offset_prices import InStep
+from tests import pictures
+
+WIDTH, HEIGHT = 88, 92  # three levels
+PLAIN = {"sigma": 8.0, "patch": 7, "iterations": 2, "seed": 3, "uniformity": 0.01, "contrast": 0.7, "flat": True}
+LAB = (100 * pictures.stained(pictures.bricks(80, 76, 1)) - np.array([0, 40, 40])).astype(np.float32)
+MASK = np.ones(LAB.shape[:2], bool)
+MASK[20:44, 30:56] = False
+KEPT = np.zeros((HEIGHT, WIDTH), bool)
+KEPT[:, :26], KEPT[60:] = True, True
+FIXED = FixedPixels(KEPT, SourceMap.of(np.arange(HEIGHT)[:, None] % 80, np.arange(WIDTH) % 76), is_goal=True)
+SIGMAS = np.geomspace(4, 9, WIDTH)[None].repeat(HEIGHT, 0).astype(np.float32)
+WEIGHT = np.random.default_rng(0).random(LAB.shape[:2]).astype(np.float32)
+MATERIAL = np.concatenate([LAB, LAB[::-1] * np.float32(0.7)], -1)  # two maps
+
+
+def recipe(tile: str = "xy", **more: object) -> Recipe:
+    return Recipe.tiling(WIDTH, HEIGHT, tile, **PLAIN | {"complete": True} | more)
+
+
+def in_step(tile: str) -> Recipe:
+    lattice = Lattice(np.array([[0.061, 0.013], [-0.017, 0.083]]), 9.0, np.random.default_rng(6).random((64, 64)))
+    own = recipe(tile)
+    return replace(own, in_step=InStep(lattice, lattice.on_torus(own), 0.5, origin=(3, 8)))
+
+
+CASES = {
+    **{f"tile={tile}": (recipe(tile), {}) for tile in ("xy", "x", "y", "none")},
+    "a small sigma": (recipe(sigma=1.7), {}),
+    "a small sigma on a plane": (recipe("x", sigma=2.2), {}),
+    "two moments": (recipe(measure="moments", order=2), {}),
+    "four moments on a plane": (recipe("x", measure="moments", order=4), {}),
+    "steerable": (recipe(measure="steerable"), {}),
+    "steerable on a plane": (recipe("x", measure="steerable"), {}),
+    "steerable of a small sigma": (recipe(measure="steerable", sigma=2.0), {}),
+    "prices of offsets": (in_step("xy"), {}),
+    "prices of offsets on a plane": (in_step("none"), {}),
+    "a mask": (recipe(), {"allowed": MASK}),
+    "a mask, steerable": (recipe(measure="steerable"), {"allowed": MASK}),
+    "pixels that stay": (recipe("none", complete=False), {"fixed": FIXED}),
+    "pixels that stay, steerable": (recipe("y", complete=False, measure="steerable"), {"fixed": FIXED}),
+    "weights": (recipe(), {"weight": WEIGHT}),
+    "a map of sigmas": (recipe(), {"sigmas": SIGMAS}),
+    "a map of sigmas, steerable": (recipe("y", measure="steerable"), {"sigmas": SIGMAS}),
+    "two maps of a material": (recipe(), {"exemplar": MATERIAL}),
+    "no projection": (recipe("y", sigma=None, complete=False, contrast=1.0, flat=False), {}),
+}
+# rows of a band, rows of cells, bytes of planes in memory
+PLANS = {
+    "a row": (1, None, 0),
+    "few rows": (13, None, 1 << 17),
+    "few rows and cells": (26, 9, 1 << 30),
+    "few cells": (None, 5, 0),
+}
+MORE_PLANS = {"a small sigma": {"a row and few cells": (1, 1, 0)}}
+
+
+def made(device, case: str, monkeypatch: pytest.MonkeyPatch, plan: tuple[int | None, int | None, int]) -> Synthesis:
+    own, more = CASES[case]
+    rows, cell_rows, stores = plan
+
+    def planned(device, exemplar, recipe, geometries, scales, constraints, budget):
+        grids = memory.grids_of(recipe, geometries, scales, constraints)
+        held = None if rows is None else rows + halo(recipe.patch)
+        return memory.Plan(memory.layout(recipe, geometries, grids, constraints, held, cell_rows), 0, stores)
+
+    monkeypatch.setattr(optimization, "plan_memory", planned)
+    constraints = Constraints(**{name: more[name] for name in ("fixed", "weight", "sigmas") if name in more})
+    exemplar, allowed = more.get("exemplar", LAB), more.get("allowed", KEPT[:80, :76] if "fixed" in more else None)
+    return synthesize(device, exemplar, allowed, own, 1 << 30, lambda *_: None, constraints=constraints)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bands_do_not_show(device, case, monkeypatch):
+    whole = made(device, case, monkeypatch, (None, None, 0))
+    for name, plan in (PLANS | MORE_PLANS.get(case, {})).items():
+        if "cells" in name and "steerable" in case and "small" not in case:
+            continue  # they are summed anew for every band
+        banded = made(device, case, monkeypatch, plan)
+        for of in ("field", "source"):
+            ours, theirs = (np.asarray(getattr(one, of).packed) for one in (banded, whole))
+            np.testing.assert_array_equal(ours, theirs, err_msg=f"{name}: {of}")
+        assert banded.lost == whole.lost

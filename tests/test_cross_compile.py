@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels through clang for devices that are not here: NVIDIA's, AMD's and what reads SPIR.
+
+A driver's compiler need not inline, may have no doubles, and puts private arrays into slow memory: no symbol may be
+left that the target does not know, no double be computed with, no item hold more than is said here.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.kernel_options import OPTIONS, compiled, require_known
+
+FOLDER = Path(__file__).parents[1] / "oiiotex" / "cl"
+TARGETS = ("nvptx64-nvidia-nvcl", "amdgcn-amd-amdhsa", "spir64")
+LEVELS = ("-O0", "-O2")
+CLANGS = [name for name in ("clang", *(f"clang-{n}" for n in range(40, 13, -1))) if shutil.which(name)]
+missing = pytest.mark.skipif(not CLANGS, reason="NOTHING COMPILED FOR GPUs: no clang (apt install clang)")
+# what OpenCL C itself has, by the names before mangling
+BUILTINS = {
+    "abs", "add_sat", "atomic_add", "atomic_dec", "atomic_inc", "barrier", "clz", "get_global_id", "get_group_id",
+    "get_local_id", "get_num_groups", "max", "min", "rint", "sqrt", "vload8",
+}  # fmt: skip
+PRIVATE = 192  # bytes of an item's arrays at -O2
+LARGER = {  # and of the kernels that have more
+    "patchmatch_pick": lambda macros: 8 * macros["PATCH"] ** 2,  # a vote for each patch over the pixel
+    "quilting_score": lambda macros: 1024,  # a histogram of labels in 512, and what clang 14 leaves in structures
+    "quilting_best": lambda macros: 1024,
+}
+
+
+def compile_for(clang: str, target: str, level: str, source: Path, macros: dict[str, int], *more: str) -> str:
+    """Intermediate code, or what `more` asks for."""
+    command = [clang, "-x", "cl", "-cl-std=CL1.2", "-target", target, level, "-w", "-S", "-o", "-", *more]
+    if target != "spir64":
+        command.append("-nogpulib")  # the target's own library: its builtins stay declared
+    defines = [f"-D{name}={value}" for name, value in {"LANES": 1, **macros}.items()]
+    done = subprocess.run([*command, f"-I{FOLDER}", *defines, str(source)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, f"{clang} {target} {level} {source.name} {macros}:\n{done.stderr}"
+    return done.stdout
+
+
+def functions_of(code: str) -> dict[str, str]:
+    """Bodies of LLVM's functions by name."""
+    return {m[1]: m[2] for m in re.finditer(r"^define [^@]*@([\w.]+)\((.*?)^}", code, re.M | re.S)}
+
+
+def undefined(code: str) -> set[str]:
+    """Names that are declared and neither defined nor builtins, without mangling."""
+    names = {m[1] for m in re.finditer(r"^declare [^@]*@([\w.]+)\(", code, re.M)}
+    plain = {re.sub(r"^_Z(\d+)(.*)$", lambda m: m[2][: int(m[1])], name) for name in names}
+    return {n for n in plain if not n.startswith(("llvm.", "convert_")) and n not in BUILTINS}
+
+
+def private_bytes(code: str, name: str) -> int:
+    """Of the arrays and structures that are left in memory, of a function and of what it calls."""
+    bodies, kinds = functions_of(code), dict(re.findall(r"^(%[\w.]+) = type \{ (.*) \}", code, re.M))
+    sizes = {"i8": 1, "i16": 2, "i32": 4, "i64": 8, "float": 4, "ptr": 8}
+
+    def size(kind: str) -> int:
+        if found := re.match(r"[\[<](\d+) x (.+)[\]>]$", kind):
+            return int(found[1]) * size(found[2])
+        if kind.endswith("*") or kind.startswith("ptr"):
+            return 8
+        return sum(map(size, kinds[kind].split(", "))) if kind in kinds else sizes[kind]
+
+    def held(name: str) -> int:
+        own = sum(size(found[1]) for found in re.finditer(r"= alloca (.+?), align", bodies[name]))
+        called = {called for called in re.findall(r"call [^@\n]*@([\w.]+)\(", bodies[name]) if called in bodies}
+        return own + max(map(held, called), default=0)
+
+    return held(name)
+
+
+def faults(clang: str, target: str, level: str, stem: str, macros: dict[str, int]) -> list[str]:
+    """What a device of that kind would not take."""
+    code = compile_for(clang, target, level, FOLDER / f"{stem}.cl", macros, "-emit-llvm")
+    found = [f"undefined {name}" for name in sorted(undefined(code))]
+    found += [f"fp64: {line.strip()}" for line in re.findall(r"^.*\bdouble\b.*$", code, re.M)[:3]]
+    kernels = [name for name in functions_of(code) if name.startswith(f"{stem}_")]
+    assert kernels, code[:2000]
+    if level != "-O0":
+        for name in kernels:
+            bound = LARGER[name](macros) if name in LARGER else PRIVATE
+            if (size := private_bytes(code, name)) > bound:
+                found.append(f"{name} holds {size} private bytes, {bound} are allowed")
+    if target.startswith("nvptx") and level != "-O0":  # what its own code generator makes of it
+        assembly = compile_for(clang, target, level, FOLDER / f"{stem}.cl", macros)
+        found += [f"fp64: {line.strip()}" for line in re.findall(r"^.*\.f64\b.*$", assembly, re.M)[:3]]
+        most = max(LARGER[name](macros) if name in LARGER else PRIVATE for name in kernels)
+        for size in map(int, re.findall(r"__local_depot\d+\[(\d+)\];", assembly)):
+            if size > most:
+                found.append(f"a local depot of {size} bytes, {most} are allowed")
+    return [f"{target} {level} {stem} {macros}: {fault}" for fault in found]
+
+
+@missing
+@pytest.mark.parametrize("target", TARGETS)
+def test_kernels_are_what_other_compilers_accept(target):
+    found = [
+        fault
+        for stem in sorted(OPTIONS)
+        for macros in compiled(stem)[:1]
+        for level in LEVELS
+        for fault in faults(CLANGS[0], target, level, stem, macros)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.slow
+@missing
+@pytest.mark.parametrize("clang", CLANGS)
+@pytest.mark.parametrize("target", TARGETS)
+def test_with_every_set_of_options_and_every_clang(clang, target):
+    found = [
+        fault
+        for stem in sorted(OPTIONS)
+        for macros in compiled(stem)
+        for level in LEVELS
+        for fault in faults(clang, target, level, stem, macros)
+    ]
+    assert not found, "\n".join(found)
+
+
+@missing
+def test_what_no_compiler_would_take_is_found(tmp_path):
+    source = tmp_path / "bad.cl"
+    source.write_text(
+        "inline int helper(int a) { return a * 3; }\n"
+        "__kernel void bad_one(__global int *a, __global float *b, int n) {\n"
+        "  int votes[99];\n"
+        "  for (int k = 0; k < 99; k++) votes[a[k] % 99] = k;\n"
+        "  a[get_global_id(0)] = helper(votes[n]); b[n] = (float)((double)b[0] * 1.1);\n"
+        "}\n"
+    )
+    code = compile_for(CLANGS[0], TARGETS[0], "-O0", source, {}, "-emit-llvm")
+    assert undefined(code) == {"helper"}
+    assert "double" in code
+    code = compile_for(CLANGS[0], TARGETS[0], "-O2", source, {}, "-emit-llvm")
+    assert private_bytes(code, "bad_one") == 4 * 99
+
+
+def test_the_table_has_all_that_the_source_builds():
+    """Every `program("stem", MACRO=...)` in the package, and nothing else."""
+    found: dict[str, set[str]] = {}
+    for path in FOLDER.parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "program":
+                (stem,), macros = (a.value for a in node.args), {k.arg for k in node.keywords}
+                assert found.setdefault(stem, macros) == macros, path
+    assert found == {stem: set(macros) for stem, macros in OPTIONS.items()}
+    assert set(found) == {path.stem for path in FOLDER.glob("*.cl")}
+
+
+def test_options_that_the_table_does_not_have_are_refused():
+    require_known("patchmatch", {"PATCH": 11, "CHANNELS": 3, "LATTICE": 1})
+    wrong = {"PATCH": 11, "CHANNELS": 99, "LATTICE": 0}
+    for stem, macros in (("abacus", {}), ("quilting", {"RUN": 1}), ("patchmatch", wrong)):
+        with pytest.raises(AssertionError, match=r"tests/kernel_options\.py"):
+            require_known(stem, macros)

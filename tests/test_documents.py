@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What users hand over beside images is not trusted: fifos, bombs, odd numbers and texts, graphs without end."""
+
+from __future__ import annotations
+
+import os
+import stat
+import zipfile
+
+import numpy as np
+import pytest
+
+from oiiotex.color.config import ColorConfig
+from oiiotex.errors import ImageError
+from oiiotex.io.atomic import temporary_beside
+from oiiotex.io.documents import read_arrays, read_document
+from oiiotex.multiscale.graph import Edge, Graph, read_graph
+from oiiotex.quilting.guide_map import read_table
+from oiiotex.quilting.quilt_plan import Grid, Plan
+from tests.conftest import oiiotex
+
+NODE = '{"exemplars": [{"id": "a", "file": "a.png"}], '
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        (NODE + '"seed": 1e999}', "beyond 2^53"),
+        (NODE + '"seed": NaN}', "beyond 2^53"),
+        (NODE + f'"seed": {10**400}}}', "beyond 2^53"),
+        (NODE + f'"seed": {"9" * 5000}}}', "not JSON"),
+        (NODE + '"title": "\\ud800"}', "half of a surrogate pair"),
+        ("[" * 100_000, "too deep"),
+        (b"\xff\xfe", "not text in UTF-8"),
+        ("[1]" + " " * (17 << 20), "larger than 16 MB"),
+    ],
+)
+def test_a_document_is_refused_in_one_line(tmp_path, text, said):
+    path = tmp_path / "g.json"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ImageError) as caught:
+        read_graph(path)
+    assert said in str(caught.value) and str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_yaml_that_stands_for_gigabytes_is_refused(tmp_path):
+    pytest.importorskip("yaml")
+    path = tmp_path / "g.yaml"
+    path.write_text("a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n")
+    with pytest.raises(ImageError, match="aliases"):
+        read_document(path)
+    path.write_text("title: 'R & D'\n")
+    assert read_document(path) == {"title": "R & D"}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no fifos here")
+def test_a_fifo_is_refused_and_not_waited_for(tmp_path, photo):
+    fifo = tmp_path / "fifo.json"
+    os.mkfifo(fifo)
+    for read in (read_graph, read_document, lambda p: read_arrays(p, 1 << 30), lambda p: ColorConfig(str(p))):
+        with pytest.raises(ImageError.__mro__[1], match=r"fifo\.json: not a regular file"):
+            read(fifo)
+    with pytest.raises(ImageError, match="not a regular file"):
+        read_table(fifo)
+    for words in (("-o", "x.png"), ("--texlab", "-o", "x.exr")):
+        done = oiiotex(photo, *words, cwd=tmp_path, env={**os.environ, "OCIO": str(fifo)})
+        assert (done.returncode, done.stderr) == (1, f"oiiotex ERROR: {fifo}: not a regular file\n")
+
+
+def test_arrays_are_refused_by_what_they_say_before_they_are_unpacked(tmp_path):
+    path = tmp_path / "plan.npz"
+    np.savez_compressed(path, facts=np.zeros(1 << 23, np.uint8))
+    with pytest.raises(ImageError, match="takes 9 MB of memory; the budget is 1 MB"):
+        read_arrays(path, 1 << 20)
+    lying = path.read_bytes()
+    directory = lying.index(b"PK\1\2")
+    path.write_bytes(lying[: directory + 24] + (100).to_bytes(4, "little") + lying[directory + 28 :])
+    with pytest.raises(ImageError, match="no arrays can be read"):
+        read_arrays(path, 1 << 20)
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("facts.npy", b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,)}\n")
+    with pytest.raises(ImageError, match="no arrays can be read"):
+        read_arrays(path, 1 << 20)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"facts": {1: 2**62}}, {"facts": {3: 0}}, {"facts": {4: 12}}, {"facts": {4: -3}}, {"facts": {5: 7}},
+        {"facts": {7: 2**40}}, {"facts": np.float64}, {"offsets": np.float32}, {"offsets": np.int64},
+        {"vertical": np.int8}, {"offsets": None},
+    ],
+)  # fmt: skip
+def test_a_plan_of_odd_facts_is_refused(tmp_path, changed):
+    plan = Plan.empty(Grid(61, 47, patch=12, overlap=4))
+    plan.offsets[:] = 0
+    arrays = plan.arrays((53, 45))
+    path = tmp_path / "plan.npz"
+    Plan.of(arrays, path)  # it is one
+    for name, change in changed.items():
+        if change is None:
+            del arrays[name]
+        elif isinstance(change, dict):
+            for n, value in change.items():
+                arrays[name][n] = value
+        else:
+            arrays[name] = arrays[name].astype(change)
+    np.savez(path, **arrays)
+    with pytest.raises(ImageError, match=r"no whole plan|another version|has no"):
+        Plan.load(path, 1 << 30)
+
+
+def test_the_depth_of_a_graph_is_found_in_no_time():
+    count = 60  # every exemplar leads to every other: there are 10^80 ways
+    names = tuple(map(str, range(count)))
+    edges = tuple(Edge(a, b, 1) for a in range(count) for b in range(count))
+    assert Graph(names, (), 0, edges, (), ()).depth() == 1
+    onward = tuple(Edge(a, b, 1) for a in range(count) for b in range(a + 1, count))
+    assert Graph(names, (), 0, onward, (), ()).depth() == count - 1
+
+
+# --- files that are written ---
+
+
+def test_what_is_written_keeps_mode_and_link(tmp_path):
+    target, link = tmp_path / "elsewhere" / "a.txt", tmp_path / "a.txt"
+    target.parent.mkdir()
+    target.write_text("old")
+    target.chmod(0o640)
+    link.symlink_to(target)
+    with temporary_beside(link) as temporary:
+        assert temporary.parent == target.parent and stat.S_IMODE(temporary.stat().st_mode) & 0o7 == 0
+        temporary.write_text("new")
+    assert link.is_symlink() and target.read_text() == "new" and stat.S_IMODE(target.stat().st_mode) == 0o640
+    link.unlink()
+    link.symlink_to("a.txt")
+    with pytest.raises(ImageError, match="a link that leads nowhere"), temporary_beside(link):
+        pass
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root lays links as somebody else")
+def test_a_strangers_link_in_a_folder_for_all_is_refused(tmp_path):
+    tmp_path.chmod(0o1777)
+    (tmp_path / "mine").write_text("mine")
+    link = tmp_path / "out.exr"
+    link.symlink_to("mine")
+    os.lchown(link, 12345, 12345)
+    with pytest.raises(ImageError, match="a link of somebody else"), temporary_beside(link):
+        pass
+
+
+def test_temporary_names_cannot_be_foreseen_and_lead_through_no_link(tmp_path, monkeypatch):
+    names = set()
+    for _ in range(3):
+        with temporary_beside(tmp_path / "a.txt") as temporary:
+            names.add(temporary.name)
+    assert len({name.rsplit("-", 1)[1] for name in names}) == 3
+    monkeypatch.setattr("secrets.token_hex", lambda count: "0" * (2 * count))
+    with temporary_beside(tmp_path / "a.txt") as temporary:
+        planted = temporary
+    (tmp_path / "victim").write_text("mine")
+    planted.symlink_to(tmp_path / "victim")
+    with pytest.raises(ImageError, match="File exists"), temporary_beside(tmp_path / "a.txt"):
+        pass
+    assert (tmp_path / "victim").read_text() == "mine"

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CPUs that nobody here has: a tile on each, emulated by qemu-user, is equal to the bit to this machine's own.
+
+What the program starts is emulated too: `sys.executable` is a script that starts the emulator.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import load
+
+QEMU = shutil.which("qemu-x86_64")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(QEMU is None, reason="no qemu-x86_64: apt install qemu-user"),
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the emulator runs programs of Linux"),
+]
+# qemu's CPU, what Linux would say of it, the way that works: LLVM 14 knows the last two
+HASWELL = "abm avx avx2 bmi1 bmi2 cx16 f16c fma lahf_lm movbe pclmulqdq pni popcnt sse4_1 sse4_2 ssse3 xsave"
+ZEN2 = f"{HASWELL} adx aes sse4a"
+MILAN = f"{ZEN2} vaes vpclmulqdq"
+CPUS = {
+    "unknown AMD": ("max,vendor=AuthenticAMD,family=26,model=2", ZEN2, "told that the CPU is znver2"),
+    "EPYC Milan": ("EPYC-Milan", MILAN, "as it is"),
+    "Haswell": ("Haswell", HASWELL, "as it is"),
+}  # fmt: skip
+RUN = """
+import sys
+sys.executable, flags, *words = sys.argv[1:]
+from oiiotex.opencl import cpu, runtime
+cpu.cpu = lambda: {"flags": flags}  # /proc/cpuinfo is the machine's
+runtime._PROBE_SECONDS = 900  # an emulator is slow
+from oiiotex.cli.main import main
+main(words)
+"""
+LINE = ["--texstationarize:size=64x64:iterations=1", "-d", "float", "-o"]
+
+
+@pytest.fixture(scope="module")
+def native(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """The photo and its tile, by this machine's CPU."""
+    from tests import pictures
+    from tests.conftest import oiiotex, save
+
+    folder = tmp_path_factory.mktemp("native")
+    photo = save(pictures.stained(pictures.bricks(64, 64, seed=1)), folder / "photo.png")
+    done = oiiotex(photo, *LINE, folder / "tile.tif", "--device", "cpu")
+    assert done.returncode == 0, done.stderr
+    return photo, load(folder / "tile.tif")
+
+
+@pytest.mark.parametrize("name", CPUS)
+def test_a_tile_of_an_emulated_cpu_is_the_same(tmp_path, capsys, native, name):
+    cpu, flags, way = CPUS[name]
+    python = tmp_path / "python"
+    # -0: by that name Python finds its environment
+    real = os.path.realpath(sys.executable)
+    python.write_text(f'#!/bin/sh\nexec {QEMU} -cpu {cpu} -0 {sys.executable} {real} "$@"\n')
+    python.chmod(0o755)
+    (tmp_path / "pocl").mkdir()
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "POCL_CACHE_DIR": str(tmp_path / "pocl")}
+    photo, tile = native
+
+    def run(*words: object) -> str:
+        command = [python, "-c", RUN, python, flags, *words]
+        done = subprocess.run(list(map(str, command)), env=environment, capture_output=True, text=True, timeout=3000)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    start = time.perf_counter()
+    run(photo, *LINE, tmp_path / "tile.tif", "--device", "cpu")
+    listing = run("--devices", "-v")
+    with capsys.disabled():
+        print(f"\n{name}: {time.perf_counter() - start:.0f} s")
+    assert f"{way}, with the linker of the system: works" in listing, listing
+    assert "16 lanes" in listing  # whatever this machine's registers are
+    if name == "unknown AMD":
+        assert "as it is, with the linker of the system: error: unknown target CPU 'generic'" in listing
+    assert np.array_equal(load(tmp_path / "tile.tif"), tile)

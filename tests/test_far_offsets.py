@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sizes at which products pass 2^31, on a machine that could not hold them: tests/far_offsets.py says how."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from oiiotex.opencl import device as devices
+from tests.far_offsets import CASES
+
+ROOT = Path(__file__).parents[1]
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="memory is mapped as Linux does it"),
+    pytest.mark.skipif(devices.devices()[0].kind != "cpu", reason="a buffer is the host's memory on a CPU alone"),
+]
+
+
+def require_right(lanes: int, *cases: str) -> None:
+    command = [sys.executable, "-m", "tests.far_offsets", str(lanes), *cases]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stdout.splitlines()[-1:]) == (0, ["all"]), done.stdout + done.stderr
+
+
+def test_kernels_reach_beyond_2_to_the_31():
+    require_right(devices.open_device().lanes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [case.__name__ for case in CASES])
+@pytest.mark.parametrize("lanes", [1, 16, 32])
+def test_kernels_of_all_widths_reach_beyond_2_to_the_31(case, lanes):
+    require_right(lanes, case)

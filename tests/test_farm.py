@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A line in shares, and on a farm: the pixels of one run on one machine, whatever becomes of a worker."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors
+from oiiotex.cli import shares as sharing
+from oiiotex.cli.running import run
+from oiiotex.cli.sequences import Frame
+from oiiotex.cli.tasks import Job, Task, work
+from oiiotex.farm import dask_cluster, openjd
+from oiiotex.io.checkpoint import Checkpoint
+from tests import pictures
+from tests.conftest import load, oiiotex, save
+
+LINE = ["a.png", "--resize", "400x3000", "--blur", "9x9", "-d", "half"]
+SYNTH = ["a.png", "--texsynth:size=500x2500:seed=2:stmap=1"]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    save(pictures.pebbles(64, 64, 1), tmp_path / "a.png", space="srgb_rec709_scene")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sharing, "rows_for", lambda part, multiple: multiple)  # small cells: many
+    return tmp_path
+
+
+def all_of(path: str) -> list[np.ndarray]:
+    return [load(Path(path), n) for n in range(oiio.ImageBuf(path).nsubimages)]
+
+
+def same(a: str, b: str) -> None:
+    mine, theirs = all_of(a), all_of(b)
+    assert len(mine) == len(theirs)
+    for one, other in zip(mine, theirs, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("line", [LINE, SYNTH, ["a.png", "--iscolorspace", "srgb_rec709_scene", "--texflatten"]])
+def test_shares_in_any_order_are_the_image_of_one_run(folder, line):
+    run([*line, "-o", "one.exr"])
+    for number in (3, 1, 2):
+        run([*line, "-o", "out.exr", "--share", f"{number}/3"])
+        assert not os.path.exists("out.exr")
+    run([*line, "-o", "out.exr", "--join"])
+    same("one.exr", "out.exr")
+    assert not os.path.exists("out.exr.parts")
+
+
+def test_what_is_good_is_not_computed_again_and_what_is_not_is(folder, monkeypatch):
+    for number in (1, 2):
+        run([*LINE, "-o", "out.exr", "--share", f"{number}/2"])
+    pieces = sorted(Path("out.exr.parts").iterdir())
+    assert len(pieces) > 10
+    before = {path: path.stat().st_mtime_ns for path in pieces}
+    pieces[3].write_bytes(pieces[3].read_bytes()[:-20])  # cut off
+    pieces[5].unlink()
+    computed = []
+    keep = Checkpoint._keep
+    monkeypatch.setattr(
+        Checkpoint, "_keep", lambda self, file, pixels: (computed.append(file), keep(self, file, pixels))
+    )
+    for number in (1, 2):
+        run([*LINE, "-o", "out.exr", "--share", f"{number}/2", "-v", "--threads", "2"])  # how it is run says nothing
+    assert {path.name for path in computed} == {pieces[3].name, pieces[5].name}
+    assert all(p.stat().st_mtime_ns == before[p] for p in pieces if p.name not in {c.name for c in computed})
+    run([*LINE, "-o", "one.exr"])
+    pieces[7].unlink()
+    run([*LINE, "-o", "out.exr", "--join"])
+    same("one.exr", "out.exr")
+
+
+def test_shares_of_another_line_and_of_another_photo_are_not_taken(folder):
+    run([*LINE, "-o", "out.exr", "--share", "1/1"])
+    run(["a.png", "--resize", "400x3000", "--blur", "5x5", "-d", "half", "-o", "out.exr", "--join"])
+    run(["a.png", "--resize", "400x3000", "--blur", "5x5", "-d", "half", "-o", "one.exr"])
+    same("one.exr", "out.exr")
+    run([*LINE, "-o", "out.exr", "--share", "1/1"])
+    save(pictures.pebbles(64, 64, 9), folder / "a.png", space="srgb_rec709_scene")
+    run([*LINE, "-o", "out.exr", "--join"])
+    run([*LINE, "-o", "one.exr"])
+    same("one.exr", "out.exr")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--share", "4/3"], "--share 4/3: allowed is I/N, I from 1 to N"),
+        (["--share", "1/2", "--join"], "--share and --join: a run does one of them"),
+        (["--farm", "slurm=x"], "--farm slurm=x: allowed are dask="),
+        (["--farm", "dask=here"], "dask=here: allowed is tcp://HOST:PORT"),
+        (["--farm", "dask=tcp://127.0.0.1:9"], "no scheduler answers there"),
+    ],
+)
+def test_what_cannot_be_spread_is_one_line(folder, monkeypatch, words, text):
+    monkeypatch.setattr(dask_cluster, "_WAIT", "0.3s")
+    with pytest.raises(errors.Error, match=text):
+        run([*LINE, "-o", "out.exr", *words])
+    assert not os.path.exists("out.exr")
+
+
+def test_what_needs_the_whole_image_is_not_cut(folder):
+    with pytest.raises(errors.Error, match="--texpatchmatch holds the whole image: such lines are spread by --frames"):
+        run(["a.png", "--texpatchmatch", "-o", "out.exr", "--farm", "openjd=job.json"])
+    with pytest.raises(errors.Error, match="a MIP-mapped texture is made whole"):
+        run([*LINE, "-otex", "out.tx", "--share", "1/2"])
+
+
+def test_a_worker_of_another_version_or_without_the_folder_says_so(folder):
+    task = Task(Frame(None, (*LINE, "-o", "out.exr")), len(LINE))
+    assert "the line is from 9.9: they must be the same" in work(Job(task, version="9.9"))[1]
+    assert work(Job(task, folder="/nowhere"))[1] == "a worker does not see the folder /nowhere"
+    lost = Task(Frame(None, ("gone.png", "--flip", "-o", "out.exr")), 3)
+    assert "gone.png" in work(Job(lost, folder=str(folder)))[1]
+
+
+def test_a_job_template_has_shares_and_a_join_behind_them(folder):
+    run([*LINE, "-o", "out.exr", "--farm", "openjd=job.json,5", "--cache", "3000"])
+    template = json.loads(Path("job.json").read_text())
+    first, last = template["steps"]
+    assert first["parameterSpace"]["taskParameterDefinitions"] == [{"name": "Share", "type": "INT", "range": "1-5"}]
+    assert last["dependencies"] == [{"dependsOn": "Shares"}]
+    assert first["hostRequirements"]["amounts"] == [{"name": "amount.worker.memory", "min": 3000}]
+    assert "--farm" not in json.dumps(template)
+    with pytest.raises(errors.Error, match="which it cannot say"):
+        openjd.share_template("x", ["--echo", "{{x}}"], 2, 100)
+
+
+def test_a_template_over_frames_has_a_task_for_each(folder):
+    for n in (1, 2, 5):
+        shutil.copy("a.png", f"in.{n:04d}.png")
+    run(["in.#.png", "--flip", "-o", "out.#.png", "--frames", "1-2,5", "--farm", "openjd=job.json"])
+    (step,) = json.loads(Path("job.json").read_text())["steps"]
+    assert step["parameterSpace"]["taskParameterDefinitions"][0]["range"] == "1,2,5"
+
+
+def test_progress_and_failure_are_told_as_a_runner_reads_them(folder):
+    told = oiiotex(*LINE, "-o", "out.exr", "--openjd", cwd=folder)
+    assert told.stdout.splitlines()[-1] == "openjd_progress: 100.0"
+    failed = oiiotex("gone.png", "--flip", "-o", "out.exr", "--openjd", cwd=folder)
+    assert failed.returncode == 1
+    assert failed.stdout.startswith("openjd_fail: gone.png")
+
+
+@pytest.mark.slow
+def test_open_job_descriptions_own_runner_takes_the_template(folder):
+    program = Path(sys.executable).parent / "openjd"
+    if not program.exists():
+        pytest.skip("NOT RUN: no openjd (pip install openjd-cli)")
+    run([*LINE, "-o", "one.exr"])
+    run([*LINE, "-o", "out.exr", "--farm", "openjd=job.json,3"])
+    subprocess.run([program, "check", "job.json"], check=True, capture_output=True)
+    command = [program, "run", "job.json", "--step", "Join", "--run-dependencies"]
+    told = f"Program={Path(sys.executable).parent / 'oiiotex'}"
+    subprocess.run([*command, "-p", told], check=True, capture_output=True, timeout=600)
+    same("one.exr", "out.exr")
+
+
+@pytest.mark.slow
+def test_dask_gives_the_pixels_of_one_run(folder):
+    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    for line in (LINE, SYNTH):
+        run([*line, "-o", "one.exr"])
+        done = oiiotex(*line, "-o", "out.exr", "--farm", "dask=local:2", cwd=folder, env=dict(os.environ))
+        assert (done.returncode, done.stderr) == (0, "")
+        same("one.exr", "out.exr")
+        assert not os.path.exists("out.exr.parts")
+    for n in (1, 2):
+        shutil.copy("a.png", f"in.{n:04d}.png")
+    words = ["in.#.png", "--texpatchmatch:size=48x48", "-o", "out.#.png", "--frames", "1-2"]
+    oiiotex(*words, "--farm", "dask=local:2", cwd=folder, env=dict(os.environ))
+    shutil.copy("out.0001.png", "farm.png")
+    run(words)
+    same("out.0001.png", "farm.png")
+
+
+def dies_once(mark: str) -> str:
+    """What a worker does that is killed in mid-share, and the one after it."""
+    if not os.path.exists(mark):
+        Path(mark).touch()
+        os.kill(os.getpid(), 9)
+    return mark
+
+
+@pytest.mark.slow
+def test_a_share_whose_worker_is_killed_is_done_by_another(folder):
+    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    marks = [str(folder / f"mark{n}") for n in range(3)]
+    with dask_cluster.cluster("local:1") as client:
+        assert sorted(dask_cluster.results(client, dies_once, marks)) == marks
+
+
+@pytest.mark.slow
+def test_the_lines_of_the_page_make_one_image(folder):
+    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    shutil.copy("a.png", "photo.png")
+    page = (Path(__file__).parents[1] / "docs" / "farm.md").read_text()
+    made = []
+    for block in page.split("```sh\n")[1:]:
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        lines = block.split("```")[0].replace("3000x2000", "300x1200")
+        if "openjd" in lines and not shutil.which("openjd", path=path):
+            continue
+        subprocess.run(["sh", "-e", "-c", lines], check=True, timeout=600, env={**os.environ, "PATH": path})
+        made.append(load(folder / "wall.exr"))
+        (folder / "wall.exr").unlink()
+    assert len(made) >= 2
+    assert all(np.array_equal(made[0], other) for other in made)

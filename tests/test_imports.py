@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a run does not need it does not import: a copied PNG took five times as long as oiiotool's for its imports."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+RUN = """
+import sys
+from oiiotex.cli.main import main
+try:
+    main(sys.argv[2:])
+except SystemExit as done:
+    assert done.code == int(sys.argv[1]), done
+print()
+print(*sys.modules)
+"""
+NEEDED = {"numpy", "OpenImageIO", "PyOpenColorIO", "pyopencl"}
+PYOPENCLS = {"pytools", "platformdirs", "typing_extensions", "siphash24", "mmh3", "cython_runtime"}  # some of them
+
+
+LARGE = {"numpy", "OpenImageIO", "PyOpenColorIO", "pyopencl", "scipy"}
+
+
+def imported(*words: object, code: int = 0) -> list[str]:
+    """The modules of a run of the program that ends with that exit code."""
+    line = [sys.executable, "-P", "-c", RUN, str(code), *map(str, words)]
+    done = subprocess.run(line, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()[-1].split()
+
+
+def ours(modules: list[str]) -> set[str]:
+    return {name.removeprefix("oiiotex.") for name in modules if name.startswith("oiiotex.")}
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "most"),
+    [
+        (["--version"], 0, 20),
+        ([], 0, 20),
+        (["--help", "texstationarize:sigma"], 0, 95),
+        (["--help", "resize"], 0, 36),
+        (["--help"], 0, 200),
+        (["--manpage"], 0, 200),
+        (["--completion", "bash"], 0, 200),
+        (["--cache-info"], 0, 20),
+        (["--nonsense"], 1, 20),
+        (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 40),
+        (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 93),
+        (["photo.png", "--resize:filter=", "-o"], 1, 33),
+        (["--capture"], 1, 18),
+        (["photo.png", "--threads", "few", "-o", "x.exr"], 1, 56),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_words_alone_touch_no_large_library(words, code, most):
+    modules = imported(*words, code=code)
+    assert not LARGE & {name.partition(".")[0] for name in modules}
+    assert len(ours(modules)) <= most, sorted(ours(modules))
+
+
+@pytest.mark.parametrize(
+    ("line", "rooms", "most"),
+    [
+        (["-o", "copy.png"], set(), 54),
+        (["--resize", "50%", "-o", "copy.png"], {"host"}, 60),
+        (["--info:verbose=1"], set(), 56),
+        (["--texlab", "-o", "copy.exr"], {"filters", "color"}, 60),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_a_line_imports_what_it_names(photo, tmp_path, line, rooms, most):
+    """Of files of ops those of the line; of rooms those that they call; no device for what asks for none."""
+    modules = imported(photo, *(tmp_path / word if word.startswith("copy") else word for word in line))
+    assert not {"pyopencl", "scipy"} & set(modules)
+    assert ("PyOpenColorIO" in modules) == ("color" in rooms)
+    program = {"cli", "core", "io"}
+    assert {name.partition(".")[0] for name in ours(modules) if "." in name} - program <= rooms
+    assert len(ours(modules)) <= most, sorted(ours(modules))
+
+
+@pytest.mark.parametrize("measure", ["histogram", "moments:order=4", "steerable"])
+def test_a_tile_takes_no_more_than_its_measure_needs(photo, tmp_path, measure):
+    line = f"--texstationarize:size=32x32:iterations=1:contrast=0.7:measure={measure}"  # else the photo is looked at
+    modules = imported(photo, line, "-o", tmp_path / "tile.png")
+    packages = {name.partition(".")[0] for name in modules} - set(sys.stdlib_module_names) - {"__main__"}
+    foreign = {name for name in packages if not name.startswith(("_", "oiiotex", "sitecustomize"))}
+    assert NEEDED <= foreign <= NEEDED | PYOPENCLS
+    assert ("oiiotex.projections.pearson_table" in modules) == measure.startswith("moments")
+    assert sum(not name.startswith("oiiotex") for name in modules) < 360

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`structure=` of ops that lay patches: regular results of regular photos, and nothing else changed."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from oiiotex.color.lab import working_values
+from oiiotex.core.image import from_buffer
+from oiiotex.core.parameters import Size
+from oiiotex.core.window import Domain
+from oiiotex.filters.cut import Cut
+from oiiotex.filters.quilt import Quilting
+from oiiotex.filters.synth import Synth
+from oiiotex.regularity.lattice import BINS, Lattice, find_lattice
+from oiiotex.regularity.offset_prices import BITS, InStep, Prices
+from oiiotex.regularity.regularity import peaks_over_floor
+from oiiotex.session import Session
+from tests import pictures
+from tests.lattices import regular
+from tests.test_promises import buffer
+
+OPS = [Quilting, Cut]
+TILING = {Quilting: {"tile": "xy"}, Cut: {"tile": "xy", "patch": 32}}
+WITHOUT_END = {"size": Size(256, 256), "side": 128, "toroidal": True}
+
+
+@pytest.mark.parametrize("name", ["oblique", "bricks"])
+@pytest.mark.parametrize("op", OPS)
+def test_a_result_is_as_regular_as_its_photo(op, name):
+    session, image = Session(), from_buffer(buffer(regular(name, 192, 192, 3)))
+    lab, _ = working_values(image, session)
+    lattice = find_lattice(lab)
+    own, least = peaks_over_floor(lab, lattice, False), {}
+    for structure in (0.0, 0.5):
+        tile = op(exemplar=image, seed=1, structure=structure, **TILING[op]).compute(session)[op.main().name]
+        seen, _ = working_values(from_buffer(buffer(tile.pixels())), session)
+        closed = replace(lattice, frequencies=lattice.on_torus(Domain(seen.shape[1], seen.shape[0], True, True)))
+        least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
+    assert least[0.5] >= 0.8 and least[0.5] > least[0.0] + 0.15
+
+
+@pytest.mark.parametrize("name", ["oblique", "bricks"])
+def test_a_texture_without_end_is_as_regular_as_its_photo(name):
+    session, image = Session(), from_buffer(buffer(regular(name, 128, 128, 3)))
+    lab, _ = working_values(image, session)
+    lattice, least = find_lattice(lab), {}
+    own = peaks_over_floor(lab, lattice, False)
+    for structure in (0.0, 0.5):
+        tile = Synth(exemplar=image, seed=1, structure=structure, **WITHOUT_END).compute(session)["texture"]
+        seen, _ = working_values(from_buffer(buffer(tile.pixels())), session)
+        closed = replace(lattice, frequencies=lattice.on_torus(Domain(256, 256, True, True)))
+        least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
+    assert least[0.5] >= 0.75 and least[0.5] > least[0.0] + 0.3
+
+
+@pytest.mark.parametrize("op", [*OPS, Synth])
+def test_structure_changes_nothing_where_there_is_no_lattice(op):
+    image = from_buffer(buffer(pictures.stained(pictures.moss(64, 72, 4))))
+    made = [op(exemplar=image, seed=2, structure=s).compute(Session())["st"].pixels() for s in (0.0, 0.5, 1.0)]
+    np.testing.assert_array_equal(made[0], made[1])
+    np.testing.assert_array_equal(made[0], made[2])
+
+
+@pytest.mark.parametrize("op", OPS)
+def test_the_size_follows_the_lattice_or_is_warned_of(op, caplog):
+    image = from_buffer(buffer(regular("square", 128, 128, 1)))
+    with caplog.at_level(logging.INFO, "oiiotex"):
+        tile = op(exemplar=image, **TILING[op]).compute(Session())[op.main().name]
+    assert (tile.spec.width, tile.spec.height) == (135, 135)  # 7 periods of 19.3 px
+    assert "a lattice of" in caplog.text and not any(r.levelno == logging.WARNING for r in caplog.records)
+    given = op(exemplar=image, size=Size(125, 135), **TILING[op]).compute(Session())[op.main().name]
+    assert given.spec.width == 125
+    assert "116x135" in next(r for r in caplog.records if r.levelno == logging.WARNING).getMessage()
+    one_sided = op(exemplar=image, **TILING[op] | {"tile": "none"}).compute(Session())[op.main().name]
+    assert (one_sided.spec.width, one_sided.spec.height) == (128, 128)
+
+
+def test_prices_are_those_of_the_phase():
+    frequencies = np.array([[0.11, 0.02], [-0.03, 0.09]])
+    u = np.cos(2 * np.pi * np.arange(BINS) / BINS)
+    lattice = Lattice(frequencies, 9.0, u[:, None] + 0.5 * u)
+    kept = InStep(lattice, lattice.on_torus(Domain(90, 80, True, True)), 0.5)
+    prices, (x, y) = Prices(kept.phases(), kept.table(1000.0)), (31, 17)
+    own_x, own_y = np.arange(-5, 90), np.arange(-7, 70)
+    cycles = np.stack(np.meshgrid(own_x, own_y), -1) @ frequencies.T - kept.wanted @ [x, y]
+    at = np.floor(cycles % 1.0 * (1 << BITS) + 0.5).astype(int) % (1 << BITS)
+    expected = np.rint(1000.0 * lattice.losses()[at[..., 0], at[..., 1]])
+    assert (prices.at(x, y, own_x, own_y) == expected).mean() > 0.999  # ties of rounding aside

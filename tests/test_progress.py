@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is shown while a run works: on a terminal a bar, in a log a line now and then."""
+
+from __future__ import annotations
+
+import os
+import pty
+import sys
+import time
+
+import pytest
+
+from oiiotex.cli import progress
+from oiiotex.cli.progress import Display
+from oiiotex.stats import Stats
+
+LONG = ("--texstationarize:size=160x160:iterations=120", "-o", "tile.exr")
+
+
+def on_a_terminal(folder, *words) -> str:
+    """What the program shows on a terminal that says nothing of its size."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.chdir(folder)
+        os.execv(sys.executable, [sys.executable, "-m", "oiiotex.cli.main", *words])
+    shown = b""
+    while True:
+        try:
+            piece = os.read(terminal, 4096)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, shown
+    os.close(terminal)
+    return shown.decode()
+
+
+@pytest.mark.parametrize("more", [(), ("-v",)])
+def test_a_terminal_shows_stage_share_rate_and_time_left(photo, more):
+    shown = on_a_terminal(photo.parent, *more, photo.name, *LONG)
+    assert "--texstationarize: " in shown and "%|" in shown and "it/s" in shown
+
+
+@pytest.mark.parametrize("option", ["-q", "--noprogress"])
+def test_it_can_be_turned_off(photo, option):
+    assert "%|" not in on_a_terminal(photo.parent, option, photo.name, *LONG)
+
+
+def test_a_short_run_shows_nothing(photo):
+    assert on_a_terminal(photo.parent, photo.name, "-o", "copy.png") == ""
+
+
+def test_a_log_has_a_line_now_and_then(photo, monkeypatch, capsys):
+    monkeypatch.setattr(progress, "_LINES", 0.3)
+    monkeypatch.setattr(progress, "_TICK", 0.02)
+    display, stats = Display(terminal=False), Stats()
+    stats.watch = display.stage
+    display.frame(2, 5)
+    begun = time.monotonic()
+    with display.shown(), stats.time("--texlabel"), stats.time("superpixels"):
+        for n in range(10):
+            display.advance(n, 10)
+            time.sleep(0.1)
+    lines = capsys.readouterr().err.splitlines()
+    assert 2 <= len(lines) <= (time.monotonic() - begun) / 0.3
+    assert all(line.startswith("frame 2/5: --texlabel superpixels: ") for line in lines)
+    assert "% " in lines[-1].replace("%,", "% ") and "s left" in lines[-1]

@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a line alone shows to be wrong is said before a pixel is computed and before a device is opened."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shlex
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex.cli.running import run
+from oiiotex.errors import Error
+from oiiotex.opencl import device
+from tests import pictures
+from tests.conftest import load, save
+
+
+class Worked(BaseException):
+    """Work has begun: it cannot be mistaken for an error of ours."""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    save(pictures.stained(pictures.bricks(80, 96, seed=1)), tmp_path / "photo.png")
+    (tmp_path / "locked").mkdir()
+    return tmp_path
+
+
+@pytest.fixture
+def idle(monkeypatch):
+    """Neither a device may be opened nor a pixel of a file be decoded."""
+
+    def worked(*_, **__):
+        raise Worked
+
+    monkeypatch.setattr(device, "open_device", worked)
+    monkeypatch.setattr("oiiotex.io.reading._Source.read", worked)
+
+
+REFUSED = {
+    "a format without ids": ("photo.png --texlabel -o lab.png", "png cannot hold part 'label.1' as uint"),
+    "a type that would lose ids": ("photo.png --texlabel -d uint8 -o lab.tif", "would lose its values"),
+    "ids behind a flip": ("photo.png --texlabel --flip -o lab.png", "cannot hold"),
+    "parts in a format of one": ("photo.png --texstationarize:stmap=1 -o t.png", "png holds one image"),
+    "a folder that is not there": ("photo.png --texstationarize -o nosuch/t.exr", "no such folder"),
+    "an unknown suffix": ("photo.png --texstationarize -o t.xyz", "no format writes '.xyz'"),
+    "a type that the format lacks": ("photo.png --texstationarize -d half -o t.png", "cannot hold"),
+    "the second of two outputs": ("photo.png --texstationarize -o t.exr -o nosuch/t.exr", "no such folder"),
+    "a texture's folder": ("photo.png --texstationarize -otex nosuch/t.tx", "no such folder"),
+    "a profile's folder": ("photo.png --texstationarize -o t.exr photo.png --iccwrite p.icc", "no ICC profile"),
+    "an input later on the line": ("photo.png --texstationarize nosuch.png --over -o t.exr", "no such file"),
+    "a later op": ("photo.png --texstationarize -o t.exr photo.png --texsynth:window=bad -o s.exr", "window=bad"),
+    "a window": ("photo.png --texsynth:window=32by32 -o t.exr", "allowed is WxH+X+Y"),
+    "a window outside": ("photo.png --texsynth:size=64x64:window=32x32+60+0 -o t.exr", "is not inside size"),
+    "a share": ("photo.png --texsynth:tiles=3of9 -o t.exr", "allowed is I/N"),
+    "memory of synthesis": ("--cache 1 photo.png --texsynth -o t.exr", "the analysed exemplars needs"),
+    "memory of a tile": (
+        "--cache 64 photo.png --texstationarize:size=2048x2048 -o t.exr",
+        "a tile of 2048x2048 from an exemplar of 96x80 needs",
+    ),
+    "memory of a tile whose size follows from the photo": (
+        "--cache 64 --pattern checker 3000x3000 3 --iscolorspace sRGB --texstationarize -o t.exr",
+        "a tile of 2100x2100",
+    ),
+    "memory of a baseline": ("--cache 64 photo.png --texpatchmatch:size=4096x2048 -o t.exr", "a tile of 4096x2048"),
+    "memory of patches": (
+        "--cache 1 photo.png --texquilt:size=9000x9000:patch=12 -o t.exr",
+        "quilting 9000x9000 in 1265625 patches",
+    ),
+    "a photo smaller than a patch": ("photo.png --crop 8x8 --texpatchmatch -o t.exr", "smaller than a patch of 11x11"),
+    "memory of labelling": ("--cache 2 photo.png --texlabel -o t.exr", "labelling needs"),
+    "memory of whole images": ("--cache 1 photo.png --resize 900x900 --fft -o t.exr", "the budget is 1 MB"),
+    "source coordinates that the output replaces": ("photo.png --texsynth:stmap=q.exr -o q.exr", "just been written"),
+    "a table over an input": ("photo.png --texlabel:json=photo.png -o l.exr", "would overwrite"),
+    "a colour space": ("photo.png --iscolorspace nosuch --texstationarize -o t.exr", "nosuch"),
+    "an op that lacks an operand": ("photo.png --texstationarize -o t.exr --over", "image"),
+    "a loop without end": ("photo.png --texstationarize -o t.exr --for i 3", "--for has no end"),
+    "a device's name": ("--device nosuch photo.png -o t.exr", "no device 'nosuch'"),
+    "a gap in a sequence": ("--frames 1-3 in.%04d.png --texstationarize -o out.%04d.exr", "in.0002.png: no such file"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_it_is_said_before_the_work(folder, idle, case):
+    line, says = REFUSED[case]
+    for number in (1, 3):
+        os.link(folder / "photo.png", folder / f"in.{number:04d}.png")
+    with pytest.raises(Error) as caught:
+        run(shlex.split(line), folder)
+    assert says in str(caught.value)
+    assert not list(folder.glob("*.exr"))
+
+
+def test_what_does_not_fit_a_device_of_its_own_memory_is_said_before_the_work(folder, idle, monkeypatch):
+    measure = device.Device._measure
+
+    def small(self, info):
+        measure(self, info)
+        self.own_memory, self.memory, self.largest = True, 18 << 20, 18 << 20
+
+    monkeypatch.setattr(device.Device, "_measure", small)
+    with pytest.raises(Error, match=r"a tile of 16384x16384 .* needs \d+ MB, .* gives 16 MB at most"):
+        run(shlex.split("photo.png --texstationarize:size=16384x16384 -o t.exr"), folder)
+    with pytest.raises(Worked):
+        run(shlex.split("photo.png --texstationarize:size=64x64 -o t.exr"), folder)
+
+
+IN_VAIN = {
+    "no output": ("photo.png --texstationarize", "nothing was written: did you forget -o?"),
+    "a step behind the last output": (
+        "photo.png -o p.png --texstationarize",
+        "--texstationarize behind the last output is not done: did you forget -o?",
+    ),
+    "a type behind the last output": ("photo.png -o p.png -d uint8", "-d uint8 behind the last output changes nothing"),
+}
+
+
+@pytest.mark.parametrize("case", IN_VAIN)
+def test_what_nobody_gets_is_not_computed(folder, monkeypatch, caplog, case):
+    monkeypatch.setattr(device, "open_device", lambda *_: pytest.fail("a device is opened"))
+    line, says = IN_VAIN[case]
+    with caplog.at_level(logging.WARNING, "oiiotex"):
+        assert run(shlex.split(line), folder) == 0
+    assert says in caplog.messages
+
+
+UP_TO_DATE = ["photo.png --texstationarize -o t.exr", "photo.png --texlabel photo.png --over -o t.exr"]
+
+
+@pytest.mark.parametrize("line", UP_TO_DATE)
+def test_what_is_up_to_date_is_not_computed(folder, idle, line):
+    save(np.ones((4, 4, 3)), folder / "t.exr", "half")
+    assert run(["-u", *shlex.split(line)], folder) == 0
+    os.utime(folder / "t.exr", (1, 1))
+    with pytest.raises(Worked):
+        run(["-u", *shlex.split(line)], folder)
+
+
+def test_what_is_made_of_a_new_file_is_new(folder):
+    for name in ("a.exr", "b.exr"):
+        save(np.ones((4, 4, 3)), folder / name, "half")
+    os.utime(folder / "a.exr", (1, 1))
+    assert run(shlex.split("-u photo.png -o a.exr a.exr -o b.exr"), folder) == 0
+    assert load(folder / "b.exr").shape == (80, 96, 3)
+
+
+def test_a_mask_that_is_newer_counts(folder, idle):
+    save(np.ones((80, 96, 1)), folder / "mask.tif")
+    save(np.ones((4, 4, 3)), folder / "t.exr", "half")
+    os.utime(folder / "t.exr", (2, 2))
+    os.utime(folder / "photo.png", (1, 1))
+    with pytest.raises(Worked):
+        run(shlex.split("-u photo.png --texstationarize:mask=mask.tif -o t.exr"), folder)
+
+
+HOLDS = [
+    # what is not there yet, but will be
+    "photo.png -o a.exr a.exr --texflatten -o b.exr",
+    "photo.png --texsuperpixel:keep=1 -o a.exr a.exr --subimage 1 -o b.tif",
+    "--create-dir photo.png -o new/folder/a.exr new/folder/a.exr -o b.exr",
+    # what hangs on pixels
+    "photo.png --ch R --if '{TOP.AVGCOLOR > 2}' -o nosuch/x.exr --endif -o b.exr",
+    "photo.png --texflatten --resize '{TOP.width}x8' -o b.exr",
+    "--no-error-exit photo.png -o nosuch/x.exr photo.png -o b.exr",
+    # parts of a number that is not known yet
+    "photo.png --texsuperpixel --dup --siappend -o b.exr",
+    "photo.png --texstationarize:size=64x64:iterations=2 -o:udim=2x2 b.<UDIM>.exr",
+]
+
+
+@pytest.mark.parametrize("line", HOLDS)
+def test_what_will_do_is_not_refused(folder, line):
+    assert run(shlex.split(line), folder) == 0
+    assert list(folder.glob("b.*"))
+
+
+def test_frames_may_read_what_earlier_ones_write(folder):
+    os.link(folder / "photo.png", folder / "a.0000.png")
+    line = "--frames 1-3 a.{FRAME_NUMBER-1}.png --mulc 0.5 -o a.{FRAME_NUMBER}.png"
+    save(np.ones((8, 8, 3)), folder / "a.0.png")
+    assert run(shlex.split(line), folder) == 0
+    assert load(folder / "a.3.png").max() == 32
+
+
+def test_bad_frames_are_skipped_and_the_others_done(folder):
+    for number in (1, 3):
+        os.link(folder / "photo.png", folder / f"in.{number:04d}.png")
+    assert run(shlex.split("--skip-bad-frames --frames 1-3 in.%04d.png -o out.%04d.png"), folder) == 1
+    assert sorted(p.name for p in folder.glob("out.*")) == ["out.0001.png", "out.0003.png"]
+
+
+# --- windows off the origin ---
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "jpg", "exr"])
+@pytest.mark.parametrize("place", ["+5000-300", "-40-30", "+40+30"])
+def test_a_window_off_the_origin_keeps_its_pixels(folder, suffix, place):
+    line = f"photo.png --texsynth:level=8:window=32x24{place} -o w.{suffix} -d half -o w2.exr"
+    assert run(shlex.split(line), folder) == 0
+    found, whole = load(folder / f"w.{suffix}"), load(folder / "w2.exr")
+    assert found.shape == (24, 32, 3)
+    spec = oiio.ImageBuf(str(folder / "w2.exr")).spec()
+    x, y = (int(word) for word in place.replace("+", " ").replace("-", " -").split())
+    assert (spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width) == (x, y, x, y, 32)
+    if suffix in ("png", "tif"):
+        np.testing.assert_allclose(found / 255, whole, atol=1e-3)
+    assert found.std() > 0

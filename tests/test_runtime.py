@@ -1,0 +1,466 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which device is used and how: the order of attempts, what is kept, what is named to PoCL, what is never run."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from oiiotex import filters
+from oiiotex.cli.devices import device_list
+from oiiotex.errors import BuildError, DeviceError, NoDeviceError, ParameterError
+from oiiotex.opencl import cpu as opencl_cpu
+from oiiotex.opencl import device as devices
+from oiiotex.opencl import runtime
+from oiiotex.opencl.device import DeviceInfo
+from oiiotex.opencl.runtime import Attempt, Trial
+from oiiotex.session import Session
+from tests import pictures
+from tests.conftest import oiiotex
+from tests.test_promises import buffer
+
+CPU = 1 << 1  # CL_DEVICE_TYPE_CPU
+GENERIC = "OpenCL 3.0 PoCL HSTR: pthread-x86_64-unknown-linux-gnu-generic"
+REFUSED = "error: unknown target CPU 'generic'"
+ZEN = opencl_cpu.KNOWN["znver3"]
+
+
+def handle(number: int, version: str = GENERIC, platform: str = opencl_cpu._POCL_3_0, kind: int = CPU) -> object:
+    """What a runtime says of a device."""
+    return SimpleNamespace(
+        int_ptr=number, name=f"device {number}", version=version, driver_version="1", type=kind,
+        single_fp_config=191, max_mem_alloc_size=1 << 30, platform=SimpleNamespace(name="a runtime", version=platform),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """A machine whose probes are ours: `works` says what each finds, `asked` notes all; `forget` is a new process."""
+    made = SimpleNamespace(asked=[], works=lambda device, attempt: 0, forget=lambda: None)
+
+    def stand_in(device: object, attempt: Attempt) -> tuple[int, str]:
+        made.asked.append((device.name, attempt.linker, attempt.cpu))
+        lanes = made.works(device, attempt)
+        return lanes, "" if lanes else REFUSED
+
+    def forget() -> None:
+        made.asked.clear()
+        runtime._trials.clear()
+        devices._say.cache_clear()
+
+    made.forget = forget
+    monkeypatch.setattr(runtime, "_try_in_subprocess", stand_in)
+    monkeypatch.setattr(runtime, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(runtime, "_zig", lambda: Path("/zig"))
+    monkeypatch.setattr(runtime, "_trials", {})
+    monkeypatch.setattr(opencl_cpu, "cpu", lambda: {"flags": " ".join(ZEN), "model": "26"})
+    monkeypatch.setattr(devices, "_refused", set())
+    monkeypatch.delenv("OIIOTEX_DEVICE", raising=False)
+    devices._say.cache_clear()
+    return made
+
+
+def with_devices(monkeypatch: pytest.MonkeyPatch, *kinds: str) -> list[DeviceInfo]:
+    listed = [
+        DeviceInfo(
+            n, kind, f"device {n}", f"runtime {n}", GENERIC, 1 << 30, handle(n, kind=CPU if kind == "cpu" else 4)
+        )
+        for n, kind in enumerate(kinds)
+    ]
+    monkeypatch.setattr(devices, "devices", lambda threads=0: listed)
+    monkeypatch.setattr(runtime, "use", lambda device: None)
+    return listed
+
+
+def test_attempts_come_in_order_until_a_kernel_counts_right(machine):
+    order = [("system", ""), ("lld", ""), ("system", "znver3"), ("lld", "znver3")]
+    for first in range(4):
+        machine.works = lambda device, attempt, at=order[first]: 16 * ((attempt.linker, attempt.cpu) == at)
+        machine.forget()
+        for answer in runtime._cache_folder().glob("*.json"):
+            answer.unlink()
+        trial = runtime.tried(handle(1))
+        assert [a[1:] for a in machine.asked] == order[: first + 1]
+        assert (trial.works, trial.lanes) == (Attempt(*order[first]), 16)
+        assert trial.failures == tuple((Attempt(*words), REFUSED) for words in order[:first])
+
+
+def test_a_cpu_is_named_to_that_pocl_alone_and_only_where_it_knows_none(machine, monkeypatch):
+    named = ["", "", "znver3", "znver3"]
+    other = opencl_cpu._POCL_3_0.replace("3.0-rc2", "3.1")
+    cases = [
+        (handle(1), named),
+        (handle(2, version=GENERIC.replace("generic", "znver3")), ["", ""]),
+        (handle(3, platform=other), ["", ""]),
+        (handle(4, kind=4), [""]),  # a GPU brings its own compiler
+    ]
+    for device, expected in cases:
+        machine.forget()
+        assert runtime.tried(device).works is None
+        assert [cpu for _, _, cpu in machine.asked] == expected
+    monkeypatch.setattr(runtime, "_zig", lambda: None)
+    machine.forget()
+    runtime.tried(handle(1))
+    assert [a[1:] for a in machine.asked] == [("system", ""), ("system", "znver3")]
+
+
+def test_what_works_is_kept_until_the_cpu_is_another(machine, monkeypatch):
+    machine.works = lambda device, attempt: 32 * bool(attempt.cpu)
+    first = runtime.tried(handle(1))
+    machine.forget()
+    assert runtime.tried(handle(1)) == first and not machine.asked
+    for facts in ({"flags": "sse2"}, {"model": "27"}, {"vendor_id": "GenuineIntel"}):
+        monkeypatch.setattr(opencl_cpu, "cpu", lambda facts=facts: {"flags": " ".join(ZEN), "model": "26", **facts})
+        machine.forget()
+        runtime.tried(handle(1))
+        assert machine.asked
+    for answer in runtime._cache_folder().glob("probe-*.json"):
+        answer.write_text('{"works": 7}')
+    machine.forget()
+    assert runtime.tried(handle(1)).works and machine.asked  # what is not ours is not believed
+
+
+def test_a_failure_is_kept_only_where_another_device_works(machine, monkeypatch, caplog):
+    one, two = with_devices(monkeypatch, "cpu", "cpu")
+    with pytest.raises(
+        NoDeviceError, match=r"no OpenCL device can compile here: .*unknown target CPU 'generic'.*pip|apt"
+    ):
+        devices.choose()
+    assert not list(runtime._cache_folder().glob("*.json"))
+    machine.works = lambda device, attempt: 16 * (device.name == "device 1")
+    for _ in range(2):
+        machine.forget()
+        caplog.clear()
+        assert devices.choose() == two
+        assert len(caplog.messages) == 1 and REFUSED in caplog.text and "device 1 is used instead" in caplog.text
+    assert not machine.asked  # the second process believes the first
+    machine.forget()
+    listing = device_list(None, 1, verbose=True)
+    assert [name for name, *_ in machine.asked] == ["device 0"] * 4  # a list looks again
+    assert "device 0 (cpu), runtime 0" in listing and "does not work here" in listing.splitlines()[0]
+    assert "told that the CPU is znver3, with LLD: " + REFUSED in listing
+
+
+def test_a_device_that_is_named_is_not_replaced_and_a_kind_means_all_of_it(machine, monkeypatch):
+    gpu, broken, works = with_devices(monkeypatch, "gpu", "cpu", "cpu")
+    machine.works = lambda device, attempt: 16 * (device.name != "device 1")
+    assert devices.choose() == gpu
+    assert devices.choose("cpu") == works
+    with pytest.raises(NoDeviceError, match="device 1"):
+        devices.choose("1")
+    monkeypatch.setenv("OIIOTEX_DEVICE", "device 1")
+    with pytest.raises(NoDeviceError, match="device 1"):
+        devices.choose()
+
+
+def test_lanes_follow_what_is_compiled_for(machine, monkeypatch):
+    (info,) = with_devices(monkeypatch, "cpu")
+    monkeypatch.setattr(opencl_cpu, "cpu", lambda: {"flags": " ".join(ZEN | {"avx512bw"})})
+    for lanes in (16, 32):
+        machine.works = lambda device, attempt, lanes=lanes: lanes
+        machine.forget()
+        for answer in runtime._cache_folder().glob("*.json"):
+            answer.unlink()
+        assert devices.Device.lanes.fget(SimpleNamespace(info=info)) == lanes
+
+
+def test_the_list_says_what_is_used_and_what_is_promised(machine, monkeypatch):
+    info, _ = with_devices(monkeypatch, "cpu", "other")
+    machine.works = lambda device, attempt: 16 * bool(attempt.cpu)
+    listing = device_list(None, 3, verbose=True)
+    for words in (
+        "used: the first CPU that works; there is no GPU that does", f"as it is, with LLD: {REFUSED}",
+        "told that the CPU is znver3, with the linker of the system: works", "compiles for znver3: 16 lanes",
+        "threads: 3", "memory: 1024 MB, 1024 MB at most", "division and square root: rounded correctly", "not tried",
+    ):  # fmt: skip
+        assert words in listing
+    info.handle.single_fp_config = 7
+    assert "the same bits as elsewhere are not promised" in device_list(None, 3, verbose=True)
+    machine.works = lambda device, attempt: 0
+    machine.forget()
+    for answer in runtime._cache_folder().glob("*.json"):
+        answer.unlink()
+    lines = device_list(None, 1, verbose=False).splitlines()
+    assert lines[0].endswith("does not work here") and lines[2].startswith("no OpenCL device works here: ")
+
+
+@pytest.mark.parametrize("linker, intel, zig, expected", [
+    (False, False, True, "pip install 'oiiotex[intel]'"),
+    (True, False, False, "pip install 'oiiotex[linker]'"),
+    (True, False, True, "pip install 'oiiotex[intel]'"),
+    (False, True, True, "apt install pocl-opencl-icd"),
+])  # fmt: skip
+def test_one_command_helps(monkeypatch, linker, intel, zig, expected):
+    monkeypatch.setattr(runtime, "_intel_library", lambda: Path("/x") if intel else None)
+    monkeypatch.setattr(runtime, "_zig", lambda: Path("/zig") if zig else None)
+    monkeypatch.setattr(runtime.shutil, "which", lambda name: name)
+    monkeypatch.setattr(runtime.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(runtime.sys, "platform", "linux")
+    words = """error: unable to execute command: Executable "ld" doesn't exist! (SIGABRT)""" if linker else REFUSED
+    assert runtime.remedy([Trial(None, 0, ((Attempt(), words),))]) == expected
+    monkeypatch.setattr(runtime.platform, "machine", lambda: "aarch64")
+    assert runtime.remedy([]) == "apt install pocl-opencl-icd"
+
+
+def test_the_best_cpu_that_this_one_covers():
+    best = opencl_cpu.best_known
+    known = opencl_cpu.KNOWN
+    assert best(known["znver3"] | known["icelake-server"]) == "znver3"  # measured: no slower than icelake-server there
+    assert best(known["icelake-server"]) == "icelake-server"
+    assert best(known["icelake-server"] - {"gfni"}) == "skylake-avx512"
+    assert best(known["skylake-avx512"] - {"avx512bw"}) == "haswell"
+    assert best(known["haswell"] - {"avx2"}) == "x86-64-v2"
+    assert best(known["x86-64-v2"] - {"popcnt"}) == best([]) == "x86-64"
+    for name in known:
+        assert best(known[name]) == name, "a CPU that an earlier one of the table hides"
+
+
+class Struct:
+    """What `_pointer_to` looks at: words of memory, one of them a pointer to a text."""
+
+    def __init__(self, *texts: bytes):
+        self.texts = [ctypes.create_string_buffer(text) for text in texts]
+        self.words = (ctypes.c_uint64 * 256)(*range(256))  # small numbers: not mapped
+        self.words[5] = (1 << 64) - 1
+        self.words[7] = ctypes.addressof(self.words)
+        for k, text in enumerate(self.texts):
+            self.words[80 + k] = ctypes.addressof(text)
+
+    @property
+    def address(self) -> int:
+        return ctypes.addressof(self.words)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_the_name_is_changed_at_exactly_one_place():
+    struct = Struct(b"generic", b"generically")
+    place = opencl_cpu._pointer_to(b"generic\0", struct.address)
+    assert place == struct.address + 80 * 8
+    device = handle(struct.address)
+    opencl_cpu.name_cpu(device, "znver2")
+    assert ctypes.string_at(struct.words[80]) == b"znver2"
+    assert struct.texts[0].value == b"generic"  # PoCL's own text may be shared: it is left as it is
+    for texts, count in (((b"znver3",), 0), ((b"generic", b"generic"), 2)):
+        with pytest.raises(LookupError, match=f"at {count} places"):
+            opencl_cpu.name_cpu(handle((struct := Struct(*texts)).address), "znver2")
+    with pytest.raises(LookupError, match="at 0 places"):
+        opencl_cpu.name_cpu(handle(4096), "znver2")  # nothing is mapped there
+    with pytest.raises(LookupError, match=r"PoCL 3\.0 of PyPI alone"):
+        opencl_cpu.name_cpu(handle(struct.address, platform="OpenCL 3.0 PoCL 3.0"), "znver2")
+
+
+def test_words_of_a_compiler_without_its_options():
+    said = (
+        "clBuildProgram failed: BUILD_PROGRAM_FAILURE - clBuildProgram failed\n\nBuild on <pyopencl.Device 'x'>:\n\n"
+        "warning: argument unused\nerror: a.cl:3:1: expected ';'\n1 error generated.\n\n(options: -I /secret)\n(source)"
+    )
+    assert runtime.compilers_words(said) == "error: a.cl:3:1: expected ';'"
+    assert runtime.compilers_words("clBuildProgram failed: NOT_NOW (options: -I /secret)") == (
+        "clBuildProgram failed: NOT_NOW"
+    )
+
+
+# --- a program that does not build ---
+
+
+class Refusing(devices.Device):
+    """A device whose compiler refuses programs from the n-th on."""
+
+    def __init__(self, info: DeviceInfo, left: int):
+        super().__init__(info)
+        self.left = left
+
+    def program(self, stem: str, **macros: int) -> devices.Program:
+        self.left -= 1
+        if self.left < 0:
+            raise BuildError(f"{self.info.name} cannot build {stem}.cl: error: no")
+        return super().program(stem, **macros)
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch, *left: int | None) -> list[str]:
+    """Make the machine one of several devices, each of which builds so many programs; returns who is opened."""
+    real = devices.choose()
+    listed = [dataclasses.replace(real, number=n, name=f"device {n}") for n in range(len(left))]
+    opened: list[str] = []
+
+    def choose(wanted: str | None, threads: int = 0) -> DeviceInfo:
+        number = int(wanted) if wanted else next((n for n in range(len(left)) if n not in refused), None)
+        if number is None:
+            raise NoDeviceError("none", "")
+        return listed[number]
+
+    def open_device(wanted: str | None, threads: int = 0) -> devices.Device:
+        info = choose(wanted)
+        opened.append(info.name)
+        return devices.Device(info) if left[info.number] is None else Refusing(info, left[info.number])
+
+    def refuse(info: DeviceInfo, threads: int = 0) -> DeviceInfo | None:
+        refused.add(info.number)
+        return next((d for d in listed if d.number not in refused), None)
+
+    refused: set[int] = set()
+    monkeypatch.setattr(devices, "open_device", open_device)
+    monkeypatch.setattr(devices, "refuse", refuse)
+    monkeypatch.delenv("OIIOTEX_DEVICE", raising=False)
+    return opened
+
+
+def tile(**settings: object) -> np.ndarray:
+    made = filters.stationarize(
+        buffer(pictures.pebbles(20, 22, seed=1)), sigma=6, iterations=1, session=Session(**settings)
+    )
+    return made.get_pixels(made.spec().format)
+
+
+@pytest.mark.parametrize("left", [0, 1])
+def test_where_a_program_does_not_build_the_next_device_does_it_all(monkeypatch, caplog, left):
+    expected = tile()
+    opened = refusing(monkeypatch, left, None)
+    assert np.array_equal(tile(), expected)
+    assert opened == ["device 0", "device 1"]
+    assert [m for m in caplog.messages if "cannot build" in m and "all is done again on device 1" in m]
+
+
+def test_only_once_and_never_where_a_device_is_named(monkeypatch):
+    opened = refusing(monkeypatch, 0, 0, None)
+    with pytest.raises(BuildError, match="device 1 cannot build"):
+        tile()
+    assert opened == ["device 0", "device 1"]
+    for settings in ({"device_name": "0"}, {}):
+        opened = refusing(monkeypatch, 0, None)
+        if not settings:
+            monkeypatch.setenv("OIIOTEX_DEVICE", "device 0")
+        with pytest.raises(BuildError, match="device 0 cannot build"):
+            tile(**settings)
+        assert opened == ["device 0"]
+    with pytest.raises(ParameterError):
+        filters.stationarize(buffer(pictures.pebbles(8, 8, seed=1)), sigma=-1)
+
+
+def test_an_error_that_is_its_own_cause_ends_the_run():
+    def work() -> None:
+        error = DeviceError("no")
+        raise error from error
+
+    with pytest.raises(DeviceError, match="no"):
+        Session().on_a_device(work)
+
+
+def test_a_refused_device_is_chosen_no_more(machine, monkeypatch):
+    one, two = with_devices(monkeypatch, "gpu", "cpu")
+    machine.works = lambda device, attempt: 1
+    assert devices.choose() == one
+    assert devices.refuse(one) == two
+    assert devices.choose() == two
+    assert devices.choose("0") == one  # by name it is
+    assert devices.refuse(two) is None
+
+
+# --- isolation ---
+
+IMPORTED = ("oiiotex", "numpy", "pyopencl", "ziglang", "multiprocessing", "pytools", "runpy", "json", "platformdirs")
+
+
+def plant(folder: Path) -> Path:
+    """Modules in the current folder, named like those that are imported; each notes that it has run."""
+    mark = folder / "ran"
+    for name in IMPORTED:
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").write_text(
+            f"open({str(mark)!r}, 'a').write(__name__ + chr(10)); raise SystemExit(9)"
+        )
+        (folder / name / "__main__.py").write_text(f"open({str(mark)!r}, 'a').write('main of {name}')")
+    zig = folder / "ziglang" / "zig"
+    zig.write_text(f"#!/bin/sh\necho zig >> {mark}\n")
+    zig.chmod(0o755)
+    return mark
+
+
+def test_nothing_of_the_current_folder_is_run_by_what_we_start(tmp_path):
+    mark = plant(tmp_path)
+    script = (
+        "from oiiotex.opencl import runtime as r\n"
+        "d = next(d for d in oiiotex.opencl.device.devices() if d.kind == 'cpu')\n"
+        "r._cache_folder()\n"
+        "sys.path.insert(0, '')\n"  # as `python -c` has it
+        "print(r._try_in_subprocess(d.handle, r.Attempt()))\n"
+        "print(r._zig())\n"
+    )
+    command = [sys.executable, "-P", "-c", f"import sys, oiiotex.opencl.device\n{script}"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    lines = done.stdout.splitlines()
+    assert lines and lines[0] in ("(16, '')", "(32, '')"), done
+    assert str(tmp_path) not in lines[1]
+    assert not mark.exists(), mark.read_text()
+
+
+def test_lld_is_the_program_of_the_wheel():
+    zig = runtime._zig()
+    if zig is None:
+        pytest.skip("no ziglang")
+    text = Path(runtime._path_with_lld().split(os.pathsep)[0], "ld").read_text()
+    assert f"exec {zig} ld.lld" in text and "python" not in text.replace(str(zig), "")
+
+
+def test_frames_in_parallel_run_nothing_of_the_current_folder(tmp_path, photo):
+    words = ["--frames", "1-2", "--parallel-frames", str(photo), "--mulc", "0.5", "-o", "out.#.png"]
+    mark = plant(tmp_path)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    script = f"import sys; from oiiotex.cli.main import main; main({words!r})"
+    for command in ([str(Path(sys.executable).with_name("oiiotex")), *words], [sys.executable, "-P", "-c", script]):
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done
+        assert not mark.exists(), mark.read_text()
+        for name in ("out.0001.png", "out.0002.png"):
+            (tmp_path / name).unlink()
+
+
+def test_the_list_of_devices_names_one_that_works():
+    listing = oiiotex("--devices", "-v").stdout
+    assert "works\n" in listing and "used: " in listing
+    assert devices.choose().name in listing
+
+
+def test_devices_of_a_name_that_nobody_has():
+    with pytest.raises(DeviceError, match="no device 'abacus'"):
+        devices.choose("abacus")
+
+
+# --- make ---
+
+
+def test_make_takes_the_step_that_helps(monkeypatch, capsys):
+    from docs import device as make
+
+    def nothing() -> None:
+        raise NoDeviceError("no OpenCL device can compile here", "pip install 'oiiotex[intel]'")
+
+    class Replaced(Exception):
+        pass
+
+    def execv(program: str, words: list[str]) -> None:
+        raise Replaced(words)
+
+    ran = []
+    monkeypatch.setattr(make.device, "choose", nothing)
+    monkeypatch.setattr(make.subprocess, "run", lambda command, check: ran.append(command))
+    monkeypatch.setattr(make.os, "execv", execv)
+    monkeypatch.setattr(sys, "argv", ["docs.device"])
+    with pytest.raises(Replaced) as again:
+        make.main()
+    assert ran[0][1:5] == ["-m", "pip", "install", "-q"] and ran[0][-1].endswith("[intel]")
+    assert "make does this now" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", again.value.args[0][2:])
+    with pytest.raises(SystemExit, match="pip install"):  # it did not help: not once more
+        make.main()
+    assert len(ran) == 1
+    assert make.step("apt install x")[:1] in ([], ["apt-get"])
+    assert make.step("") == []

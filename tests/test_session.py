@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one run shares."""
+
+from __future__ import annotations
+
+import functools
+import tracemalloc
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import errors, filters
+from oiiotex.session import Session
+from tests.test_promises import buffer
+
+
+def test_stages_share_what_is_opened_once_and_go_on_counting():
+    seen = []
+    session = Session(progress=lambda done, total: seen.append((done, total)))
+    stages = session.stages()
+    first = next(stages)
+    for done in (1, 2):
+        first.advance(done, 2)
+    second = next(stages)
+    second.advance(1, 3)
+    assert seen == [(1, 2), (2, 2), (3, 5)]
+    assert second.cache is first.cache is session.cache
+    assert second.color is first.color is session.color
+    assert second.device is first.device is session.device
+    assert second.resources.workers is session.resources.workers
+
+
+def test_a_stage_can_be_stopped():
+    stage = next(Session(progress=lambda done, total: False).stages())
+    with pytest.raises(errors.Interrupted):
+        stage.advance(1, 2)
+
+
+def peak_and_need(monkeypatch, work) -> tuple[int, int]:
+    """Bytes that Python and numpy held at most, and that were asked for, in a run of its own."""
+    needs, require = [], Session.require
+
+    def recording(self, need, *words):
+        needs.append(need)
+        require(self, need, *words)
+
+    session = Session(threads=1)
+    session.color  # noqa: B018 - opened before
+    with monkeypatch.context() as patch:
+        patch.setattr(Session, "require", recording)
+        tracemalloc.start()
+        try:
+            work(session)
+            return tracemalloc.get_traced_memory()[1], max(needs)
+        finally:
+            tracemalloc.stop()
+
+
+@pytest.mark.parametrize("measure", ["histogram", "moments", "steerable", None])
+def test_what_statistics_ask_for_is_what_they_hold(monkeypatch, measure):
+    """Of grids alone: less what the same image takes with a few cells. Of one thread nothing waits to be added up."""
+    photo = buffer(np.random.default_rng(0).random((320, 320, 3)).astype(np.float32))
+    if measure is None:
+        runs = [lambda s, sigma=sigma: filters.flatten(photo, sigma=sigma, session=s) for sigma in (200, 2)]
+    else:
+        runs = [
+            lambda s, sigma=sigma: filters.stationarity(photo, sigma=sigma, measure=measure, session=s)
+            for sigma in (200, 2)
+        ]
+    runs[0](Session(threads=1))  # what is loaded once is loaded
+    few, many = (peak_and_need(monkeypatch, run) for run in runs)
+    held, asked = (b - a for a, b in zip(few, many, strict=True))
+    assert 0.4 * asked < held <= asked, f"{held >> 10} kB held, {asked >> 10} kB asked for"
+
+
+@pytest.mark.parametrize("op", ["content", "cut"])
+def test_what_is_asked_for_a_photo_is_what_is_held(monkeypatch, op):
+    random = np.random.default_rng(0)
+    photo = buffer(random.random((384, 384, 3)).astype(np.float32))
+    ids = random.integers(1, 60, (48, 48, 1)).repeat(8, 0).repeat(8, 1).astype(np.uint32)
+    labels = oiio.ImageBuf(oiio.ImageSpec(384, 384, 1, oiio.UINT32))
+    labels.set_pixels(labels.roi, ids)
+    if op == "cut":
+        run = functools.partial(filters.cut, photo, patch=190, passes=0)
+    else:
+        run = functools.partial(filters.content, photo, labels={"label.1": labels}, patch=16)
+    run(session=Session())  # what is loaded once is loaded
+    held, asked = peak_and_need(monkeypatch, lambda session: run(session=session))
+    assert 0.4 * asked < held <= asked, f"{held >> 10} kB held, {asked >> 10} kB asked for"

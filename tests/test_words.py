@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What help and docs name is there: options, modifiers, measures, files and file types."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import host
+from oiiotex.cli import report
+from oiiotex.cli.language import LANGUAGE
+from oiiotex.cli.parse import Refused, parse, split_modifiers
+from oiiotex.core.parameters import declared
+from oiiotex.errors import Error
+from oiiotex.filters import FILTERS
+
+ROOT = Path(__file__).parents[1]
+# docs/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"),
+                *(ROOT / "oiiotex").glob("*/README.md")])  # fmt: skip
+TEXTS = {str(path.relative_to(ROOT)): path.read_text() for path in PAGES if path.name != "your_own_filter.md"}
+TEXTS |= {"--help": report.overview()}
+TEXTS |= {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.OPS)}
+# words that are named because they are wrong, or stand for others
+WRONG = {"--resize:fliter=box", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value", "--op:modifier"}
+OTHERS = {  # of other programs
+    "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
+    "--no-build-isolation", "--extra-index-url",
+}  # fmt: skip
+OURS = {".json", ".yaml", ".npz", ".gif", ".mp4", ".gpl", ".aco", ".icc", ".md", ".py", ".cl", ".ocio", ".pyi", ".toml"}
+NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
+OTHER_FILES = {".venv", ".gitignore", ".typed"}
+
+
+def modifiers_of(name: str) -> set[str] | None:
+    """What may stand behind an option's or op's name; None where it is refused."""
+    found = LANGUAGE.find(name)
+    if isinstance(found, Refused):
+        return None
+    if isinstance(found, type):
+        return {p.name for p in found.modifiers()}
+    return {p.name for p in declared(found.modifiers)[1]} if found.modifiers else set()
+
+
+def words_in(text: str) -> set[str]:
+    """Options with their modifiers, in code and in prose."""
+    return set(re.findall(r"(?<![\w-])--[A-Za-z][\w-]*(?::[A-Za-z_]+=?[^\s`'\"|;,)]*)*", text))
+
+
+@pytest.mark.parametrize("source", TEXTS)
+def test_every_option_and_its_modifiers_are_there(source):
+    missing = []
+    for word in words_in(TEXTS[source]) - WRONG - OTHERS:
+        name, _, rest = word.rstrip(".:").partition(":")
+        if name in WRONG | OTHERS or name.endswith(("-", "_")):
+            continue
+        try:
+            known = modifiers_of(name)
+        except Error:
+            missing.append(word)
+            continue
+        named = re.findall(r"(?:^|:)([A-Za-z_]+)=", rest)
+        missing += [f"{name}:{one}" for one in named if known is not None and one not in known]
+    assert missing == []
+
+
+@pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex " in text])
+def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
+    blocks = re.findall(r"```\w*\n(.*?)```", TEXTS[source], re.DOTALL)
+    lines = [
+        line for block in blocks for line in block.replace("\\\n", " ").splitlines() if line.startswith("oiiotex ")
+    ]
+    for line in lines:
+        if "..." in line or "[" in line:  # a synopsis
+            continue
+        words = shlex.split(line.split(" && ")[0].split(" | ")[0], comments=True)[1:]
+        parse(words, LANGUAGE)
+        for word in words:
+            if word.startswith("--"):
+                name, given = split_modifiers(word)
+                known = modifiers_of(name)
+                assert known is None or set(given) <= known, line
+
+
+@pytest.mark.parametrize("source", TEXTS)
+def test_modifiers_that_are_named_alone_are_some_ops(source):
+    known = set().union(*({p.name for p in op.modifiers()} for op in (*FILTERS, *host.OPS)))
+    known |= {p.name for o in LANGUAGE.options if o.modifiers for p in declared(o.modifiers)[1]}
+    named = set(re.findall(r"`:?([a-z_]+)=[^`\s]*`", TEXTS[source]))
+    assert named - known - NO_MODIFIERS == set()
+
+
+@pytest.mark.parametrize("source", TEXTS)
+def test_every_file_type_is_one_that_is_read_or_written(source):
+    listed = oiio.get_string_attribute("extension_list")
+    known = {f".{suffix}" for one in listed.split(";") for suffix in one.partition(":")[2].split(",")}
+    named = set(re.findall(r"(?<![\w/)\]*}#>%-])(\.[a-z][a-z0-9]{1,4})(?![\w.(/-])", TEXTS[source]))
+    assert named - known - OURS - OTHER_FILES == set()
+
+
+@pytest.mark.parametrize("source", TEXTS)
+def test_every_file_of_ours_that_is_named_is_there(source):
+    named = set(
+        re.findall(r"(?<![\w/(])((?:docs|tests|benchmarks|golden|oiiotex)/[\w./*-]+\.(?:md|py|cl))", TEXTS[source])
+    )
+    assert [name for name in named if "NAME" not in name and not list(ROOT.glob(name))] == []
+    if source.endswith(".md"):
+        links = set(re.findall(r"\]\((?!http)([^)#\s]+)", TEXTS[source]))
+        assert [link for link in links if not (ROOT / source).parent.joinpath(link).exists()] == []
