@@ -32,44 +32,50 @@ def _quilting_patch(a: Launch) -> float:
     return a.vertical / (a.offset / 4)  # a byte for each row of each cell
 
 
+def _rows(a: Launch, first: str, end: str) -> int:
+    """Rows that a launch over a band of them makes; `from` is a word of Python's."""
+    return max(1, getattr(a, end) - getattr(a, first))
+
+
+def _matching(a: Launch, rows: int) -> float:
+    return a.columns * rows * (16 + 2 * a.CHANNELS) + a.e_rows * (2 * a.CHANNELS * a.e_width + 4 * a.e_columns)
+
+
 BYTES: dict[str, Callable[[Launch], float]] = {
-    "patchmatch_pad": lambda a: (
-        2 * a.CHANNELS * (a.width * a.height + (a.width + a.PATCH - 1) * (a.height + a.PATCH - 1))
-    ),
+    "patchmatch_pad": lambda a: 2 * a.CHANNELS * (a.width * a.height + (a.width + a.PATCH - 1) * a.rows),
     "patchmatch_score": lambda a: a.columns * a.rows * (8 + 2 * a.CHANNELS),
-    "patchmatch_propagate": lambda a: (
-        a.columns * a.rows * (16 + 2 * a.CHANNELS) + a.e_rows * (2 * a.CHANNELS * a.e_width + 4 * a.e_columns)
-    ),
-    "patchmatch_search": lambda a: (
-        a.columns * a.rows * (16 + 2 * a.CHANNELS) + a.e_rows * (2 * a.CHANNELS * a.e_width + 4 * a.e_columns)
-    ),
+    "patchmatch_propagate": lambda a: _matching(a, _rows(a, "from", "to")),
+    "patchmatch_search": lambda a: _matching(a, _rows(a, "from", "to")),
     "patchmatch_count": lambda a: 4 * a.columns * a.rows,
     "patchmatch_uses_rows": lambda a: 8 * a.e_columns * a.e_rows,
     "patchmatch_penalty": lambda a: 12 * a.e_columns * a.e_rows,
-    "patchmatch_vote": lambda a: 4 * a.columns * a.rows + 2 * a.CHANNELS * a.width * a.height,
-    "patchmatch_pick": lambda a: 4 * a.columns * a.rows + 4 * a.width * a.height,
+    "patchmatch_vote": lambda a: (4 * a.columns + 2 * a.CHANNELS * a.width) * _rows(a, "top", "bottom"),
+    "patchmatch_pick": lambda a: 4 * (a.columns + a.width) * _rows(a, "top", "bottom"),
     "patchmatch_hold": lambda a: 2 * a.CHANNELS * a.width * a.height,
     "patchmatch_ease": lambda a: (6 * a.CHANNELS + 1) * a.width * a.height,
     "use_prices_count": lambda a: 4 * a.columns * a.rows,
     "use_prices_ascend": lambda a: 28 * a.kinds,
     "use_prices_rows": lambda a: 8 * a.e_columns * a.e_rows,
     "use_prices_add": lambda a: 13 * a.e_columns * a.e_rows,
-    "histograms_gather": lambda a: a.CHANNELS * (2 * a.width * a.height + 4 * a.BINS * a.cells_x * a.cells_y),
+    "histograms_gather": lambda a: (
+        2 * a.CHANNELS * a.width * _rows(a, "begin", "end") + 4 * a.BINS * a.CHANNELS * a.cells_x * a.count
+    ),
     "histograms_blur": lambda a: 8 * a.BINS * a.CHANNELS * a.n * a.across,
     "histograms_row_sums": lambda a: 4 * a.BINS * a.rows * (a.cells_x + 1),
     "histograms_cumulate": lambda a: 8 * a.BINS * a.cells_x * a.rows,
-    "histograms_match": lambda a: a.CHANNELS * (4 * a.width * a.height + 4 * a.BINS * a.cells_x * a.cells_y),
+    "histograms_match": lambda a: 4 * a.CHANNELS * a.width * a.count,
     "histograms_table": lambda a: 4 * a.CHANNELS * a.width * a.height,
     "histograms_values": lambda a: 2 * a.CHANNELS * a.width * a.height,
     "histograms_values_sum": lambda a: 4 * a.CHANNELS * a.entries * (a.parts + 1),
-    "histograms_blend": lambda a: (4 + 12 * a.CHANNELS) * a.width * a.height,
-    "moments_gather": lambda a: a.CHANNELS * (2 * a.width * a.height + 24 * a.cells_x * a.cells_y),
-    "moments_match": lambda a: a.CHANNELS * (4 * a.width * a.height + 16 * a.cells_x * a.cells_y),
-    "steerable_rows": lambda a: 18 * a.CHANNELS * a.width * a.height,
-    "steerable_columns": lambda a: 24 * a.CHANNELS * a.width * a.height,
-    "steerable_spread": lambda a: (24 + 8 * a.changes) * a.CHANNELS * a.width * a.height,
-    "steerable_rest": lambda a: 20 * a.CHANNELS * a.width * a.height,
-    "steerable_add": lambda a: 24 * a.CHANNELS * a.width * a.height,
+    "histograms_blend": lambda a: (4 + 12 * a.CHANNELS) * a.width * a.count,
+    "moments_gather": lambda a: 2 * a.CHANNELS * a.width * _rows(a, "begin", "end") + 24 * a.CHANNELS * a.cells_x,
+    "moments_about": lambda a: 32 * a.cells_x * a.rows,
+    "moments_match": lambda a: 4 * a.CHANNELS * a.width * a.count,
+    "steerable_rows": lambda a: 18 * a.CHANNELS * a.width * a.count,
+    "steerable_columns": lambda a: 24 * a.CHANNELS * a.width * a.count,
+    "steerable_spread": lambda a: (24 + 8 * a.changes) * a.CHANNELS * a.width * a.count,
+    "steerable_rest": lambda a: 20 * a.CHANNELS * a.width * a.count,
+    "steerable_add": lambda a: 24 * a.CHANNELS * a.width * a.count,
     "candidates_start": lambda a: 41 * 4**a.side,
     "candidates_propagate": lambda a: 48 * 4**a.side,
     "candidates_search": lambda a: 48 * 4**a.side,
@@ -100,10 +106,10 @@ BYTES: dict[str, Callable[[Launch], float]] = {
 # How many things of a kind a launch looks at, at most, where arithmetic or random reads are what it is about.
 WORK: dict[str, tuple[str, Callable[[Launch], float]]] = {
     "patchmatch_score": ("patch distances", lambda a: a.columns * a.rows),
-    "patchmatch_propagate": ("patch distances", lambda a: 4 * a.columns * a.rows),
-    "patchmatch_search": ("patch distances", lambda a: a.searches * a.columns * a.rows),
-    "patchmatch_vote": ("votes", lambda a: a.PATCH**2 * a.columns * a.rows),
-    "patchmatch_pick": ("votes", lambda a: a.PATCH**2 * a.columns * a.rows),
+    "patchmatch_propagate": ("patch distances", lambda a: 4 * a.columns * _rows(a, "from", "to")),
+    "patchmatch_search": ("patch distances", lambda a: a.searches * a.columns * _rows(a, "from", "to")),
+    "patchmatch_vote": ("votes", lambda a: a.PATCH**2 * a.width * _rows(a, "top", "bottom")),
+    "patchmatch_pick": ("votes", lambda a: a.PATCH**2 * a.width * _rows(a, "top", "bottom")),
     "candidates_start": ("distances", lambda a: 16 * 4**a.side),
     "candidates_propagate": ("distances", lambda a: 4 * 4**a.side),
     "candidates_search": ("distances", lambda a: (1 + a.side) * 4**a.side),

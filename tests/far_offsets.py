@@ -308,7 +308,7 @@ def superpixels(far: Far) -> None:
 
 def quilting(far: Far) -> None:
     columns, patch, overlap, i, j = 10000, 64, 16, 9000, 9000
-    cell = i * columns + j
+    cell, across = i * columns + j, SIDE // 16
 
     def run(name, at, *arguments):
         print("quilting", name, flush=True)
@@ -316,7 +316,8 @@ def quilting(far: Far) -> None:
 
     def facts(candidates: int = 65536, levels: int = 16) -> np.ndarray:
         grid = patch, overlap, 48 * columns, 48 * columns, columns, columns, 0, 0
-        rest = SIDE, SIDE - 63, SIDE - 63, 64, 1016, candidates, levels, 4, 8, 0, 0
+        squares = 16, 3, 8, across
+        rest = SIDE, SIDE - 63, SIDE - 63, *squares, candidates, levels, 4, 8, 0, 0, 0, 0, 0, 0, 0
         return np.array((*grid, *rest), np.uint32)
 
     xs = np.arange(columns, dtype=np.int32) * 48
@@ -362,15 +363,19 @@ def quilting(far: Far) -> None:
     one, nothing, keys = np.array([0, 1], np.int32), np.zeros(1, np.int32), far.zeros(np.int32, columns, columns)
     offsets = np.array([AT_E])
     target[n] = 0
-    place = order, 0, n + 1, keys, target, exemplar, coarse, exemplar, finer, histogram, nothing, nothing
-    content = offsets, one, one, nothing, nothing, key_map, nothing, np.ones(1, np.int32)
-    units = np.int64(0), np.int64(0)
-    run("score", (0, n), facts(levels=0), *plan, *place, *units, *content, candidate, cost)
+    use = np.zeros(across**2, np.int32), np.zeros(across**2, np.int32), 0
+    in_step = np.zeros(10, np.uint32), nothing
+    labels = finer, histogram, nothing, nothing
+    place = order, 0, n + 1, keys, target, exemplar, coarse, exemplar, *labels, *use, *in_step
+    units, content = (np.int64(0),) * 4, (offsets, one, key_map)
+    price = far.zeros(np.int64, n + 1, 65536)
+    run("score", (0, n), facts(levels=0), *plan, *place, *units, *content, candidate, cost, price)
     assert candidate[n, 0] == AT_E
     cost[n, 1:] = (1 << 63) - 1  # nothing else is to be had
     exemplar[E : E + patch, E : E + patch] = 0
     exemplar[E, E] = 3, 0, 0
-    run("best", (n,), facts(levels=0), *plan, *place, *units, *content, candidate, cost, best, 1)
+    number = far.zeros(np.int32, n + 1)
+    run("best", (n,), facts(levels=0), *plan, *place, *units, *content, candidate, cost, price, best, number, 1)
     assert best[n] == (E - 1) << 16 | (E + 1)  # the first place next to it without that pixel; it has the same key
 
 
@@ -388,7 +393,24 @@ def multiscale(far: Far) -> None:
     places = WIDTH, 29000, 24000, WIDTH, HEIGHT
     far_away = (np.int64(0),) * 4
     numbers = np.uint32(3), np.uint32(1), 0, 256
-    run("upsample", (X, Y), parent, parent_r, texel, r, colour, stack, finer, spacing, 5, *places, *far_away, *numbers)
+    steps = 0, np.zeros(10, np.uint32), np.zeros(4, np.int32)  # no lattice to keep in step with
+    run(
+        "upsample",
+        (X, Y),
+        parent,
+        parent_r,
+        texel,
+        r,
+        colour,
+        stack,
+        finer,
+        spacing,
+        5,
+        *places,
+        *far_away,
+        *numbers,
+        *steps,
+    )
     assert texel[Y, X] == 5
     assert r[Y, X].tolist() == [16] * 4
     assert colour[Y, X].tolist() == [26, 36, 46, 16]

@@ -73,7 +73,7 @@ def test_kernels_are_timed_by_name():
     with Buffers(opened, {"image": 6 * 12, "padded": 6 * 100}, 1 << 20, "a test") as buffers:
         opened.write(buffers["image"], np.zeros((3, 4, 3), np.int16))
         opened.program("patchmatch", PATCH=5, CHANNELS=3, LATTICE=0)(
-            "pad", (8, 7), buffers["image"], buffers["padded"], 4, 3
+            "pad", (8, 7), buffers["image"], buffers["padded"], 4, 3, 7
         )
         stats = Stats()
         opened.collect(stats)

@@ -155,7 +155,7 @@ def test_temporary_names_cannot_be_foreseen_and_lead_through_no_link(tmp_path, m
         with temporary_beside(tmp_path / "a.txt") as temporary:
             names.add(temporary.name)
     assert len({name.rsplit("-", 1)[1] for name in names}) == 3
-    monkeypatch.setattr("secrets.token_hex", lambda count: "0" * (2 * count))
+    monkeypatch.setattr("os.urandom", lambda count: bytes(count))
     with temporary_beside(tmp_path / "a.txt") as temporary:
         planted = temporary
     (tmp_path / "victim").write_text("mine")

@@ -158,7 +158,7 @@ def test_one_command_from_a_photo(tmp_path):
     [
         ((), "no label parts"),
         (("--texlabel:keep=1", ":level=99"), "level=99: there is"),
-        (("--texlabel:keep=1", ":size=4194304x4194304"), "growing a label map for 4194304x4194304"),
+        (("--texlabel:keep=1", ":size=4194304x4194304"), "quilting 4194304x4194304"),
     ],
 )
 def test_what_is_wrong_is_said(fails, tmp_path, words, said):

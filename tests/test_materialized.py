@@ -12,7 +12,6 @@ import threading
 import numpy as np
 import pytest
 
-from oiiotex.core import demand
 from oiiotex.core.demand import materialized
 from oiiotex.core.image import Part
 from oiiotex.core.window import Window
@@ -67,7 +66,7 @@ def test_a_wide_part_is_settled_in_pieces_of_some_megabytes():
 
 
 def test_a_spilled_part_leaves_no_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(demand.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     kept = materialized(coordinates(300, 300), 1)
     assert os.listdir(tmp_path) == []
     assert kept.read(Window(7, 8, 9, 10))[0, 0].tolist() == [7, 8]

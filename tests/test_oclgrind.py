@@ -97,7 +97,7 @@ for tile in (True, False):
 from pathlib import Path
 from oiiotex.multiscale.candidate_sets import Stacks, analyse
 from oiiotex.multiscale.graph import Edge, Graph
-from oiiotex.multiscale.synthesizer import Settings, Synthesizer
+from oiiotex.multiscale.synthesizer import PlaneSettings, Synthesizer
 from oiiotex.multiscale.superexemplar import unrolled
 from oiiotex.core.window import Window
 graph = Graph(("a",), (Path("a"),), 0, (Edge(0, 0, 1),), (1.0,), (None,))
@@ -108,7 +108,7 @@ usable = np.ones(planes.shape[:3], bool)
 usable[:, 3:6, 2:9] = False
 stacks = Stacks(levels, planes, usable, usable, (False,) * len(planes))
 made = analyse(opened, stacks, 16, True, 1 << 30, lambda done, total: None, None)
-maker = Synthesizer(opened, made, Settings(seed=1, jitter=(0.0, 0.6), kept=0.8), 1 << 30)
+maker = Synthesizer(opened, made, PlaneSettings(seed=1, jitter=(0.0, 0.6), kept=0.8), 1 << 30)
 maker.window(5, Window.sized(3, -2, 6, 5))
 """,
 }

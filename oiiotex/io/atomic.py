@@ -52,6 +52,24 @@ def temporary_beside(path: Path) -> Iterator[Path]:
         _live.discard(temporary)
 
 
+@contextlib.contextmanager
+def tried_beside(path: Path) -> Iterator[Path]:
+    """A name as `name_beside` gives it, to try what can be written: nothing is left there when the block ends.
+
+    Raises
+    ------
+    ImageError
+        As `name_beside`.
+    """
+    temporary = name_beside(path)
+    _live.add(temporary)
+    try:
+        yield temporary
+    finally:
+        temporary.unlink(missing_ok=True)
+        _live.discard(temporary)
+
+
 def name_beside(path: Path) -> Path:
     """A hidden name beside `path` that bears host and pid, and cannot be foreseen.
 

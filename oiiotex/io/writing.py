@@ -13,7 +13,7 @@ from ..core.image import Image, Part
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .atomic import name_beside, temporary_beside
+from .atomic import temporary_beside, tried_beside
 from .description import warn_of_loss
 from .formats import Format, fitted, specs_of, tile_of, wanted_type
 from .reading import checked_name, error_text, keep_readable, read
@@ -67,11 +67,8 @@ def write(
 def require_writable(image: Image, path: str | os.PathLike, how: Format | oiio.TypeDesc | None = None) -> None:
     """Refuse, before the work, what `write` would refuse of the name and the parts' types: no pixel is asked for."""
     path = Path(checked_name(path))
-    temporary = name_beside(path)
-    try:
+    with tried_beside(path) as temporary:
         _prepared(image, temporary, path, how)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _prepared(
