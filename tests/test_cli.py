@@ -108,7 +108,7 @@ BAD = {
         "no device 'abacus'; there is 0 =",
     ),
     "a tile beyond the budget": (
-        ["photo.png", "--texstationarize:size=4096x4096", "--cache", "100"],
+        ["photo.png", "--texstationarize:size=65536x65536", "--cache", "100"],
         "the budget is 100 MB",
     ),
     "a small exemplar": (

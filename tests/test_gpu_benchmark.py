@@ -177,7 +177,9 @@ def test_a_bound_is_what_must_be_moved():
     class Buffer:
         size = 600
 
-    launch = gpu_bounds.launch_of("patchmatch", "patchmatch_pad", {"PATCH": 5}, (14, 11), (Buffer(), Buffer(), 10, 7, 11))
+    launch = gpu_bounds.launch_of(
+        "patchmatch", "patchmatch_pad", {"PATCH": 5}, (14, 11), (Buffer(), Buffer(), 10, 7, 11)
+    )
     assert launch.CHANNELS == 3  # the file's own
     cost = gpu_bounds.Cost()
     cost.add("patchmatch_pad", launch)

@@ -59,6 +59,13 @@ def test_pixels_that_do_not_count_are_no_structure():
     assert main_texture(lab_like(picture), np.zeros_like(usable), Session()) is None
 
 
+@pytest.mark.parametrize("noise", [0, 0.01])
+def test_a_flat_part_is_no_texture_beside_which_all_else_is_structure(noise):
+    picture = pictures.pebbles(128, 128, 3).astype(np.float32)
+    picture[:90, :90] = picture.mean((0, 1)) + np.random.default_rng(0).normal(0, noise, (90, 90, 1))
+    assert main_texture(lab_like(picture), None, Session()) is None
+
+
 def test_too_small_a_photo_has_no_structures():
     assert main_texture(lab_like(plaster(12, 40)), None, Session()) is None
 

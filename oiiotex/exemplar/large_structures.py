@@ -18,6 +18,7 @@ from ..color.lab_grid import FINE_STEPS
 from ..color.lab_reduced import LabPixels
 from ..deferred import np
 from ..patchmatch.constraints import coarse_image, coarse_mask
+from ..patchmatch.use_prices import deviation, flat_bound
 from ..session import Session
 
 if TYPE_CHECKING:
@@ -31,7 +32,9 @@ PATCHES = 7, 9, 11, 13  # px of it
 AGREEING = 3  # of them must find a texture
 MUCH = 0.78  # of the photo's deviation: with less in its main texture, structures have the rest
 HALF = 0.5  # the same where other groups of patches are denser: structures of one colour, or stones of many kinds
+FLAT = 0.1  # share of its texels that are not flat below which it is no texture, and what lies beside it is
 _TEXELS = 2000
+_BLOCK = 5  # px; what is flat is looked at in
 _CLEAR = 0.745  # share of texels up to which it was found by a valley of heat, and not by its bound
 
 
@@ -55,8 +58,8 @@ def main_texture(lab: np.ndarray, usable: np.ndarray | None, session: Session) -
     """The texture that structures lie beside; None where the photo is all texture.
 
     It is the dominant texture of LDR09, but only where heat has a valley around it, for a gradient of light or a stain
-    has none, and where its colours deviate less than the photo's: else there is nothing to spread. One size of patches
-    may see that by chance: most of several must.
+    has none, where it is not flat, as a sky beside stones is, and where its colours deviate less than the photo's: else
+    there is nothing to spread. One size of patches may see that by chance: most of several must.
 
     Parameters
     ----------
@@ -77,7 +80,7 @@ def main_texture(lab: np.ndarray, usable: np.ndarray | None, session: Session) -
         dominant = dominant_texture(pixels, quiet, patch=patch, most=_TEXELS)
         if dominant.kernel is None:
             return None
-        if not dominant.rejected and dominant.share < _CLEAR:
+        if not dominant.rejected and dominant.share < _CLEAR and _textured(pixels, dominant) > FLAT:
             look = MainTexture(dominant.share, _deviation(pixels, dominant))
             if look.deviation <= (MUCH if len(dominant.rounds) == 1 else HALF):
                 looks.append(look)
@@ -118,6 +121,18 @@ def _reduced(lab: np.ndarray, usable: np.ndarray | None) -> LabPixels:
     if not seen.all():
         small[~seen] = small[seen].mean(0, dtype=np.float64) if seen.any() else 0
     return LabPixels(small.astype(np.float32), seen, 1, None, width, height)
+
+
+def _textured(pixels: LabPixels, dominant: Dominant) -> float:
+    """Share of the dominant texels around which the photo is not flat, as the prices of use see it."""
+    from ..dominant.diffusion import DOMINANT
+
+    activities = deviation(np.rint(pixels.lab * FINE_STEPS).astype(np.int16), _BLOCK)
+    chosen = dominant.types == DOMINANT
+    last = activities.shape[0] - 1, activities.shape[1] - 1
+    rows = np.clip(dominant.texels.rows[chosen] - _BLOCK // 2, 0, last[0])
+    columns = np.clip(dominant.texels.columns[chosen] - _BLOCK // 2, 0, last[1])
+    return float((activities[rows, columns] > flat_bound(activities)).mean())
 
 
 def _deviation(pixels: LabPixels, dominant: Dominant) -> float:

@@ -65,6 +65,7 @@ _LIMIT = re.compile(r"([a-z_]+)([<>])([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)
 _BEYOND = {">": operator.gt, "<": operator.lt}
 _BYTES = 200  # of a pixel of photo or result, held while they are measured
 _MUCH = 0.08  # of a tile: texture that is lost
+_TOO_MUCH = 0.1  # of a tile of a photo that is flat for the most part
 _LEAST = 16  # px; a photo or a result that is smaller has nothing to be measured
 
 
@@ -93,7 +94,7 @@ def say_what_was_lost(flag: str, lost: Lost, left_out: bool) -> None:
     Raises
     ------
     ImageError
-        Most of it is gone where some of the photo is flat.
+        Most of it is gone where some of the photo is flat, or much where most is.
     """
     shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
     log.info("%s: %s; the rest is flat (an eighth as active as texture, or less)", flag, shares)
@@ -106,7 +107,7 @@ def say_what_was_lost(flag: str, lost: Lost, left_out: bool) -> None:
         log.warning("%s: texture is lost: %s: more iterations= keep more", flag, shares)
         return
     offer = "leave flat parts out by mask=1 with the mask that --texdominant makes"
-    if lost.shown < 0.5 * lost.own:
+    if lost.shown < 0.5 * lost.own or (lost.own < 0.5 and lost.share > _TOO_MUCH):
         raise ImageError(f"too much of the texture is lost: {shares}: {offer}")
     log.warning("%s: texture is lost: %s: %s", flag, shares, offer)
 

@@ -116,9 +116,8 @@ def lost_texture(source: SourceMap, exemplar: np.ndarray, allowed: np.ndarray, g
     allowed : (exemplar_rows, exemplar_columns) bool
     geometry : Geometry
     """
-    side = (geometry.patch + 1) // 2  # small blocks: what is cut into pieces has many edges, and is still there
-    beyond = geometry.patch - side
-    own = deviation(exemplar[: exemplar.shape[0] - beyond, : exemplar.shape[1] - beyond], side)[allowed]
+    side = geometry.patch
+    own = deviation(exemplar, side)[allowed]
     flat = flat_bound(own)
     down, right = (0 if wraps else side - 1 for wraps in (geometry.wrap_y, geometry.wrap_x))
     height, width = source.packed.shape
