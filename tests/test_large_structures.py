@@ -13,6 +13,8 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
+from oiiotex.core.image import from_buffer
+from oiiotex.errors import ParameterError
 from oiiotex.exemplar.large_structures import CONTRAST, main_texture
 from oiiotex.filters.presets import PRESETS
 from oiiotex.session import Session
@@ -144,3 +146,23 @@ def test_a_preset_refuses_before_the_work(fails, tmp_path):
     line = fails("photo.png", "--texstationarize:preset=clean:n=1:relevel=1")
     assert "relevel=1" in line
     assert "preset=spare" in fails("photo.png", "--texstationarize:preset=spare")
+
+
+# --- the paper by the letter ---
+
+
+def test_paper_is_mjh17_by_the_letter():
+    photo = buffer(plaster(64, 64))
+    recipe = filters.Stationarize(exemplar=from_buffer(photo), paper=True).recipe(64, 64)
+    assert recipe.literal and not (recipe.complete or recipe.flat) and recipe.in_step is None
+    assert (recipe.alpha(0), recipe.alpha(15), recipe.alpha(30), recipe.alpha(31)) == (1, 0.5, 0, 0)
+    with pytest.raises(ParameterError, match=r"structure=0\.2: paper=True says structure=0"):
+        filters.stationarize(photo, paper=True, structure=0.2)
+    with pytest.raises(ParameterError, match="preset=keep: paper=True says"):
+        filters.stationarize(photo, paper=True, preset="keep")
+    literal, ours = (
+        pixels(filters.stationarize(photo, measure="steerable", iterations=4, contrast=1.0, structure=0, **way))
+        for way in ({"paper": True}, {"target": "exemplar"})
+    )
+    assert set(map(tuple, literal.reshape(-1, 3))) <= set(map(tuple, pixels(photo).reshape(-1, 3)))
+    assert (literal != ours).any(-1).mean() > 0.1

@@ -2090,6 +2090,7 @@ def stationarize(
     order: int | None = None,
     structure: float = 0.5,
     preset: Literal['even', 'clean', 'keep'] | None = None,
+    paper: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     match: float | Sequence[float] | None = None,
@@ -2152,6 +2153,8 @@ def stationarize(
         how strongly what repeats in the photo at equal distances (tiles, courses, weaves) is kept so; 0: not at all. Without size the result is then the nearest on which the lattice closes. Nothing changes where there is none; a number >= 0 and <= 1
     preset : Literal['even', 'clean', 'keep'] | None, default None
         a set of modifiers, for those that are left out: even (drift alone goes): contrast=0.7; clean (objects go, too): contrast=0 and the mask that filters.dominant makes; keep (structures stay whole): sigma = longer side / 8, patch=21, contrast=0.7; -v prints the line that makes the same pixels
+    paper : bool, default False
+        MJH17 by the letter: target=exemplar:contrast=1:structure=0, no prices of use, no overshoot, and what measure=steerable does not see stays; where the paper gives no number (alpha, uniformity) it is ours
     n : int, default 1
         how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
     kinds : Sequence[str] | None, default None
@@ -2227,6 +2230,7 @@ def stationarize(
     order: int | None = None,
     structure: float = 0.5,
     preset: Literal['even', 'clean', 'keep'] | None = None,
+    paper: bool = False,
     n: Literal[1] = 1,
     kinds: Sequence[str] | None = None,
     match: float | Sequence[float] | None = None,
@@ -2268,6 +2272,7 @@ def stationarize(
     order: int | None = None,
     structure: float = 0.5,
     preset: Literal['even', 'clean', 'keep'] | None = None,
+    paper: bool = False,
     n: int = 1,
     kinds: Sequence[str] | None = None,
     match: float | Sequence[float] | None = None,

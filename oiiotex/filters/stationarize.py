@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ..core.access import Whole
 from ..core.attributes import mark_as_data
@@ -338,6 +338,18 @@ class Stationarize(PatchSynthesis):
     order: int | None = param(None, ge=2, le=4, help=ORDER)
     structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
+    paper: bool = param(
+        False,
+        help="MJH17 by the letter: target=exemplar:contrast=1:structure=0, no prices of use, no overshoot, and what"
+        " measure=steerable does not see stays; where the paper gives no number (alpha, uniformity) it is ours",
+    )
+    PAPER: ClassVar[dict[str, Any]] = {"target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None}
+
+    def __post_init__(self) -> None:
+        """What paper=1 says."""
+        super().__post_init__()
+        if self.paper:
+            self.set_together("paper", self.PAPER)
 
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """As all of its kind; a preset first becomes what it stands for."""
@@ -363,12 +375,13 @@ class Stationarize(PatchSynthesis):
         contrast = self.contrast if self.contrast is not None else CONTRAST if self.within is None else 0.0
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         # what is made anew within a photo goes with its surroundings, be they flat
-        return replace(plain, measure=self.measure, order=order, complete=self.within is None)
+        complete = self.within is None and not self.paper
+        return replace(plain, measure=self.measure, order=order, complete=complete, literal=self.paper)
 
     @property
     def finds_losses(self) -> bool:
         """Of one whole tile."""
-        return self.within is None and self.variants == 1
+        return self.within is None and self.variants == 1 and not self.paper
 
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> Recipe:
         """With the contrast that fits the photo, and the sigma of `amount` (MJH17 section 4.4)."""

@@ -86,6 +86,9 @@ class Recipe(Domain):
         No region of the exemplar is shown too often, and the result is no flatter than the exemplar.
     in_step : InStep or None
         The lattice of the exemplar that the result keeps.
+    literal : bool
+        Projections and searches are the paper's: no `OVERSHOOT`, all windows on all levels, and of steerable responses
+        what no filter sees stays as it is.
     """
 
     sigma: float | None
@@ -100,6 +103,7 @@ class Recipe(Domain):
     order: int = 2
     complete: bool = False
     in_step: InStep | None = None
+    literal: bool = False
 
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""
@@ -211,7 +215,7 @@ def synthesize(
                     field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
             else:
                 field = upsample_field(field, coarser, geometry, patches, recipe.seed, place)
-            searches = SEARCHES if iteration == 0 else FINE_SEARCHES
+            searches = SEARCHES if iteration == 0 or recipe.literal else FINE_SEARCHES
             counted = image.reshape(-1, image.shape[2]) if usable is None else image[usable]
             variance = float(counted.var(axis=0, dtype=np.float64).sum())
             prices = None
@@ -306,8 +310,9 @@ class _Level:
     def _projected(self, domain: Domain, sigma: float, number: int = 0) -> Projecting:
         grid, recipe = CellGrid.of(domain, sigma), self._recipe
         return projection(
-            recipe.measure, recipe.order, self._device, self._buffers, grid, self._low, self._high, number
-        )
+            recipe.measure, recipe.order, self._device, self._buffers, grid, self._low, self._high, number,
+            recipe.literal,
+        )  # fmt: skip
 
     def _exemplar_counts(self, exemplar: np.ndarray, sigma: float | None) -> np.ndarray:
         """The histogram that is aimed at: of the exemplar, projected where the recipe says so."""
@@ -359,8 +364,8 @@ class _Level:
         self._matcher.improve(passes, iteration)
 
     def _project(self) -> None:
-        rows = self._matcher.rows
-        for top, bottom, first in projected(self._projection, rows.image, "target", OVERSHOOT, rows.most):
+        rows, strength = self._matcher.rows, 1.0 if self._recipe.literal else OVERSHOOT
+        for top, bottom, first in projected(self._projection, rows.image, "target", strength, rows.most):
             self._take_target(first, bottom)
             self._hold(first, bottom)
             rows.image.save(top, bottom, first, into=self._next_image)

@@ -65,7 +65,7 @@ def projected(
 
 def projection(
     measure: str, order: int, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray,
-    number: int = 0,
+    number: int = 0, literal: bool = False,
 ) -> Projecting:  # fmt: skip
     """By local histograms, moments up to `order` or steerable responses; all else as `histograms.Projection` has it.
 
@@ -83,6 +83,8 @@ def projection(
         Range of values, in grid steps.
     number : int
         Of a projection that is used beside others.
+    literal : bool
+        Of steerable responses: MJH17 section 4.3 by the letter, without the departures of `steerable`.
     """
     common = (device, buffers, grid, low, high)
     if measure == "histogram":
@@ -93,7 +95,7 @@ def projection(
         return MomentProjection(*common, order, f"local{number}")
     from .steerable import SteerableProjection
 
-    return SteerableProjection(*common, f"grid{number}")
+    return SteerableProjection(*common, f"grid{number}", literal)
 
 
 def layout(

@@ -4,7 +4,8 @@
 Departures from the paper: its pyramid is Simoncelli's, here the filters are those of `stationarity/steerable.py`, and
 what none of them sees (low and high frequencies: the image less its own responses) is one rest, not two residuals.
 The rest is matched as well, as Heeger and Bergen match theirs: the twelve responses alone leave a photo's stains and
-gradients of light, which are slower than what they see, as they are.
+gradients of light, which are slower than what they see, as they are. And changes are spread back stronger than they
+are. `literal` leaves both departures out.
 """
 
 from __future__ import annotations
@@ -48,15 +49,19 @@ def _grids(name: str) -> list[str]:
 
 
 class SteerableProjection:
-    """As `histograms.Projection`, of four bands of every channel; it sees `2 RADIUS` rows above and below."""
+    """As `histograms.Projection`, of four bands of every channel; it sees `2 RADIUS` rows above and below.
+
+    `literal`: the rest stays as it is, and what changed is spread back as it is.
+    """
 
     looks_beyond = True
 
     def __init__(
-        self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, name: str = "grid"
+        self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, name: str = "grid",
+        literal: bool = False,
     ):  # fmt: skip
         self.channels = len(low)
-        self._responses = _Responses(device, buffers, grid, low, high)
+        self._responses, self._literal = _Responses(device, buffers, grid, low, high, literal), literal
         largest = np.full(self.channels, math.ceil(_SCALE * math.sqrt(_LARGEST)))
         ranges = [(-largest, largest)] * ORIENTATIONS + [(low, high)]
         self._projections = [
@@ -87,7 +92,8 @@ class SteerableProjection:
         rows = responses.cut(top - RADIUS, bottom + RADIUS) if bottom - top < responses.height else (top, bottom)
         for projection, band, after in zip(of_bands, bands, _AFTER, strict=True):
             projection.match(band, *rows, after, 1.0)
-        of_rest.match(rest, top, bottom, _REST[1], 1.0)
+        if not self._literal:
+            of_rest.match(rest, top, bottom, _REST[1], 1.0)
         return responses.add_changes(top, bottom, matched, strength)
 
 
@@ -96,8 +102,11 @@ class _Responses:
     `RADIUS` rows more above and below, which are spread back into it.
     """
 
-    def __init__(self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray):
+    def __init__(
+        self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, literal: bool
+    ):
         self._device, self._buffers, self._grid, self._channels = device, buffers, grid, len(low)
+        self._gain, self._rest = (1.0, (_REST[0], _REST[0])) if literal else (_GAIN, _REST)
         self._run = device.program("steerable", RADIUS=RADIUS, CHANNELS=len(low))
         self._taps, self._angular, *self._range = (
             device.upload(table.astype(np.float32)) for table in (*filter_bank(), np.asarray(low), np.asarray(high))
@@ -159,10 +168,10 @@ class _Responses:
         self.load(top, bottom, 0)
         b, width = self._buffers, self._grid.width
         first = 0 if self.image.store is None else self.cut(top - 2 * RADIUS, bottom + 2 * RADIUS)[0]
-        self._spread(top, bottom, _GAIN / _SCALE**2, 1)
+        self._spread(top, bottom, self._gain / _SCALE**2, 1)
         place = top - first, 0 if self.image.store is not None else top, bottom - top, self.held, width
         self._run(
-            "add", self._shape(bottom - top), b[self.image.name], b["derivatives"], *(b[name] for name in _REST),
+            "add", self._shape(bottom - top), b[self.image.name], b["derivatives"], *(b[name] for name in self._rest),
             b[matched], self._taps, *self._range, strength, *place, self._grid.wrap_x,
         )  # fmt: skip
         return first
