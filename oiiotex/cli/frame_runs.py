@@ -16,7 +16,7 @@ from .parse import CommandLine, parse
 from .progress import Display
 from .rehearsal import Rehearsals
 from .sequences import Frame, frames
-from .tasks import Task, run_task, session_for
+from .tasks import Task, run_task, session_for, skip
 
 log = logging.getLogger("oiiotex")
 
@@ -105,10 +105,3 @@ def _looked_through(todo: list[Frame], session: Session, command: CommandLine) -
     for level, text in notes:
         log.log(level, "%s", text)
     return tasks, status
-
-
-def skip(error: Error, command: CommandLine) -> None:
-    """Go on with the next frame, where that is wanted."""
-    if "--skip-bad-frames" not in command.settings:
-        raise error
-    log.error("oiiotex ERROR: %s", error)

@@ -17,12 +17,11 @@ from concurrent.futures.process import BrokenProcessPool
 
 from ..errors import Error
 from ..session import Session
-from .frame_runs import skip
 from .parse import CommandLine
 from .progress import Display
 from .stopping import end_at_once
 from .streams import loud, quiet_libraries
-from .tasks import Job, Task, work
+from .tasks import Job, Task, skip, work
 
 log = logging.getLogger("oiiotex")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import os
 import threading
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from .reading import read_input
 from .sequences import Frame
 from .shares import Shares, line_of, shares_of
 
+log = logging.getLogger("oiiotex")
 _resident: dict[tuple[object, ...], Session] = {}  # the session that this process did its last job with
 _at_work = threading.Lock()  # a line has a current folder and OpenImageIO's threads to itself
 
@@ -133,3 +135,10 @@ def limit_threads(count: int) -> None:
     """Limit OpenImageIO's own threads: it counts the machine's, not those that the process may use."""
     oiio.attribute("threads", count)
     oiio.attribute("exr_threads", count)
+
+
+def skip(error: Error, command: CommandLine) -> None:
+    """Go on with the next frame, where that is wanted."""
+    if "--skip-bad-frames" not in command.settings:
+        raise error
+    log.error("oiiotex ERROR: %s", error)
