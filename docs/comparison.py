@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,7 @@ TILE = (192, 192)
 PANE = 200  # px; every pane is a tile 2 x 2
 SIGMA = 6.0  # px, what `TILE` / 32 makes of it
 WANG = (16, (96, 96), 4)  # tiles, size, rows and columns: as large as 2 x 2 of TILE
-IN_A_LINE = 5
+IN_A_LINE = 6
 SEED = 1
 
 Way = Callable[[oiio.ImageBuf], oiio.ImageBuf]
@@ -76,10 +76,21 @@ def of_the_destained(photo: oiio.ImageBuf) -> oiio.ImageBuf:
     return filters.patchmatch(clean, size=TILE, seed=SEED)
 
 
-def wang(photo: oiio.ImageBuf) -> oiio.ImageBuf:
-    """A quarter of a random plane of Wang tiles, as large as a tile."""
-    count, size, side = WANG
-    tiles = filters.stationarize(photo, variants=count, size=size, sigma=SIGMA, seed=SEED)
+def plain_wang(photo: oiio.ImageBuf) -> oiio.ImageBuf:
+    """Wang tiles whose insides nothing makes even, as MJH17 figure 5 compares with."""
+    count, size, _ = WANG
+    return laid_at_random(filters.patchmatch(photo, variants=count, size=size, seed=SEED))
+
+
+def even_wang(photo: oiio.ImageBuf) -> oiio.ImageBuf:
+    """The same, stationarized."""
+    count, size, _ = WANG
+    return laid_at_random(filters.stationarize(photo, variants=count, size=size, sigma=SIGMA, seed=SEED))
+
+
+def laid_at_random(tiles: Sequence[oiio.ImageBuf]) -> oiio.ImageBuf:
+    """A random plane of Wang tiles, as large as a tile 2 x 2."""
+    count, _, side = WANG
     plane = random_plane(edges_of(count), side, side, SEED)
     laid = [np.concatenate([tiles[n].get_pixels(oiio.FLOAT) for n in row], axis=1) for row in plane]
     return buffer(np.concatenate(laid))
@@ -91,6 +102,7 @@ def ways() -> dict[str, Way]:
         f"ours, {measure}": lambda photo, m=measure: filters.stationarize(photo, measure=m, size=TILE, seed=SEED)
         for measure in MEASURES
     }
+    ours["by the letter"] = lambda photo: filters.stationarize(photo, paper=True, size=TILE, seed=SEED)
     return {
         "photo": lambda photo: photo,
         "make seamless": seamless,
@@ -99,7 +111,8 @@ def ways() -> dict[str, Way]:
         **ours,
         "dominant texture": of_the_dominant,
         "de-stained": of_the_destained,
-        "Wang tiles": wang,
+        "Wang tiles": plain_wang,
+        "ours, Wang tiles": even_wang,
     }
 
 
@@ -128,7 +141,7 @@ def compared(name: str) -> list[str] | None:
             panes.append(np.full((PANE, PANE, 3), 230, np.uint8))
             cells.append("none")
             continue
-        panes.append(pane(made, 1 if column == "Wang tiles" else 2))
+        panes.append(pane(made, 1 if "Wang" in column else 2))
         cells.append(f"{cost(made):.1f}")
     lines = [beside(*panes[n : n + IN_A_LINE]) for n in range(0, len(panes), IN_A_LINE)]
     write_jpeg(stacked(lines), f"comparison_{name}.jpg", quality=65)
@@ -159,7 +172,10 @@ random over the same area. From left to right and top to bottom:
 - *photo* is tiled as it is; *make seamless* is the photo blended with itself shifted by half, as paint
   programs do it.
 - *PatchMatch* does not know that it will be tiled (`--texpatchmatch:tile=none`), *toroidal PatchMatch* does.
-- *ours* is `--texstationarize` with each of its measures (MJH17 section 3), all else as it is when left out.
+- *ours* is `--texstationarize` with each of its measures (MJH17 section 3), all else as it is when left out;
+  *by the letter* the same by `paper=1`, with histograms.
+- *Wang tiles* are what `--texpatchmatch:variants=16` makes (MJH17 figure 5), *ours, Wang tiles* the same by
+  `--texstationarize`.
 - *dominant texture* is toroidal PatchMatch from `--texdominant`'s mask (LDR09) alone; *de-stained* first
   makes anew what is not in that mask (`--texstationarize:within=`), then takes the whole (compare MJH17
   figures 6 and 7). Where a pane is gray the photo has no dominant texture.

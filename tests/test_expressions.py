@@ -286,7 +286,7 @@ REFUSED = {
     "{IMG[nosuch.exr].x}": "IMG\\[nosuch.exr\\] is no label, file or number",
     "{IMG['ramp.ex'].x}": "IMG\\[ramp.ex\\] is no label, file or number",
     "{IMG[].x}": "is no label",
-    "{IMG[.].x}": "not an image",
+    "{IMG[.].x}": "a folder",
     "{IMG[0.x}": "missing '\\]' of IMG",
 }
 

@@ -2138,7 +2138,7 @@ def stationarize(
     maps : Sequence[ImageLike], default ()
         the other maps of the material, made anew with it
     sigma : float | None, default None
-        scale above which the texture must look the same everywhere; longer side / 32 when left out; a number >= 0.5 and <= 1000000 px
+        scale above which the texture must look the same everywhere; when left out longer side / 32, patch / 4 at least; a number >= 0.5 and <= 1000000 px
     amount : float | None, default None
         instead of sigma: how stationary it shall look, in even steps that hang on the photo (see filters.sigmas); a number >= 0 and <= 1
     contrast : float | None, default None

@@ -312,7 +312,7 @@ class Stationarize(PatchSynthesis):
         ge=0.5,
         le=1e6,
         unit="px",
-        help="scale above which the texture must look the same everywhere; longer side / 32 when left out",
+        help="scale above which the texture must look the same everywhere; when left out longer side / 32, patch / 4 at least",
     )
     amount: float | None = param(
         None,
@@ -371,7 +371,8 @@ class Stationarize(PatchSynthesis):
     def recipe(self, width: int, height: int) -> Recipe:
         """MJH17 by the measure that was asked for."""
         order = order_of(self.measure, self.order)
-        sigma = self.sigma or max(width, height) / 32
+        # far below the size of a patch a projection takes from small tiles what no patch can give back
+        sigma = self.sigma or max(max(width, height) / 32, (self.patch or _PATCH) / 4)
         contrast = self.contrast if self.contrast is not None else CONTRAST if self.within is None else 0.0
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         # what is made anew within a photo goes with its surroundings, be they flat
