@@ -12,7 +12,8 @@ from oiiotex.core.source_map import SourceMap
 from oiiotex.patchmatch import memory, optimization
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
 from oiiotex.patchmatch.level_rows import halo
-from oiiotex.patchmatch.optimization import Recipe, Synthesis, synthesize
+from oiiotex.patchmatch.optimization import Synthesis, synthesize
+from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.regularity.lattice import Lattice
 from oiiotex.regularity.offset_prices import InStep
 from tests import pictures
