@@ -1560,6 +1560,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -1612,6 +1613,8 @@ def patchmatch(
         on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
+    resume : bool, default False
+        keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
         measures of the result go to this file, JSON (docs/report.md)
     fail : Sequence[str] | None, default None
@@ -1669,6 +1672,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -1702,6 +1706,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -2100,6 +2105,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -2172,6 +2178,8 @@ def stationarize(
         on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
+    resume : bool, default False
+        keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
         measures of the result go to this file, JSON (docs/report.md)
     fail : Sequence[str] | None, default None
@@ -2237,6 +2245,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -2278,6 +2287,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,

@@ -77,6 +77,9 @@ class PatchSynthesis(ExemplarOp, Whole):
         le=1,
         help="how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence",
     )
+    resume: bool = param(
+        False, help="keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there"
+    )
     report: Path | None = param(None, help=REPORT_HELP)
     fail: Words | None = param(None, help=FAIL_HELP)
 
@@ -133,7 +136,8 @@ class PatchSynthesis(ExemplarOp, Whole):
         def run(
             recipe: Recipe, constraints: Constraints, advance: Callable[[int, int], None] = session.advance
         ) -> Synthesis:
-            given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints
+            keeper = session.resources.keeper if self.resume else None
+            given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints, keeper
             synthesis = synthesize(session.device, *given)
             if synthesis.lost is not None:
                 say_what_was_lost(self.flag(), synthesis.lost, self.contrast is None and recipe.contrast == 0)

@@ -21,6 +21,7 @@ from ..color.lab_grid import to_grid
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
+from ..io.checkpoint import Checkpoint
 from ..io.row_store import RowStore
 from ..opencl.buffers import Buffers, require_room
 from ..opencl.device import Device
@@ -28,6 +29,7 @@ from ..opencl.rows import Rows
 from ..projections.histograms import OUTSIDE, ValueCounts, apply_table, matching_table
 from ..projections.projection import Projecting, projected, projection
 from ..stationarity.grid_statistics import CellGrid
+from . import use_prices
 from .constraints import (
     UNCONSTRAINED,
     Constraints,
@@ -39,6 +41,7 @@ from .constraints import (
     octaves,
 )
 from .field import allowed_patches, only_allowed, random_field, upsample_field
+from .level_checkpoint import LevelCheckpoint
 from .level_rows import LevelRows, halo
 from .matcher import SEARCHES, Matcher
 from .memory import level_sigmas, plan_memory
@@ -73,6 +76,7 @@ def synthesize(
     progress: Callable[[int, int], None],
     ruled_out: str = "transparent pixels",
     constraints: Constraints = UNCONSTRAINED,
+    keeper: Checkpoint | None = None,
 ) -> Synthesis:
     """Run MJH17 algorithm 1.
 
@@ -92,6 +96,8 @@ def synthesize(
         What the pixels are that may not be used, for the error's text.
     constraints : Constraints
         What the user prescribes.
+    keeper : Checkpoint or None
+        Where finished levels are kept, and taken from when they are there.
 
     Raises
     ------
@@ -109,9 +115,17 @@ def synthesize(
     total = sum(map(len, schedule))
     iteration, field, coarser = 0, None, None
     fixed = constraints.fixed
+    levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
+    there = -1 if levels is None else levels.latest(geometries)
     plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget)
     with Buffers(device, plan.layout, budget, _task(recipe, exemplar.shape), held=plan.on_host) as buffers:
-        for geometry, scale, passes_of_level in zip(geometries, scales, schedule, strict=True):
+        for level, (geometry, scale, passes_of_level) in enumerate(zip(geometries, scales, schedule, strict=True)):
+            if level <= there:
+                iteration += len(passes_of_level)
+                progress(iteration, total)
+                passes_of_level = []
+            if level < there:
+                continue
             e_size = geometry.exemplar_width, geometry.exemplar_height
             image = to_grid(coarse_image(exemplar, allowed, *e_size), geometry.steps)
             usable = coarse_mask(allowed, *e_size)
@@ -119,7 +133,13 @@ def synthesize(
             weights = constraints.patch_weights(patches, geometry)
             rows = LevelRows(device, buffers, geometry, plan.stores)
             place = rows.field.store
-            if field is None:
+            if level == there:
+                if place is None:
+                    place = np.empty((geometry.rows, geometry.columns), np.uint32)
+                field = levels.field(level, geometry, place)
+                if recipe.complete:
+                    use_prices.hand_on(device, buffers, levels.prices(level, geometry))
+            elif field is None:
                 field = random_field(geometry, patches, recipe.seed, weights, place)
                 if fixed is not None:
                     field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
@@ -141,12 +161,15 @@ def synthesize(
                 None if weights is None else 1 / weights, prices, in_step, rows,
             )  # fmt: skip
             stays = None if fixed is None else fixed.image(exemplar, geometry)
-            level = _Level(device, buffers, matcher, image, usable, recipe, scale, constraints, stays)
+            work = _Level(device, buffers, matcher, image, usable, recipe, scale, constraints, stays)
             for passes in passes_of_level:
-                level.iterate(iteration, passes)
+                work.iterate(iteration, passes)
                 iteration += 1
                 progress(iteration, total)
             field, coarser = matcher.field(), geometry
+            if levels is not None and level > there:
+                prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)
+                levels.keep(level, geometry, field, prices_of_flatness)
         source = matcher.pick()
         if fixed is not None:
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
