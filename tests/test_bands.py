@@ -51,6 +51,8 @@ CASES = {
     "a small sigma on a plane": (recipe("x", sigma=2.2), {}),
     "two moments": (recipe(measure="moments", order=2), {}),
     "four moments on a plane": (recipe("x", measure="moments", order=4), {}),
+    "moments of a small sigma": (recipe(measure="moments", order=3, sigma=1.7), {}),
+    "moments of a small sigma on a plane": (recipe("x", measure="moments", order=2, sigma=2.2), {}),
     "steerable": (recipe(measure="steerable"), {}),
     "steerable on a plane": (recipe("x", measure="steerable"), {}),
     "steerable of a small sigma": (recipe(measure="steerable", sigma=2.0), {}),
@@ -73,7 +75,7 @@ PLANS = {
     "few rows and cells": (26, 9, 1 << 30),
     "few cells": (None, 5, 0),
 }
-MORE_PLANS = {"a small sigma": {"a row and few cells": (1, 1, 0)}}
+MORE_PLANS = {key: {"a row and few cells": (1, 1, 0)} for key in ("a small sigma", "moments of a small sigma")}
 
 
 def made(
