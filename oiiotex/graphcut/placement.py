@@ -304,23 +304,38 @@ class Search:
         rows, columns = rows[few], columns[few]
         if not len(rows):
             return y, x
-        wanted, (height, width) = source.at(*places[:, rows, columns]).astype(np.int64), self._usable.shape
-        best, chosen, reach = np.inf, (y, x), np.arange(-self._factor, self._factor + 1)
+        wanted, f = source.at(*places[:, rows, columns]).astype(np.float64), self._factor
+        best, chosen, reach = np.inf, (y, x), np.arange(-f, f + 1)
         prices = np.zeros((len(reach),) * 2)
         if self._offset_prices is not None:
             prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + reach, y + reach)
+        colours, usable = self._around(source, y - 1 - f, x - 1 - f, *(n + 2 * f for n in compared.shape))
+        width, colours = compared.shape[1] + 2 * f, colours.reshape(-1, 3)
+        first = rows * width + columns  # at the least offset
         for dy in reach.tolist():
             for dx in reach.tolist():
-                at_y, at_x = rows - 1 + y + dy, columns - 1 + x + dx
-                inside = (at_y >= 0) & (at_y < height) & (at_x >= 0) & (at_x < width)
-                inside[inside] = self._usable[at_y[inside], at_x[inside]]
-                if 2 * np.count_nonzero(inside) < len(rows) and (dy or dx):
+                pixels = first + ((dy + f) * width + dx + f)
+                inside = usable[pixels]
+                count = np.count_nonzero(inside)
+                if 2 * count < len(rows) and (dy or dx):
                     continue
-                apart = ((source.at(at_y[inside], at_x[inside]) - wanted[inside]) ** 2).sum()
-                mean = apart / max(1, np.count_nonzero(inside)) + prices[dy + self._factor, dx + self._factor]
+                apart = colours[pixels]
+                apart -= wanted
+                if count < len(rows):
+                    apart *= inside[:, None]
+                # whole numbers that doubles hold: the order of their sum does not show
+                mean = np.vdot(apart, apart) / max(1, count) + prices[dy + f, dx + f]
                 if mean < best:
                     best, chosen = mean, (y + dy, x + dx)
         return chosen
+
+    def _around(self, source: Source, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Colours of the exemplar's pixels from (y, x) on, in doubles, and which may be used, (height * width,)."""
+        rows, columns = y + np.arange(height), x + np.arange(width)
+        inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._usable.shape, strict=True)]
+        at = np.ix_(*(at.clip(0, n - 1) for at, n in zip((rows, columns), self._usable.shape, strict=True)))
+        usable = self._usable[at] & inside[0][:, None] & inside[1]
+        return source.lab[at].astype(np.float64), usable.ravel()
 
     def _sums(self, lab: np.ndarray, seen: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean squared difference over `seen`, and how many of `new` are brought, for every corner from -side + 1."""
