@@ -36,7 +36,8 @@ from oiiotex.filters.patchmatch import PatchMatch
 from oiiotex.filters.quilt import Quilting
 from oiiotex.filters.stationarize import Stationarize
 from oiiotex.filters.synth import Synth
-from oiiotex.patchmatch.optimization import Recipe, synthesize
+from oiiotex.patchmatch.optimization import synthesize
+from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.regularity.lattice import Lattice, find_lattice
 from oiiotex.regularity.offset_prices import InStep
 from oiiotex.regularity.regularity import peaks_over_floor

@@ -38,7 +38,8 @@ from oiiotex.opencl.device import Device, open_device
 from oiiotex.opencl.rows import Rows
 from oiiotex.patchmatch.field import Geometry, allowed_patches, random_field
 from oiiotex.patchmatch.matcher import Matcher, _penalty_unit
-from oiiotex.patchmatch.optimization import OVERSHOOT, Recipe, synthesize
+from oiiotex.patchmatch.optimization import OVERSHOOT, synthesize
+from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.projections.histograms import Projection, layout
 from oiiotex.projections.projection import projected
 from oiiotex.session import Session

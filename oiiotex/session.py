@@ -45,13 +45,18 @@ class Resources:
     Attributes
     ----------
     keeper : Checkpoint or None
-        Of the file that is being written: where ops with resume=1 keep what is finished.
+        Of the file that is being written, or will be: where ops with resume=1 keep what is finished.
     """
 
     def __init__(self, settings: Session):
         self._settings = settings
         self._last: tuple[str, Any] = ("", None)
         self.keeper: Checkpoint | None = None
+        self._checkpoints: dict[Path, Checkpoint] = {}
+
+    def checkpoint(self, path: Path) -> Checkpoint:
+        """That of a file, one for who computes its image and who writes it."""
+        return self._checkpoints.setdefault(path, Checkpoint(path))
 
     @functools.cached_property
     def device(self) -> Device:
@@ -222,14 +227,12 @@ class Session:
         return instead.name if instead else None
 
     @contextlib.contextmanager
-    def checkpoints(self, path: str | os.PathLike[str]) -> Iterator[None]:
-        """While this lasts, ops with resume=1 keep finished pieces beside `path`: for who writes it.
-
-        They are removed when it ends well; else they are there for the next run.
-        """
-        self.resources.keeper = keeper = Checkpoint(Path(path))
+    def keeping(self, path: str | os.PathLike[str]) -> Iterator[Checkpoint]:
+        """While this lasts, ops with resume=1 keep finished pieces beside `path`, which is written later."""
+        before, keeper = self.resources.keeper, self.resources.checkpoint(Path(path))
+        self.resources.keeper = keeper
         try:
-            yield
+            yield keeper
         except Exception:
             raise
         except BaseException:  # someone wants it to end, and should know
@@ -238,10 +241,15 @@ class Session:
                     "%d finished pieces are kept in %s: the same run goes on there", keeper.count, keeper.folder
                 )
             raise
-        else:
-            keeper.discard()
         finally:
-            self.resources.keeper = None
+            self.resources.keeper = before
+
+    @contextlib.contextmanager
+    def checkpoints(self, path: str | os.PathLike[str]) -> Iterator[None]:
+        """As `keeping`, for who writes the file: pieces are removed when this ends well."""
+        with self.keeping(path) as keeper:
+            yield
+            keeper.discard()
 
     def require(self, need: int, task: str, advice: str = "make the image smaller") -> None:
         """Refuse what does not fit the budget.

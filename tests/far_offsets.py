@@ -208,12 +208,12 @@ def moments(far: Far) -> None:
     image[y - 9 : y + 9, x - 9 : x + 9, 2] = 13
     size = WIDTH, HEIGHT, cells, cells, 1, 1
     held = 0, 0, cells
-    run("gather", (c, c, 2), image, sums, 2, 0, HEIGHT, *held, *size)
+    run("gather", (c, c, 2), image, sums, 2, 0, HEIGHT, 0, cells, 0, *held, *size)
     weight = sums[2, c, c, 0]
     assert weight > 10
     run("about", (c, 2 * cells + c), sums, cells, 3 * cells)
     assert sums[2, c, c].tolist() == [0, 13, 0, 0, 0, 0]
-    run("gather", (c, c, 2), image, sums, 5, 0, HEIGHT, *held, *size)
+    run("gather", (c, c, 2), image, sums, 5, 0, HEIGHT, 0, cells, 0, *held, *size)
     assert sums[2, c, c].tolist() == [weight, 13, 0, 0, 0, 0]
     around[2, c - 1 : c + 2, c - 1 : c + 2, :2] = 10, 1
     overall, nothing = np.tile(np.array([100, 2], np.float32), 3), np.zeros(16, np.float32)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import product
 
 from oiiotex.exemplar.materials import _MOST_CHANNELS
-from oiiotex.filters.stationarize import _PATCHES
+from oiiotex.filters.patch_synthesis import _PATCHES
 from oiiotex.projections.histograms import BINS, INVERSE
 from oiiotex.projections.pearson_table import KURTOSES, SCORES, SKEWNESSES
 from oiiotex.stationarity.steerable import RADIUS

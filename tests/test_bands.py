@@ -3,21 +3,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from oiiotex.core.source_map import SourceMap
+from oiiotex.errors import Interrupted
+from oiiotex.io.checkpoint import Checkpoint
 from oiiotex.patchmatch import memory, optimization
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
 from oiiotex.patchmatch.level_rows import halo
-from oiiotex.patchmatch.optimization import Recipe, Synthesis, synthesize
+from oiiotex.patchmatch.matcher import Matcher
+from oiiotex.patchmatch.optimization import Synthesis, synthesize
+from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.regularity.lattice import Lattice
 from oiiotex.regularity.offset_prices import InStep
 from tests import pictures
 
-WIDTH, HEIGHT = 88, 92  # three levels
+WIDTH, HEIGHT = 88, 92  # two levels
 PLAIN = {"sigma": 8.0, "patch": 7, "iterations": 2, "seed": 3, "uniformity": 0.01, "contrast": 0.7, "flat": True}
 LAB = (100 * pictures.stained(pictures.bricks(80, 76, 1)) - np.array([0, 40, 40])).astype(np.float32)
 MASK = np.ones(LAB.shape[:2], bool)
@@ -46,6 +51,8 @@ CASES = {
     "a small sigma on a plane": (recipe("x", sigma=2.2), {}),
     "two moments": (recipe(measure="moments", order=2), {}),
     "four moments on a plane": (recipe("x", measure="moments", order=4), {}),
+    "moments of a small sigma": (recipe(measure="moments", order=3, sigma=1.7), {}),
+    "moments of a small sigma on a plane": (recipe("x", measure="moments", order=2, sigma=2.2), {}),
     "steerable": (recipe(measure="steerable"), {}),
     "steerable on a plane": (recipe("x", measure="steerable"), {}),
     "steerable of a small sigma": (recipe(measure="steerable", sigma=2.0), {}),
@@ -68,10 +75,13 @@ PLANS = {
     "few rows and cells": (26, 9, 1 << 30),
     "few cells": (None, 5, 0),
 }
-MORE_PLANS = {"a small sigma": {"a row and few cells": (1, 1, 0)}}
+MORE_PLANS = {key: {"a row and few cells": (1, 1, 0)} for key in ("a small sigma", "moments of a small sigma")}
 
 
-def made(device, case: str, monkeypatch: pytest.MonkeyPatch, plan: tuple[int | None, int | None, int]) -> Synthesis:
+def made(
+    device, case: str, monkeypatch: pytest.MonkeyPatch, plan: tuple[int | None, int | None, int],
+    progress: Callable[[int, int], None] = lambda *_: None, keeper: Checkpoint | None = None,
+) -> Synthesis:  # fmt: skip
     own, more = CASES[case]
     rows, cell_rows, stores = plan
 
@@ -83,7 +93,7 @@ def made(device, case: str, monkeypatch: pytest.MonkeyPatch, plan: tuple[int | N
     monkeypatch.setattr(optimization, "plan_memory", planned)
     constraints = Constraints(**{name: more[name] for name in ("fixed", "weight", "sigmas") if name in more})
     exemplar, allowed = more.get("exemplar", LAB), more.get("allowed", KEPT[:80, :76] if "fixed" in more else None)
-    return synthesize(device, exemplar, allowed, own, 1 << 30, lambda *_: None, constraints=constraints)
+    return synthesize(device, exemplar, allowed, own, 1 << 30, progress, constraints=constraints, keeper=keeper)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -97,3 +107,32 @@ def test_bands_do_not_show(device, case, monkeypatch):
             ours, theirs = (np.asarray(getattr(one, of).packed) for one in (banded, whole))
             np.testing.assert_array_equal(ours, theirs, err_msg=f"{name}: {of}")
         assert banded.lost == whole.lost
+
+
+@pytest.mark.parametrize("case", ["tile=xy", "prices of offsets", "pixels that stay", "a map of sigmas", "weights"])
+@pytest.mark.parametrize("stop", [1, 3, 5])  # iterations: 2 and 3
+def test_a_synthesis_goes_on_after_its_last_finished_level(device, case, stop, monkeypatch, tmp_path):
+    whole = made(device, case, monkeypatch, (None, None, 0))
+
+    def stopped(done: int, total: int) -> None:
+        assert total == 5
+        if done == stop:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        made(device, case, monkeypatch, PLANS["few rows"], stopped, Checkpoint(tmp_path / "out.exr"))
+    passes = []
+    improve = Matcher.improve
+    monkeypatch.setattr(Matcher, "improve", lambda self, *given: (passes.append(given), improve(self, *given)))
+    again = made(device, case, monkeypatch, (None, None, 0), keeper=Checkpoint(tmp_path / "out.exr"))
+    assert len(passes) == (5 if stop < 3 else 3)
+    for of in ("field", "source"):
+        ours, theirs = (np.asarray(getattr(one, of).packed) for one in (again, whole))
+        np.testing.assert_array_equal(ours, theirs, err_msg=of)
+    assert again.lost == whole.lost
+    passes.clear()  # all levels are there now
+    banded = made(device, case, monkeypatch, PLANS["few rows"], keeper=Checkpoint(tmp_path / "out.exr"))
+    assert not passes
+    np.testing.assert_array_equal(np.asarray(banded.source.packed), np.asarray(whole.source.packed))
+    made(device, "no projection", monkeypatch, (None, None, 0), keeper=Checkpoint(tmp_path / "out.exr"))
+    assert len(passes) == 5  # of another recipe

@@ -108,8 +108,8 @@ BAD = {
         "no device 'abacus'; there is 0 =",
     ),
     "a tile beyond the budget": (
-        ["photo.png", "--texstationarize:size=65536x65536", "--cache", "100"],
-        "the budget is 100 MB",
+        ["photo.png", "--texstationarize:size=4096x4096", "--cache", "48"],
+        "the budget is 48 MB",
     ),
     "a small exemplar": (
         ["small.png", "--texstationarize:size=512x512"],

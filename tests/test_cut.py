@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import OpenImageIO as oiio
@@ -14,6 +15,7 @@ from oiiotex.color.lab_grid import FINE_STEPS, to_grid
 from oiiotex.core.source_map import SourceMap
 from oiiotex.graphcut import placement as gc
 from oiiotex.graphcut import seams
+from oiiotex.graphcut import search as searching
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import load, oiiotex, save
@@ -114,11 +116,11 @@ def test_seam_costs_are_those_of_the_edges():
 def test_the_search_is_the_plain_sum_of_squares():
     source, random = random_source(18, 23), np.random.default_rng(2)
     allowed = random.random((18, 23)) < 0.8
-    search = gc.Search(source, allowed, 5)
+    found = searching.Search(source, allowed, 5)
     seen, new = random.random((5, 5)) < 0.6, random.random((5, 5)) < 0.5
     lab = random.integers(-70, 220, (5, 5, 3))
-    cost, gain = search._sums(lab, seen, new)
-    exemplar = source.lab.astype(int) // gc._UNIT
+    cost, gain = found._sums(lab, seen, new)
+    exemplar = source.lab.astype(int) // searching._UNIT
     assert cost.shape == gain.shape == (22, 27)
     apart, count = np.zeros(cost.shape), np.zeros(cost.shape)
     expected = np.zeros(cost.shape)
@@ -227,7 +229,7 @@ def test_one_label_of_a_photo(tmp_path):
 def test_exemplars_that_are_searched_reduced(tmp_path):
     wide = np.tile(PHOTO, (1, 6, 1))[:, :600]
     made = pixels(filters.cut(buffer(wide), size=(90, 80), patch=32, passes=1))
-    assert gc.search_factor(wide.shape) == 4 and made.shape == (80, 90, 3)
+    assert searching.search_factor(wide.shape) == 4 and made.shape == (80, 90, 3)
     mask = np.zeros((96, 600, 1))
     mask[41, 301] = 1  # a single pixel, which the reduced exemplar misses
     made = pixels(filters.cut(buffer(wide), mask=buffer(mask), size=(20, 20), patch=8, passes=1))
@@ -251,3 +253,37 @@ def test_what_is_wrong_is_said(tmp_path):
     photo = tmp_path / "photo.png"
     done = oiiotex(photo, "--iscolorspace", "sRGB", f"--texcut:stmap={photo}", "-o", tmp_path / "a.exr")
     assert done.returncode == 1 and "would overwrite exemplar, an image that it reads" in done.stderr
+
+
+@pytest.mark.parametrize("wraps", [(False, False), (True, False), (True, True)])
+def test_waves_do_not_touch_and_are_what_one_after_the_other_makes(wraps):
+    whole = gc.Layout(150, 130, *wraps, patch=24, passes=1, seed=4)
+    squares = [(y, x, 24) for y, x in whole.sites()]
+    waves = gc.waves(whole, squares)
+    assert sorted(n for wave in waves for n in wave) == list(range(len(squares)))
+    assert len(waves) < len(squares) / 2
+    number = {n: k for k, wave in enumerate(waves) for n in wave}
+    for n, (y, x, side) in enumerate(squares):
+        for m, (other_y, other_x, _) in enumerate(squares[:n]):
+            away = [abs(y - other_y), abs(x - other_x)]
+            away = [
+                min(d, size - d) if wrap else d for d, size, wrap in zip(away, (130, 150), wraps[::-1], strict=True)
+            ]
+            assert max(away) > side or number[m] < number[n]
+    lab = (PHOTO * 90 - 10).astype(np.float32)
+    with ThreadPoolExecutor(4) as threads:
+        together = gc.graph_cut(lab, None, whole, lambda *_: None, spread=threads.map)
+    alone = _in_order(lab, whole)
+    np.testing.assert_array_equal(together.packed, alone.packed)
+
+
+def _in_order(lab: np.ndarray, layout: gc.Layout) -> SourceMap:
+    """Patches one after the other."""
+    canvas = gc._Canvas(lab, None, layout, None)
+    sites = layout.sites()
+    for number, (y, x) in enumerate(sites):
+        canvas.lay(y, x, layout.patch, number)
+    canvas.close_holes()
+    for number, (y, x, side) in enumerate(canvas.worst(len(sites)), len(sites)):
+        canvas.improve(y, x, side, number)
+    return canvas.laid

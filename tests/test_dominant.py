@@ -384,3 +384,16 @@ def test_paper_is_ldr09_by_the_letter():
     noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
     assert "noise" in dominant_texture(noise, Session()).rejected
     assert "noise" not in dominant_texture(noise, Session(), rule="paper", step=1).rejected
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_valleys_are_those_of_scipy(seed):
+    from scipy.signal import find_peaks
+
+    random = np.random.default_rng(seed)
+    counts = random.integers(0, 9, 64).astype(float) if seed % 2 else diffusion._histogram(random.random(500))[0]
+    for prominence in (0.0, 0.03, 0.3):
+        valleys, depths = diffusion._valleys(counts, prominence)
+        expected, facts = find_peaks(-counts, prominence=max(prominence * counts.max(), 1e-9))
+        np.testing.assert_array_equal(valleys, expected)
+        np.testing.assert_array_equal(depths, facts["prominences"])

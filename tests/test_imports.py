@@ -42,7 +42,7 @@ def ours(modules: list[str]) -> set[str]:
     [
         (["--version"], 0, 20),
         ([], 0, 20),
-        (["--help", "texstationarize:sigma"], 0, 95),
+        (["--help", "texstationarize:sigma"], 0, 98),
         (["--help", "resize"], 0, 36),
         (["--help"], 0, 200),
         (["--manpage"], 0, 200),
@@ -50,7 +50,7 @@ def ours(modules: list[str]) -> set[str]:
         (["--cache-info"], 0, 20),
         (["--nonsense"], 1, 20),
         (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 40),
-        (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 93),
+        (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 96),
         (["photo.png", "--resize:filter=", "-o"], 1, 33),
         (["--capture"], 1, 18),
         (["photo.png", "--threads", "few", "-o", "x.exr"], 1, 56),

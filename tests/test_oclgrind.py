@@ -30,7 +30,8 @@ USES = {
     "patchmatch histograms use_prices": """
 from oiiotex.core.source_map import SourceMap
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
-from oiiotex.patchmatch.optimization import Recipe, synthesize
+from oiiotex.patchmatch.optimization import synthesize
+from oiiotex.patchmatch.recipe import Recipe
 exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
 for wrap in (True, False):
     recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,
@@ -49,7 +50,8 @@ recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))
 synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
     "moments steerable": """
-from oiiotex.patchmatch.optimization import Recipe, synthesize
+from oiiotex.patchmatch.optimization import synthesize
+from oiiotex.patchmatch.recipe import Recipe
 exemplar = (np.random.default_rng(0).random((12, 13, 3)) * 100).astype(np.float32)
 for wrap, measure in ((True, "moments"), (False, "steerable")):
     recipe = Recipe(width=11, height=9, wrap_x=wrap, wrap_y=wrap, sigma=3.0, patch=5, iterations=1, seed=1,

@@ -10,7 +10,8 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.core.window import Domain
-from oiiotex.patchmatch.optimization import Recipe, synthesize
+from oiiotex.patchmatch.optimization import synthesize
+from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.regularity.autocorrelation import autocorrelation, high_passed, wrapped_autocorrelation
 from oiiotex.regularity.lattice import Lattice, find_lattice
 from oiiotex.regularity.offset_prices import InStep

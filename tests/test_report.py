@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from oiiotex import errors, filters
+from oiiotex.filters import patch_synthesis
 from oiiotex.filters.tilereport import REPORT_MEASURES, SCHEMA
 from oiiotex.session import Session
 from tests import pictures
@@ -147,7 +147,7 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
     ],
 )
 def test_limits_that_make_no_sense_are_refused_before_the_work(given, said, monkeypatch):
-    monkeypatch.setattr(sys.modules["oiiotex.filters.stationarize"], "synthesize", None)  # the function has its name
+    monkeypatch.setattr(patch_synthesis, "synthesize", None)
     with pytest.raises(errors.ParameterError) as caught:
         filters.patchmatch(buffer(PHOTO), **given)
     assert said in str(caught.value)

@@ -24,6 +24,7 @@ from oiiotex.patchmatch.constraints import (
 from oiiotex.patchmatch.field import allowed_patches, random_field
 from oiiotex.patchmatch.matcher import Matcher
 from oiiotex.patchmatch.memory import plan_memory
+from oiiotex.patchmatch.recipe import Recipe, geometry_at, level_scales
 from oiiotex.projections.histograms import OUTSIDE, matching_table
 from tests import pictures
 from tests.test_promises import buffer, pixels
@@ -31,10 +32,10 @@ from tests.test_promises import buffer, pixels
 PHOTO = pictures.bricks(160, 192, seed=4)
 
 
-def recipe(**more: object) -> st.Recipe:
+def recipe(**more: object) -> Recipe:
     given = {"width": 160, "height": 160, "wrap_x": True, "wrap_y": True, "sigma": 12.0, "patch": 7}
     given |= {"iterations": 2, "seed": 0, "uniformity": 0.01, "contrast": 1.0, "flat": True}
-    return st.Recipe(**{**given, **more})
+    return Recipe(**{**given, **more})
 
 
 def stripes(width: int, pitch: int = 40) -> np.ndarray:
@@ -43,8 +44,8 @@ def stripes(width: int, pitch: int = 40) -> np.ndarray:
 
 
 def test_a_thin_mask_starts_where_it_has_whole_patches():
-    scales = st.level_scales(160, 160)
-    geometries = [st.geometry_at(recipe(), PHOTO.shape, scale) for scale in scales]
+    scales = level_scales(160, 160)
+    geometries = [geometry_at(recipe(), PHOTO.shape, scale) for scale in scales]
     starts = [first_level(mask, geometries, "x") for mask in (None, stripes(40), stripes(15), stripes(10), stripes(7))]
     assert starts[:2] == [0, 0] and starts == sorted(starts) and starts[-1] == len(scales) - 1
     for mask, start in zip((stripes(15), stripes(10)), starts[2:4], strict=True):
@@ -77,7 +78,7 @@ def test_pixels_outside_are_in_no_histogram(device):
     exemplar = np.where(np.indices((64, 80)).sum(0)[..., None] // 4 % 2 == 0, 400, 100) * np.ones(3)
     exemplar = np.where(mask[..., None], exemplar, 250).astype(np.int16)
     given = recipe(width=64, height=64, sigma=8.0, patch=5)
-    geometry = st.geometry_at(given, exemplar.shape, 1.0)
+    geometry = geometry_at(given, exemplar.shape, 1.0)
     patches = allowed_patches(mask, geometry)
     layout = plan_memory(device, exemplar.shape, given, [geometry], [1.0], Constraints(), 1 << 30).layout
     with Buffers(device, layout, 1 << 30, "test") as buffers:
@@ -96,7 +97,7 @@ def test_a_histogram_matched_beside_pixels_that_stay_is_not_shifted(device):
     """What goes part of the way is rounded to the nearest step, not down: by half a step in every iteration."""
     exemplar = (PHOTO * 400).astype(np.int16)
     given = recipe(width=80, height=64, sigma=None, patch=5)
-    geometry = st.geometry_at(given, exemplar.shape, 1.0)
+    geometry = geometry_at(given, exemplar.shape, 1.0)
     patches = allowed_patches(None, geometry)
     stays = np.indices((64, 80))[1] < 4
     fixed = FixedPixels(stays, np.zeros((64, 80), np.uint32))

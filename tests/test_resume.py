@@ -31,16 +31,19 @@ def pieces(folder: Path) -> list[Path]:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("resume")
+    save(pictures.pebbles(96, 96, 1), made / "large.png", space="srgb_rec709_scene")
     save(pictures.pebbles(32, 32, 1), made / "photo.png", space="srgb_rec709_scene")
     done = oiiotex("photo.png", SYNTH, "-o", "whole.tif", cwd=made)
     assert done.returncode == 0, done.stderr
     return made
 
 
-def interrupted(folder: Path, name: str, number: signal.Signals, *words: str) -> subprocess.CompletedProcess:
+def interrupted(
+    folder: Path, name: str, number: signal.Signals, *words: str, photo: str = "photo.png"
+) -> subprocess.CompletedProcess:
     """A run that gets a signal when it has finished two pieces."""
     before = len(pieces(folder / f"{name}.parts"))
-    line = [sys.executable, "-m", "oiiotex.cli.main", "photo.png", *(words or (f"{SYNTH}:resume=1",)), "-o", name]
+    line = [sys.executable, "-m", "oiiotex.cli.main", photo, *(words or (f"{SYNTH}:resume=1",)), "-o", name]
     running = subprocess.Popen(line, cwd=folder, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while len(pieces(folder / f"{name}.parts")) < before + 2 and time.monotonic() < deadline:
@@ -63,6 +66,30 @@ def test_a_killed_run_goes_on_where_it_stopped(folder):
     assert done.returncode == 0, done.stderr
     np.testing.assert_array_equal(load(folder / "killed.tif"), load(folder / "whole.tif"))
     assert not (folder / "killed.tif.parts").exists()
+
+
+def test_a_killed_tile_goes_on_at_the_level_where_it_stopped(folder):
+    line = "--texstationarize:size=220x220:iterations=4:contrast=0.7:seed=2"
+    assert oiiotex("large.png", line, "-o", "tile.exr", cwd=folder).returncode == 0
+    stmap = f"{line}:resume=1:stmap=from.exr"
+    assert interrupted(folder, "again.exr", signal.SIGKILL, stmap, photo="large.png").returncode == -signal.SIGKILL
+    left = {piece: piece.read_bytes() for piece in pieces(folder / "again.exr.parts")}
+    assert len(left) >= 2
+    assert interrupted(folder, "again.exr", signal.SIGTERM, stmap, photo="large.png").returncode == 143
+    assert {piece: piece.read_bytes() for piece in left} == left
+    done = oiiotex("large.png", stmap, "-o", "again.exr", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_array_equal(load(folder / "again.exr"), load(folder / "tile.exr"))
+    assert (folder / "from.exr").exists() and not (folder / "again.exr.parts").exists()
+
+
+def test_variants_that_are_kept_are_the_same(folder):
+    line = "--texstationarize:size=64x64:iterations=2:contrast=0.7:variants=2"
+    for words, name in ((line, "one%d.exr"), (f"{line}:resume=1", "two%d.exr")):
+        assert oiiotex("large.png", words, "-o:all=1", name, cwd=folder).returncode == 0
+    for n in (1, 2):
+        np.testing.assert_array_equal(load(folder / f"two{n}.exr"), load(folder / f"one{n}.exr"))
+    assert not list(folder.glob("*.parts"))
 
 
 def test_an_interrupted_run_says_that_its_pieces_are_kept(folder):

@@ -16,7 +16,8 @@ from oiiotex.opencl.buffers import Buffers
 from oiiotex.patchmatch import use_prices
 from oiiotex.patchmatch.field import Geometry, allowed_patches
 from oiiotex.patchmatch.matcher import Matcher
-from oiiotex.patchmatch.optimization import Recipe, synthesize
+from oiiotex.patchmatch.optimization import synthesize
+from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.patchmatch.use_prices import KINDS, Lost, UsePrices, activity, flat_bound, kinds_of, lost_texture
 from oiiotex.stationarity.copy_detection import most_shown
 from tests.pictures import pebbles, stained

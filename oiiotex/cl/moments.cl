@@ -5,15 +5,15 @@
 #pragma OPENCL FP_CONTRACT OFF
 #include "grid.h"
 
-// Shared bilinearly among the cells, as in histograms_gather, rows `begin` to `end` added to what is there:
-// [channel][cell y][cell x][weight, about, four sums]. First the weight and sums of values are summed, two `powers` about
+// Shared bilinearly among the cells, as in histograms_gather, rows `begin` to `end` added to what is there for `count`
+// rows of cells from `top` on, which are held from row `at` on: [channel][cell y][cell x][weight, about, four sums]. First the weight and sums of values are summed, two `powers` about
 // 0, then after moments_about all five.
 __kernel void moments_gather(const __global short *restrict image, __global float *restrict sums, int powers,
-                             int begin, int end, HELD_ARGS, GRID_ARGS) {
-  int cx = get_global_id(0), cy = get_global_id(1), c = get_global_id(2);
-  if (cx >= cells_x || cy >= cells_y || c >= CHANNELS) return;
-  tent across = tent_of(cx, width, cells_x), down = tent_of(cy, height, cells_y);
-  __global float *out = sums + 6 * CELL(c, cy, cx);
+                             int begin, int end, int top, int count, int at, HELD_ARGS, GRID_ARGS) {
+  int cx = get_global_id(0), row_of_cells = get_global_id(1), c = get_global_id(2);
+  if (cx >= cells_x || row_of_cells >= count || c >= CHANNELS) return;
+  tent across = tent_of(cx, width, cells_x), down = tent_of(top + row_of_cells, height, cells_y);
+  __global float *out = sums + 6 * CELL(c, at + row_of_cells, cx);
   float about = out[1], sum[5] = {out[0], out[2], out[3], out[4], out[5]};
   for (int y = down.first < begin ? begin : down.first; y < end && tent_covers(down, y); y++) {
     if (!THERE(y, height, wrap_y)) continue;

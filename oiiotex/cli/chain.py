@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..core.attributes import require_utf8
@@ -77,6 +78,8 @@ class Chain:
         An image has been made and not written; something was written or printed.
     shares : Shares or None
         What is made of what the line writes; None: all, here and now.
+    written_next : iterator of str
+        Of each use of an op the file that the line writes next, '' where it is not known.
     """
 
     dry = False  # the line is only looked through: see `rehearsal`
@@ -100,6 +103,7 @@ class Chain:
         self.unwritten = False
         self.used = False
         self.shares: Shares | None = None
+        self.written_next: Iterator[str] = iter(())
         self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
 
     # --- the stack ---
@@ -244,7 +248,9 @@ class Chain:
 
     def images_of(self, op: Op) -> Sequence[Image]:
         """The images that an op makes, its files written, its lines printed, and measures beyond a limit said."""
-        uses = run(op, self.session, self.written, not self.settings.get("--nosoftwareattrib"))
+        beside = next(self.written_next, "")
+        with self.session.keeping(beside) if beside else contextlib.nullcontext():
+            uses = run(op, self.session, self.written, not self.settings.get("--nosoftwareattrib"))
         for text in (text for use in uses for text in use.failed):
             log.error("oiiotex FAIL: %s : %s", op.flag(), text)
             self.status = _BEYOND_A_LIMIT

@@ -101,7 +101,7 @@ def _looked_through(todo: list[Frame], session: Session, command: CommandLine) -
             continue
         notes |= dict.fromkeys(seen.notes)
         if seen.steps:
-            tasks.append(Task(frame, seen.steps))
+            tasks.append(Task(frame, seen.steps, seen.files))
     for level, text in notes:
         log.log(level, "%s", text)
     return tasks, status

@@ -54,10 +54,13 @@ class Foresight:
         How many of its first steps print, write or decide something: the others are in vain.
     notes : tuple of (int, str)
         Logging level and text of what there is to say of it, and will not be said by the run.
+    files : tuple of str
+        Of each use of an op the file that is written next, as far as it is known.
     """
 
     steps: int
     notes: tuple[tuple[int, str], ...] = ()
+    files: tuple[str, ...] = ()
 
 
 @dataclass
@@ -83,10 +86,10 @@ class Rehearsals:
             with _quiet():
                 chain.run(steps)
         except Unseen:
-            return Foresight(len(steps))
+            return Foresight(len(steps), files=tuple(chain.files))
         except Error:
             if chain.settings.get("--no-error-exit"):
-                return Foresight(len(steps))
+                return Foresight(len(steps), files=tuple(chain.files))
             raise
         return chain.foresight(steps)
 
@@ -186,6 +189,8 @@ class _Rehearsal(Chain):
         self._needed = 0  # steps up to the last that prints or writes
         self._certain = False  # what has failed will fail in the run
         self._outputs = 0
+        self._uses = 0  # of ops
+        self.files: list[str] = []  # that are written next after each of them
         self._idle: list[str] = []  # settings of outputs since the last one
         self._last = ""  # the last op
         self._notes: list[tuple[int, int, str]] = []  # step, level and text
@@ -201,7 +206,7 @@ class _Rehearsal(Chain):
             notes.append((logging.WARNING, f"{self._last} behind the last output is not done: did you forget -o?"))
         if self._outputs and self._idle:
             notes.append((logging.WARNING, f"{', '.join(self._idle)} behind the last output changes nothing"))
-        return Foresight(needed, tuple(notes))
+        return Foresight(needed, tuple(notes), tuple(self.files))
 
     def _do(self, step: Step) -> None:
         self._count += 1
@@ -220,6 +225,7 @@ class _Rehearsal(Chain):
     def images_of(self, op: Op) -> Sequence[Image]:
         """What is known of the op's images."""
         self._last = op.flag()
+        self._uses += 1
         measured = self._measures and op.prefix == Op.prefix
         if op.files() or measured or any(map(op.judges, op.outputs)):
             self._needed = self.position
@@ -254,6 +260,7 @@ class _Rehearsal(Chain):
         """Refuse what cannot be written; from here on the file is there."""
         self._outputs += 1
         self._idle.clear()
+        self.files += [path] * (self._uses - len(self.files))
         with self._certainly():
             require_writable(image, self._place_of(path), how)
         self._files[os.path.realpath(path)] = as_foreseen(image)

@@ -28,10 +28,11 @@ _at_work = threading.Lock()  # a line has a current folder and OpenImageIO's thr
 
 
 class Task(NamedTuple):
-    """A frame, and how many of its steps there is reason to do."""
+    """A frame, how many of its steps there is reason to do, and of each use of an op the file written next."""
 
     frame: Frame
     steps: int
+    files: tuple[str, ...] = ()
 
 
 class Job(NamedTuple):
@@ -75,6 +76,7 @@ def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
     command = parse(list(task.frame.words), LANGUAGE)
     session.all_parts = session.autocc = False  # options of the line set them anew for each frame
     chain = Chain(session, read_input, task.frame)
+    chain.written_next = iter(task.files)
     chain.shares = shares or shares_of(command.settings, task.frame.words)
     chain.run(command.steps[: task.steps])
     return chain.status

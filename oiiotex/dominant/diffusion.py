@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter
-from scipy.signal import find_peaks
 from scipy.sparse import csr_array, diags_array
 from threadpoolctl import threadpool_limits
 
@@ -314,9 +313,26 @@ def _histogram(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _valleys(counts: np.ndarray, prominence: float) -> tuple[np.ndarray, np.ndarray]:
-    """Minima between two peaks, in order, and how deep they are."""
-    valleys, facts = find_peaks(-counts, prominence=max(prominence * counts.max(), 1e-9))
-    return valleys, facts["prominences"]
+    """Minima between two peaks, in order, and how deep they are; of a flat one the middle.
+
+    As scipy.signal.find_peaks has peaks and prominences; to import it takes half a second.
+    """
+    least, n = max(prominence * counts.max(), 1e-9), len(counts)
+    begins = np.flatnonzero(np.diff(counts, prepend=-np.inf) != 0)  # of stretches of one value
+    ends, values = np.append(begins[1:], n), counts[begins]
+    valleys, depths = [], []
+    for k in range(1, len(begins) - 1):
+        if not values[k - 1] > values[k] < values[k + 1]:
+            continue
+        lower = np.flatnonzero(values < values[k])
+        left, right = lower[lower < k], lower[lower > k]  # peaks beside it lie this side of what is deeper
+        left_peak = values[left[-1] + 1 if len(left) else 0 : k].max()
+        right_peak = values[k + 1 : right[0] if len(right) else None].max()
+        depth = min(left_peak, right_peak) - values[k]
+        if depth >= least:
+            valleys.append((begins[k] + ends[k] - 1) // 2)
+            depths.append(depth)
+    return np.array(valleys, np.int64), np.array(depths)
 
 
 def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, session: Session) -> np.ndarray:

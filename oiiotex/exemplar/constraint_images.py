@@ -13,7 +13,8 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
 from ..patchmatch.constraints import Constraints, FixedPixels
-from ..patchmatch.optimization import Recipe, Synthesis
+from ..patchmatch.optimization import Synthesis
+from ..patchmatch.recipe import Recipe
 from .exemplar_masks import laid_over, mask_pixels
 
 WITHIN = (

@@ -1560,6 +1560,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -1612,6 +1613,8 @@ def patchmatch(
         on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
+    resume : bool, default False
+        keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
         measures of the result go to this file, JSON (docs/report.md)
     fail : Sequence[str] | None, default None
@@ -1669,6 +1672,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -1702,6 +1706,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -2101,6 +2106,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -2138,7 +2144,7 @@ def stationarize(
     maps : Sequence[ImageLike], default ()
         the other maps of the material, made anew with it
     sigma : float | None, default None
-        scale above which the texture must look the same everywhere; when left out longer side / 32, patch / 4 at least; a number >= 0.5 and <= 1000000 px
+        scale above which the texture must look the same everywhere; when left out longer side / 32, but patch / 4 at least; a number >= 0.5 and <= 1000000 px
     amount : float | None, default None
         instead of sigma: how stationary it shall look, in even steps that hang on the photo (see filters.sigmas); a number >= 0 and <= 1
     contrast : float | None, default None
@@ -2175,6 +2181,8 @@ def stationarize(
         on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
+    resume : bool, default False
+        keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
         measures of the result go to this file, JSON (docs/report.md)
     fail : Sequence[str] | None, default None
@@ -2241,6 +2249,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,
@@ -2283,6 +2292,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
     label: int | None = None,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..core.access import Whole
+from ..core.machine import usable_threads
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, param
 from ..core.source_map import COPIED, ST, require_addressable
@@ -53,7 +54,8 @@ class Cut(ExemplarOp, Structured, Whole):
 
         def layout_of(size: Size) -> Layout:
             layout = Layout.tiling(*size, self.tile, patch=patch, passes=self.passes, seed=self.seed)
-            needed = bytes_needed(layout, (spec.height, spec.width))
+            threads = session.threads or usable_threads()
+            needed = bytes_needed(layout, (spec.height, spec.width), threads)
             session.require(
                 needed + spec.width * spec.height * self.exemplar.first.pixel_bytes,
                 f"cutting {size} from {spec.width}x{spec.height}",
@@ -71,6 +73,6 @@ class Cut(ExemplarOp, Structured, Whole):
         layout = layout_of(fitting_size(self.flag(), lattice, size, self.size is not None, wraps))
         with session.stats.time("cut"):
             in_step = self.in_step(lattice, layout, self.seed)
-            source = graph_cut(seen.values, seen.usable, layout, session.advance, in_step)
+            source = graph_cut(seen.values, seen.usable, layout, session.advance, in_step, session.spread)
         self.say_what_stays()
         return quality.add_to_copies(source.parts("cut", self.exemplar.first, self.tile))

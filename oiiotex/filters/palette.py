@@ -21,7 +21,8 @@ from ..exemplar.exemplar_op import LabelledExemplar
 from ..io.paint_palette import Paint
 from ..labels.content_table import largest_window
 from ..labels.legend import Legend
-from ..patchmatch.optimization import Recipe, synthesize
+from ..patchmatch.optimization import synthesize
+from ..patchmatch.recipe import Recipe
 from ..session import Session
 
 log = logging.getLogger("oiiotex")

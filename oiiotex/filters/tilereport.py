@@ -23,7 +23,7 @@ from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..patchmatch.matcher import match_patches
-from ..patchmatch.optimization import Recipe
+from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import Lost
 from ..regularity.regularity import peaks_over_floor
 from ..session import Session

@@ -12,7 +12,7 @@ offsets that are there already are passed over, because they continue the exempl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,18 +23,13 @@ from ..color.lab_grid import FINE_STEPS, to_grid
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..patchmatch.field import hash_at
-from ..regularity.offset_prices import InStep, Prices
+from ..regularity.offset_prices import InStep
 from .seams import Source, cut, seam_costs
+from .search import Search, search_factor
 
 OVERLAP = 3  # patches of a first layer lie 2/3 of their side apart
-CHOICES = 4  # the best placements among which the hash chooses
 TRIES = 2  # placements of a refinement
 MOST_NARROW = 16  # px, side of a refinement's patch
-TOLERANCE = 1.3  # a placement may cost this times the best one
-ENOUGH = 0.6  # of the most new pixels that a placement brings: others are not looked at
-SEARCHED = 256  # px; larger exemplars are searched at 1/2, 1/4 ... of their size, then nearby
-_SAMPLES = 2048  # pixels that are compared nearby
-_UNIT = 4  # grid steps of a search's whole numbers: 1/2 Lab
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,23 +51,19 @@ class Layout(Domain):
             before = self.patch // (2 * OVERLAP)  # the border is the middle of an overlap, like any other place
             return list(range(-before, max(1, size - self.patch + step), step))
 
-        return [(y, x) for y in axis(self.height, self.wrap_y) for x in axis(self.width, self.wrap_x)]
+        rows, columns = axis(self.height, self.wrap_y), axis(self.width, self.wrap_x)
+        if not self.wrap_x:
+            return [(y, x) for y in rows for x in columns]
+        # around the border a row's first patch waits for the last one of the row above: not if it begins further right
+        return [(y, columns[(n + i) % len(columns)]) for n, y in enumerate(rows) for i in range(len(columns))]
 
 
-def bytes_needed(layout: Layout, exemplar: tuple[int, ...]) -> int:
-    """Memory of a synthesis: the result's places, its seams, the spectra of a search."""
+def bytes_needed(layout: Layout, exemplar: tuple[int, ...], threads: int = 1) -> int:
+    """Memory of a synthesis: the result's places and seams; of each thread spectra of a search, arcs of a cut."""
     pixels = exemplar[0] * exemplar[1]
     factor = search_factor(exemplar)
     side = [fft.next_fast_len(n // factor + layout.patch // factor + 2, True) for n in exemplar[:2]]
-    return 40 * layout.width * layout.height + 60 * pixels + 150 * side[0] * side[1]
-
-
-def search_factor(shape: tuple[int, ...]) -> int:
-    """By how much an exemplar is reduced for the search, a power of two."""
-    factor = 1
-    while max(shape[:2]) // factor > SEARCHED:
-        factor *= 2
-    return factor
+    return 40 * layout.width * layout.height + 60 * pixels + threads * (150 * side[0] * side[1] + 250 * layout.patch**2)
 
 
 def graph_cut(
@@ -81,8 +72,11 @@ def graph_cut(
     layout: Layout,
     progress: Callable[[int, int], None],
     in_step: InStep | None = None,
+    spread: Callable[..., Iterable] = map,
 ) -> SourceMap:
     """Lay and cut patches until all is covered, then lay the worst seams over.
+
+    Patches of a wave do not touch: what is made is what they would make one after the other.
 
     Parameters
     ----------
@@ -95,6 +89,8 @@ def graph_cut(
         Called with (patches tried, patches in all); may raise to stop.
     in_step : InStep or None
         The exemplar's lattice, where the result keeps it.
+    spread : callable
+        As `map`, perhaps on several threads.
 
     Returns
     -------
@@ -103,21 +99,52 @@ def graph_cut(
     """
     canvas = _Canvas(exemplar, allowed, layout, in_step)
     sites = layout.sites()
-    total, patches = len(sites) * (1 + layout.passes), 0
-    for y, x in sites:
-        canvas.lay(y, x, patches)
-        patches += 1
-        progress(patches, total)
+    total, done = len(sites) * (1 + layout.passes), 0
+
+    def work(do: Callable[[int, int, int, int], None], squares: list[tuple[int, int, int]]) -> None:
+        nonlocal done
+        first = done
+        for wave in waves(layout, squares):
+            for _ in spread(lambda n: do(*squares[n], first + n), wave):
+                done += 1
+                progress(done, total)
+
+    work(canvas.lay, [(y, x, layout.patch) for y, x in sites])
     canvas.close_holes()
     for refined in range(layout.passes):
-        for y, x, side in canvas.worst(len(sites)):
-            canvas.improve(y, x, side, patches)
-            patches += 1
-            progress(patches, total)
-        while patches < len(sites) * (2 + refined):  # fewer cells than sites: a small result
-            patches += 1
-            progress(patches, total)
+        work(canvas.improve, list(canvas.worst(len(sites))))
+        done = len(sites) * (2 + refined)  # there may be fewer cells than sites
+        progress(done, total)
     return canvas.laid
+
+
+def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]]:
+    """Squares (y, x, side) by number, in waves: each in one behind all those before it that it touches.
+
+    Parameters
+    ----------
+    layout : Layout
+        Where they lie; one may reach beyond the border, where it begins anew or there is nothing.
+    squares : list of (int, int, int)
+    """
+    cell = max(2, layout.patch // 16)  # px, how exactly it is looked at what touches
+    last = np.full((-(-layout.height // cell), -(-layout.width // cell)), -1, np.int32)  # wave that touched it
+    by_wave: list[list[int]] = []
+    for number, (y, x, side) in enumerate(squares):
+        rows, columns = (  # with the pixels around it, which are looked at
+            np.unique((around % size if wraps else around[(around >= 0) & (around < size)]) // cell)
+            for around, size, wraps in (
+                (np.arange(y - 1, y + side + 1), layout.height, layout.wrap_y),
+                (np.arange(x - 1, x + side + 1), layout.width, layout.wrap_x),
+            )
+        )
+        touched = np.ix_(rows, columns)
+        wave = int(last[touched].max()) + 1
+        last[touched] = wave
+        if wave == len(by_wave):
+            by_wave.append([])
+        by_wave[wave].append(number)
+    return by_wave
 
 
 class _Canvas:
@@ -165,9 +192,9 @@ class _Canvas:
         ok &= self._allowed[np.ix_(y.clip(0, height - 1), x.clip(0, width - 1))]
         return np.stack(np.broadcast_arrays(y[:, None], x[None, :])), ok & inside
 
-    def lay(self, y: int, x: int, number: int, offset: tuple[int, int] | None = None) -> None:
+    def lay(self, y: int, x: int, side: int, number: int, offset: tuple[int, int] | None = None) -> None:
         """A first patch at (y, x): it fills what is empty and is cut against what is there."""
-        place, inside, filled, there = self._seen(y, x, self._layout.patch)
+        place, inside, filled, there = self._seen(y, x, side)
         if not (inside & ~filled).any():
             return
         if offset is None:
@@ -178,15 +205,16 @@ class _Canvas:
 
     def close_holes(self) -> None:
         """Patches around pixels that none has covered yet, until there are none."""
-        half, number = self._layout.patch // 2, 0x100000
+        side, number = self._layout.patch, 0x100000
+        half = side // 2
         while not self._filled.all():
             y, x = (int(n) for n in np.unravel_index(int(self._filled.argmin()), self._filled.shape))
             number += 1
-            self.lay(y - half, x - half, number)
+            self.lay(y - half, x - half, side, number)
             if not self._filled[y, x]:  # no patch that fits has an allowed pixel just there: any that has
                 places = np.flatnonzero(self._allowed)
                 at_y, at_x = divmod(int(places[self._chance(0x401E, number) % len(places)]), self._allowed.shape[1])
-                self.lay(y - half, x - half, number, (at_y - half, at_x - half))
+                self.lay(y - half, x - half, side, number, (at_y - half, at_x - half))
 
     def improve(self, y: int, x: int, side: int, number: int) -> None:
         """Another patch over (y, x), where it makes the seams cheaper."""
@@ -238,136 +266,3 @@ class _Canvas:
             for costs in seam_costs(self._source, places, np.ones(places.shape[1:], bool)):
                 sums[top // cell] += np.add.reduceat(costs.sum(0), np.arange(0, g.width, cell)[: sums.shape[1]])
         return sums
-
-
-class Search:
-    """Where in the exemplar a patch fits what is there: sums of squared differences at all offsets, by Fourier
-    transforms (KSE03 §5), over pixels that may be used.
-
-    Departure: where the exemplar has a lattice, offsets that are out of step with it cost, in the exemplar's variance.
-    """
-
-    def __init__(self, source: Source, allowed: np.ndarray, patch: int, in_step: InStep | None = None):
-        self._patch, self._factor = patch, search_factor(allowed.shape)
-        self._usable = allowed
-        f = self._factor
-        lab = source.lab[f // 2 :: f, f // 2 :: f].astype(np.int64) // _UNIT
-        self._allowed = allowed[f // 2 :: f, f // 2 :: f]
-        if not self._allowed.any():  # a mask finer than the reduced exemplar
-            self._factor, lab, self._allowed = 1, source.lab.astype(np.int64) // _UNIT, allowed
-        self._side = -(-patch // self._factor)
-        self._shape = tuple(fft.next_fast_len(n + self._side - 1, True) for n in self._allowed.shape)
-        usable = self._allowed.astype(np.float64)
-        planes = [usable, *(usable * lab[..., c] for c in range(3)), usable * (lab**2).sum(-1)]
-        self._spectra = np.stack([fft.rfft2(plane, self._shape) for plane in planes])
-        self._offset_prices = None
-        if in_step is not None:
-            variance = float(lab[self._allowed].var(0).sum())
-            self._offset_prices = Prices(in_step.phases(patch=patch), in_step.table(in_step.most(variance)))
-
-    def placements(
-        self, source: Source, places: np.ndarray, compared: np.ndarray, wanted: np.ndarray, at: tuple[int, int]
-    ) -> list[tuple[int, int]]:
-        """The best offsets (y, x) of the patch's corner in the exemplar, at most `CHOICES`.
-
-        Parameters
-        ----------
-        source : Source
-        places : (2, h, w) int
-            Source of what is there, a pixel wider on every side than the patch.
-        compared, wanted : (h, w) bool
-            Where the patch must look like what is there; where it should bring something new.
-        at : (int, int)
-            Row and column of the patch's corner in the result.
-        """
-        f = self._factor
-        grid = (slice(1 + f // 2, -1, f),) * 2
-        if not (compared[grid].any() or wanted[grid].any()):  # finer than the reduced exemplar: any pixel will do
-            grid = (slice(1, -1, f),) * 2
-        seen, new = compared[grid], wanted[grid]
-        lab = source.at(*places[(slice(None), *grid)]).astype(np.int64) // _UNIT
-        cost, gain = self._sums(lab, seen, new)
-        if self._offset_prices is not None:
-            y, x = (f * (np.arange(n) - max(seen.shape) + 1) for n in cost.shape)
-            cost = cost + self._offset_prices.at(at[1], at[0], x, y)
-        if gain.max() > 0:
-            cost = np.where(gain >= max(1, ENOUGH * gain.max()), cost, np.inf)
-        offsets = self._apart(cost, self._present(places, compared), max(seen.shape))
-        return offsets if f == 1 else [self._nearby(source, places, compared, at, *offset) for offset in offsets]
-
-    def _nearby(
-        self, source: Source, places: np.ndarray, compared: np.ndarray, at: tuple[int, int], y: int, x: int
-    ) -> tuple[int, int]:
-        """The best offset around one of the reduced exemplar's."""
-        rows, columns = np.nonzero(compared)
-        few = slice(None, None, len(rows) // _SAMPLES + 1)
-        rows, columns = rows[few], columns[few]
-        if not len(rows):
-            return y, x
-        wanted, (height, width) = source.at(*places[:, rows, columns]).astype(np.int64), self._usable.shape
-        best, chosen, reach = np.inf, (y, x), np.arange(-self._factor, self._factor + 1)
-        prices = np.zeros((len(reach),) * 2)
-        if self._offset_prices is not None:
-            prices = _UNIT**2 * self._offset_prices.at(at[1], at[0], x + reach, y + reach)
-        for dy in reach.tolist():
-            for dx in reach.tolist():
-                at_y, at_x = rows - 1 + y + dy, columns - 1 + x + dx
-                inside = (at_y >= 0) & (at_y < height) & (at_x >= 0) & (at_x < width)
-                inside[inside] = self._usable[at_y[inside], at_x[inside]]
-                if 2 * np.count_nonzero(inside) < len(rows) and (dy or dx):
-                    continue
-                apart = ((source.at(at_y[inside], at_x[inside]) - wanted[inside]) ** 2).sum()
-                mean = apart / max(1, np.count_nonzero(inside)) + prices[dy + self._factor, dx + self._factor]
-                if mean < best:
-                    best, chosen = mean, (y + dy, x + dx)
-        return chosen
-
-    def _sums(self, lab: np.ndarray, seen: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean squared difference over `seen`, and how many of `new` are brought, for every corner from -side + 1."""
-        weight = seen.astype(np.float64)
-        planes = [weight, *(weight * lab[..., c] for c in range(3)), weight * (lab**2).sum(-1), new.astype(np.float64)]
-        ours = [np.conj(fft.rfft2(plane, self._shape)) for plane in planes]
-        usable, *colour, square = self._spectra
-        products = usable * ours[4] + square * ours[0] - 2 * sum(c * o for c, o in zip(colour, ours[1:4], strict=True))
-        sums = [fft.irfft2(s, self._shape) for s in (products, usable * ours[0], usable * ours[5])]
-        # corners before the exemplar's own come out at the far end
-        reach = max(seen.shape) - 1
-        apart, count, gain = (np.rint(np.roll(r, (reach, reach), (0, 1))) for r in sums)
-        rows, columns = (n + reach for n in self._allowed.shape)
-        apart, count, gain = (r[:rows, :columns] for r in (apart, count, gain))
-        # a placement that compares little of what is there says little: it pays for the rest by what is usual
-        total = max(1.0, float(weight.sum()))
-        many = count > 0.5 * total
-        usual = float(np.median(apart[many] / count[many])) if many.any() else 0.0
-        return (np.maximum(apart, 0) + np.rint(usual) * (total - count)) / total, gain
-
-    def _present(self, places: np.ndarray, compared: np.ndarray) -> np.ndarray:
-        """Offsets that much of the window has already, (n, 2)."""
-        y, x = np.nonzero(compared)
-        if not len(y):
-            return np.zeros((0, 2), np.int64)
-        offsets = np.stack([places[0, y, x] - y + 1, places[1, y, x] - x + 1], -1)
-        present, counts = np.unique(offsets, axis=0, return_counts=True)
-        return present[counts > 0.02 * len(y)]
-
-    def _apart(self, cost: np.ndarray, shunned: np.ndarray, side: int) -> list[tuple[int, int]]:
-        """The best few that lie apart from one another and from what is shunned."""
-        f, away, free = self._factor, max(1, side // 8), cost.copy()
-
-        def without(y: int, x: int) -> None:
-            free[max(0, y - away) : max(0, y + away + 1), max(0, x - away) : max(0, x + away + 1)] = np.inf
-
-        for y, x in (shunned // f + side - 1).tolist():
-            without(y, x)
-        if not np.isfinite(free).any():  # a patch of which there is only one: again, then
-            free[:] = cost
-        offsets: list[tuple[int, int]] = []
-        limit = np.inf
-        while len(offsets) < CHOICES:
-            y, x = (int(n) for n in np.unravel_index(int(free.argmin()), free.shape))
-            if not free[y, x] <= limit:
-                break
-            limit = min(limit, TOLERANCE * free[y, x] + 1.0)
-            offsets.append(((y - side + 1) * f, (x - side + 1) * f))
-            without(y, x)
-        return offsets

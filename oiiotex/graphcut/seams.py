@@ -124,7 +124,7 @@ def cut(source: Source, places: np.ndarray, filled: np.ndarray, patch: np.ndarra
     if count == 0:
         return new.reshape(shape)
     old_at, new_at = places.reshape(2, -1), patch.reshape(2, -1)
-    lean = np.zeros(len(free), np.int64)  # cost of being new less cost of being old
+    leans: list[tuple[np.ndarray, np.ndarray]] = []  # of pixels, costs of being new less costs of being old
     arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for step in NEIGHBOURS:
         s, t = edges(shape, step)
@@ -136,15 +136,19 @@ def cut(source: Source, places: np.ndarray, filled: np.ndarray, patch: np.ndarra
         s_new = np.where(covered[s] & there[t], source.costs(new_at[:, s], old_at[:, t], step), 0)
         for fixed, other, old, change in ((t, s, t_new, s_new), (s, t, s_new, t_new)):
             alone = free[other] & new[fixed]
-            np.add.at(lean, other[alone], -old[alone])
+            leans.append((other[alone], -old[alone]))
             alone = free[other] & ~covered[fixed]
-            np.add.at(lean, other[alone], change[alone] - both_old[alone])
+            leans.append((other[alone], change[alone] - both_old[alone]))
         pair = free[s] & free[t]
         s, t, t_new, s_new = s[pair], t[pair], t_new[pair], s_new[pair]
         old = np.minimum(both_old[pair], t_new + s_new)  # what a seam node pays
-        np.add.at(lean, s, s_new - old)
-        np.add.at(lean, t, -s_new)
-        arcs.append((number[s], number[t], t_new + s_new - old))
+        # What it costs that both stay is shared so that arcs both ways are as equal as may be: most hang on no terminal
+        # then, and a flow has little to cancel.
+        of_t = np.clip(-(old // 2), -s_new, t_new - old)
+        leans += (s, -old - of_t), (t, of_t)
+        arcs += (number[s], number[t], t_new - old - of_t), (number[t], number[s], s_new + of_t)
+    pixels, values = (np.concatenate(part) for part in zip(*leans, strict=True))
+    lean = np.bincount(pixels, values, len(free)).astype(np.int64)  # whole numbers, exact in doubles
     taken = minimum_cut(count, arcs, lean[free])
     out = new.copy()
     out[free] = taken

@@ -61,6 +61,16 @@ class Checkpoint:
             self.count += 1
         return pixels
 
+    def kept(self, key: str, place: Window) -> np.ndarray | None:
+        """That piece as a run before has left it, whole; else None."""
+        pixels = _read(self._file(key, place))
+        self.count += pixels is not None
+        return pixels
+
+    def keep(self, key: str, place: Window, pixels: np.ndarray) -> None:
+        """Keep that piece."""
+        self._keep(self._file(key, place), pixels)
+
     def holds(self, key: str, place: Window) -> bool:
         """Whether that piece is there, whole."""
         return _read(self._file(key, place)) is not None
@@ -74,7 +84,7 @@ class Checkpoint:
         plain = io.BytesIO()
         np.save(plain, pixels, allow_pickle=False)
         try:
-            self.folder.mkdir(exist_ok=True)
+            self.folder.mkdir(parents=True, exist_ok=True)  # --create-dir makes the others later
             with temporary_beside(file) as temporary:
                 temporary.write_bytes(zlib.compress(plain.getbuffer(), _SPEED))
             self.count += 1
@@ -86,6 +96,7 @@ class Checkpoint:
         """Remove all pieces, if this run kept or used any; what is not ours stays."""
         if not self.count:
             return
+        self.count = 0
         with contextlib.suppress(OSError):
             for entry in list(self.folder.iterdir()):
                 if _NAME.fullmatch(entry.name):

@@ -24,7 +24,7 @@ from .field import Geometry
 from .level_rows import halo
 
 if TYPE_CHECKING:
-    from .optimization import Recipe
+    from .recipe import Recipe
 
 LEAST_ROWS = 16  # of a band
 BAND_BYTES = 160 << 20  # of a band, beyond which nothing is gained

@@ -14,23 +14,22 @@ Departures from the paper, all measured in benchmarks/README.md:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..color.lab_grid import to_grid
-from ..core.source_map import SourceMap, require_addressable
+from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
-from ..errors import ImageError
+from ..io.checkpoint import Checkpoint
 from ..io.row_store import RowStore
 from ..opencl.buffers import Buffers, require_room
 from ..opencl.device import Device
 from ..opencl.rows import Rows
 from ..projections.histograms import OUTSIDE, ValueCounts, apply_table, matching_table
 from ..projections.projection import Projecting, projected, projection
-from ..regularity.offset_prices import InStep
 from ..stationarity.grid_statistics import CellGrid
+from . import use_prices
 from .constraints import (
     UNCONSTRAINED,
     Constraints,
@@ -41,73 +40,19 @@ from .constraints import (
     first_level,
     octaves,
 )
-from .field import Geometry, allowed_patches, only_allowed, random_field, upsample_field
+from .field import allowed_patches, only_allowed, random_field, upsample_field
+from .level_checkpoint import LevelCheckpoint
 from .level_rows import LevelRows, halo
 from .matcher import SEARCHES, Matcher
 from .memory import level_sigmas, plan_memory
+from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
-SCALE = 1.3  # between pyramid levels (section 4.2)
-COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
 FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
 FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
 EASE = 2.0  # patches away from pixels that stay: how far in the projection begins to have its full strength
-
-
-@dataclass(frozen=True, kw_only=True)
-class Recipe(Domain):
-    """What to synthesize, on which domain; sizes in px.
-
-    Attributes
-    ----------
-    sigma : float or None
-        Scale above which it must look the same everywhere; None: plain PatchMatch, no projection.
-    patch : int
-        Side of a patch, odd.
-    iterations : int
-        On the coarsest level.
-    seed : int
-    uniformity : float
-        Weight of the spatial uniformity term, in units of the exemplar's variance.
-    contrast : float
-        Weight alpha of global histogram matching, 0 to 1.
-    flat : bool
-        Match to the projected exemplar with constant weight; else to the exemplar with a weight that fades to 0 over
-        the coarsest level, as in the paper.
-    coarsest : float
-        Scale of the coarsest level at least; the paper's 1/4.
-    measure : str
-        What must look the same everywhere: histogram, moments or steerable (MJH17 section 3).
-    order : int
-        Moments up to this one, 2 to 4.
-    complete : bool
-        No region of the exemplar is shown too often, and the result is no flatter than the exemplar.
-    in_step : InStep or None
-        The lattice of the exemplar that the result keeps.
-    literal : bool
-        Projections and searches are the paper's: no `OVERSHOOT`, all windows on all levels, and of steerable responses
-        what no filter sees stays as it is.
-    """
-
-    sigma: float | None
-    patch: int
-    iterations: int
-    seed: int
-    uniformity: float
-    contrast: float
-    flat: bool
-    coarsest: float = 0.25
-    measure: str = "histogram"
-    order: int = 2
-    complete: bool = False
-    in_step: InStep | None = None
-    literal: bool = False
-
-    def alpha(self, iteration: int) -> float:
-        """Weight of global histogram matching in an iteration, counted over all levels."""
-        return self.contrast if self.flat else self.contrast * max(0.0, 1.0 - iteration / self.iterations)
 
 
 @dataclass(frozen=True)
@@ -122,38 +67,6 @@ class Synthesis:
     lost: Lost | None = None
 
 
-def level_scales(width: int, height: int, least: float = 0.25) -> list[float]:
-    """Scales of the pyramid levels relative to the tile, coarse to fine, about SCALE apart; the last is 1."""
-    coarsest = min(1.0, max(least, COARSEST / min(width, height)))
-    steps = math.ceil(math.log(1.0 / coarsest) / math.log(SCALE) - 0.5)
-    return [coarsest ** (1.0 - level / steps) for level in range(steps)] + [1.0]
-
-
-def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometry:
-    """Sizes at one level for an exemplar of `shape` (height, width, channels).
-
-    Raises
-    ------
-    ImageError
-        Exemplar or tile are smaller than a patch there.
-    """
-    width, height, e_width, e_height = (
-        max(1, round(n * scale)) for n in (recipe.width, recipe.height, shape[1], shape[0])
-    )
-    patch = recipe.patch
-    require_addressable(shape)
-    for role, size, full in (
-        ("exemplar", (e_width, e_height), (shape[1], shape[0])),
-        ("tile", (width, height), (recipe.width, recipe.height)),
-    ):
-        if min(size) < patch:
-            coarse = "" if size == full else f" is {size[0]}x{size[1]} on the coarsest level, which"
-            raise ImageError(f"the {role} of {full[0]}x{full[1]} px{coarse} is smaller than a patch of {patch}x{patch}")
-    return Geometry(
-        width, height, *recipe.wraps, exemplar_width=e_width, exemplar_height=e_height, patch=patch, channels=shape[2]
-    )
-
-
 def synthesize(
     device: Device,
     exemplar: np.ndarray,
@@ -163,6 +76,7 @@ def synthesize(
     progress: Callable[[int, int], None],
     ruled_out: str = "transparent pixels",
     constraints: Constraints = UNCONSTRAINED,
+    keeper: Checkpoint | None = None,
 ) -> Synthesis:
     """Run MJH17 algorithm 1.
 
@@ -182,6 +96,8 @@ def synthesize(
         What the pixels are that may not be used, for the error's text.
     constraints : Constraints
         What the user prescribes.
+    keeper : Checkpoint or None
+        Where finished levels are kept, and taken from when they are there.
 
     Raises
     ------
@@ -199,9 +115,17 @@ def synthesize(
     total = sum(map(len, schedule))
     iteration, field, coarser = 0, None, None
     fixed = constraints.fixed
+    levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
+    there = -1 if levels is None else levels.latest(geometries)
     plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget)
     with Buffers(device, plan.layout, budget, _task(recipe, exemplar.shape), held=plan.on_host) as buffers:
-        for geometry, scale, passes_of_level in zip(geometries, scales, schedule, strict=True):
+        for level, (geometry, scale, passes_of_level) in enumerate(zip(geometries, scales, schedule, strict=True)):
+            if level <= there:
+                iteration += len(passes_of_level)
+                progress(iteration, total)
+                passes_of_level = []
+            if level < there:
+                continue
             e_size = geometry.exemplar_width, geometry.exemplar_height
             image = to_grid(coarse_image(exemplar, allowed, *e_size), geometry.steps)
             usable = coarse_mask(allowed, *e_size)
@@ -209,7 +133,13 @@ def synthesize(
             weights = constraints.patch_weights(patches, geometry)
             rows = LevelRows(device, buffers, geometry, plan.stores)
             place = rows.field.store
-            if field is None:
+            if level == there:
+                if place is None:
+                    place = np.empty((geometry.rows, geometry.columns), np.uint32)
+                field = levels.field(level, geometry, place)
+                if recipe.complete:
+                    use_prices.hand_on(device, buffers, levels.prices(level, geometry))
+            elif field is None:
                 field = random_field(geometry, patches, recipe.seed, weights, place)
                 if fixed is not None:
                     field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
@@ -231,12 +161,15 @@ def synthesize(
                 None if weights is None else 1 / weights, prices, in_step, rows,
             )  # fmt: skip
             stays = None if fixed is None else fixed.image(exemplar, geometry)
-            level = _Level(device, buffers, matcher, image, usable, recipe, scale, constraints, stays)
+            work = _Level(device, buffers, matcher, image, usable, recipe, scale, constraints, stays)
             for passes in passes_of_level:
-                level.iterate(iteration, passes)
+                work.iterate(iteration, passes)
                 iteration += 1
                 progress(iteration, total)
             field, coarser = matcher.field(), geometry
+            if levels is not None and level > there:
+                prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)
+                levels.keep(level, geometry, field, prices_of_flatness)
         source = matcher.pick()
         if fixed is not None:
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))

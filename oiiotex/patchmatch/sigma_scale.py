@@ -22,7 +22,8 @@ from ..deferred import np
 from ..io.disk_cache import cached_arrays, hash_of
 from ..opencl.device import Device
 from .constraints import coarse_image, coarse_mask
-from .optimization import Recipe, synthesize
+from .optimization import synthesize
+from .recipe import Recipe
 
 DEFAULT_COUNT = 9  # sigmas of a scale where nobody says how many
 SIDE = 160  # px; longer side of the small tiles

@@ -30,6 +30,7 @@ REPEATS = 2.5  # uses of a region that are free
 FAIR = 1.25  # the same, times its share of the target
 GROWTH = 1.0  # what one use more costs, in patch variances
 _BAND = 128  # rows worked on at a time
+_HANDED_ON = "kind_duals", "kind_steps"
 
 
 class Lost(NamedTuple):
@@ -55,6 +56,17 @@ def layout(geometry: Geometry) -> dict[str, int]:
     exemplar = geometry.exemplar_width * geometry.exemplar_height
     small = dict.fromkeys(("kind_counts", "kind_most", "kind_duals", "kind_steps", "kind_prices"), 4 * KINDS)
     return {"kinds": exemplar, "region_sums": 4 * exemplar, **small}
+
+
+def handed_on(device: Device, buffers: Buffers) -> np.ndarray:
+    """What one level hands the next: the prices of constraints and how fast they move, (2, KINDS) int32."""
+    return np.stack([device.read(buffers[name], (KINDS,), np.int32) for name in _HANDED_ON])
+
+
+def hand_on(device: Device, buffers: Buffers, prices: np.ndarray) -> None:
+    """Put there what `handed_on` gave, before the next level begins."""
+    for name, values in zip(_HANDED_ON, prices, strict=True):
+        device.write(buffers[name], values)
 
 
 def activity(image: np.ndarray, patch: int) -> np.ndarray:

@@ -7,7 +7,6 @@ Images are (height, width, channels) int16 arrays of Lab (and of further maps of
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
@@ -15,6 +14,7 @@ from ..deferred import np
 from ..opencl.buffers import Buffers, Download
 from ..opencl.device import Device
 from ..stationarity.grid_statistics import CellGrid
+from .held_cells import cell_rows_held, last_row, seen_cells, unwrapped
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -23,7 +23,6 @@ BINS = 64
 INVERSE = 2048  # samples of an inverse cumulative
 OUTSIDE = -32768  # a value that no histogram counts; the grid of Lab ends far from it
 MOST_VALUES = 4096  # that `patchmatch.to_grid` tells apart
-ALL_ROWS = 1 << 31
 _CELL_GROUP = 4  # cells that a CPU's thread sums at a time: there may be few, and they are long work
 _COUNT_PARTS = 32  # of an image whose values are counted
 
@@ -160,16 +159,8 @@ def layout(
     beyond : int
         Rows above and below those that are made, which are matched as well.
     """
-    row, held = 4 * channels * grid.across * BINS, grid.down
-    if cell_rows is not None:
-        held = min(held, max(cell_rows, _least_cell_rows(grid) + math.ceil(2 * beyond * grid.down / grid.height)))
-    histograms = row * held
+    histograms = 4 * channels * grid.across * BINS * cell_rows_held(grid, cell_rows, beyond)
     return {name: histograms, "grid_next": histograms, "row_sums": 4 * channels * grid.down * BINS}
-
-
-def _least_cell_rows(grid: CellGrid) -> int:
-    """Rows of cells that a projection must hold: those around one row of pixels, and what is blurred into them."""
-    return min(grid.down, 2 * (len(grid.taps()[1]) // 2) + 4)
 
 
 class Projection:
@@ -231,10 +222,7 @@ class Projection:
 
     def last_row(self, top: int) -> int:
         """Up to which row an image can be matched at once from row `top` on; `ALL_ROWS`: all."""
-        if self.whole:
-            return ALL_ROWS
-        cells = self._held - _least_cell_rows(self._grid)  # beside those of one row
-        return top + 1 + int(cells * self._grid.height / self._grid.down)
+        return last_row(self._grid, self._held, top)
 
     def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
         """Match rows of an image that was learned; returns which row lies at the start of its buffer.
@@ -261,21 +249,12 @@ class Projection:
 
     def _gather_around(self, image: Source, top: int, bottom: int) -> None:
         """The cumulatives of the cells that rows of pixels see, from the cells around them."""
-        grid, radius = self._grid, self._taps[1][1]
-        above, below = grid.cells_around(top)[0], grid.cells_around(bottom - 1)[1]
-        first, last = above - radius, below + 1 + radius
-        if not grid.wrap_y:
-            above, below = max(0, above), min(grid.down - 1, below)
-            first, last = max(0, first), min(grid.down, last)
+        above, below, first, last = seen_cells(self._grid, top, bottom)
         self._clear()
-        row = first
-        while row < last:
-            cell = row % grid.down
-            count = min(last - row, grid.down - cell)
-            for _ in self._gather(image, cell, count, row - first):
+        for cell, count, at in unwrapped(self._grid, first, last):
+            for _ in self._gather(image, cell, count, at):
                 pass
-            row += count
-        self._blur(last - first, above - first, below + 1 - first, False)
+        self._blur(last - first, above - first, below - first, False)
         self._first_cells = first
 
     def _clear(self) -> None:

@@ -20,7 +20,8 @@ from ..deferred import np
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..stationarity.grid_statistics import CellGrid, correlated
-from .histograms import ALL_ROWS, BINS, INVERSE, Source
+from .held_cells import cell_rows_held, last_row, seen_cells, unwrapped
+from .histograms import BINS, INVERSE, Source
 from .pearson_table import KURTOSES, SCORES, SKEWNESSES, quantile_table, shares_below, table_place, table_shares
 
 if TYPE_CHECKING:
@@ -30,14 +31,17 @@ _SUMS = 6  # of a cell: weight, what powers are taken about, sums of powers 1 to
 _HOST_BYTES = 8 * 5 * 5  # for every cell and channel: sums of powers in doubles, and copies of them
 
 
-def layout(grid: CellGrid, channels: int = 3, name: str = "local") -> dict[str, int]:
-    """Memory of a projection, in bytes by name; in buffer `name` lies what no other may use."""
-    count = channels * grid.across * grid.down
-    return {"sums": 4 * _SUMS * count + _HOST_BYTES * count, name: 4 * 4 * count}
+def layout(grid: CellGrid, channels: int = 3, cell_rows: int | None = None, name: str = "local") -> dict[str, int]:
+    """Memory of a projection, in bytes by name; in buffer `name` lies what no other may use.
+
+    Of so many rows of cells, as of `histograms.layout`.
+    """
+    count = channels * grid.across * cell_rows_held(grid, cell_rows)
+    return {"sums": 4 * _SUMS * count + _HOST_BYTES * count + 8 * 5 * channels * grid.down, name: 4 * 4 * count}
 
 
 class MomentProjection:
-    """As `histograms.Projection`, by moments up to `order`.
+    """As `histograms.Projection`, by moments up to `order`: where not all cells are held, they are summed twice.
 
     Parameters
     ----------
@@ -45,7 +49,6 @@ class MomentProjection:
         2, 3 or 4.
     """
 
-    looks_beyond = False
     held = None
 
     def __init__(
@@ -55,6 +58,12 @@ class MomentProjection:
         self._device, self._buffers, self._grid, self._order, self._name = device, buffers, grid, order, name
         self._overall: list[cl.Buffer] = []
         self.channels = len(low)
+        self._taps = grid.taps()
+        held = buffers[name].size // (4 * 4 * self.channels * grid.across)
+        self._held = min(grid.down, held)  # rows of cells
+        self._first_cells = 0  # the first of those that are held
+        self.whole = self._held == grid.down
+        self._described_overall = np.zeros(0)
         self._run = device.program(
             "moments", INVERSE=INVERSE, SKEWNESSES=SKEWNESSES, KURTOSES=KURTOSES, SCORES=SCORES, CHANNELS=self.channels
         )
@@ -67,43 +76,80 @@ class MomentProjection:
 
     def learning(self, image: Source) -> Iterator[None]:
         """As `histograms.Projection.learning`."""
-        grid, b = self._grid, self._buffers
-        rows, begin_end = self.channels * grid.down, grid.rows_of_cells(0, grid.down)
-        self._device.fill(b["sums"], np.float32(0), _SUMS * grid.across * rows)
-        for powers in (2, 5):
-            for begin, end in image.bands(*begin_end):
-                first = image.load(begin, end)
-                self._run(
-                    "gather", (grid.across, grid.down, self.channels), b[image.name], b["sums"], powers, begin, end,
-                    first, 0, grid.down, *grid.arguments,
-                )  # fmt: skip
-                yield
-            if powers == 2:
-                self._run("about", (grid.across, rows), b["sums"], grid.across, rows)
-        sums = self._device.read(b["sums"], (self.channels, grid.down, grid.across, _SUMS), np.float32)
-        powers = self._about_the_middle(sums.astype(np.float64))
-        # one cell after the other, whichever way numpy adds what lies side by side: the order is part of the bits
-        whole = np.ascontiguousarray(np.moveaxis(powers, 0, -1)).sum(2).sum(1)
-        overall = self._described(np.moveaxis(whole[:, None, None], -1, 0))[:, 0, 0]
-        # the Gaussian w_d of MJH17 eq. 2
-        local = correlated(powers, *reversed(grid.taps()), axes=(2, 3), wraps=(grid.wrap_y, grid.wrap_x))
-        self._device.write(b[self._name], self._described(local, overall).astype(np.float32))
+        grid, powers = self._grid, np.zeros(0)
+        rows = np.empty((self.channels, grid.down, 5))
+        for top in range(0, grid.down, self._held):
+            count = min(self._held, grid.down - top)
+            yield from self._gather(image, top, top + count)
+            powers = self._powers(count)
+            # one cell after the other, whichever way numpy adds what lies side by side: the order is part of the bits
+            rows[:, top : top + count] = np.ascontiguousarray(np.moveaxis(powers, 0, -1)).sum(2)
+        overall = self._described(np.moveaxis(rows.sum(1)[:, None, None], -1, 0))[:, 0, 0]
+        self._described_overall = overall
+        if self.whole:
+            self._describe(powers, 0, grid.down, grid.wrap_y)
         inverse = self._inverse(overall) if self._order > 2 else np.zeros(1)
         self._overall = [self._device.upload(t.astype(np.float32)) for t in (inverse, overall[:, :2])]
 
+    @property
+    def looks_beyond(self) -> bool:
+        """As `histograms.Projection.looks_beyond`."""
+        return not self.whole
+
     def last_row(self, top: int) -> int:
         """As `histograms.Projection.last_row`."""
-        return ALL_ROWS
+        return last_row(self._grid, self._held, top)
 
     def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
         """As `histograms.Projection.match`."""
-        grid, b, first = self._grid, self._buffers, image.load(top, bottom)
+        grid, b = self._grid, self._buffers
+        if not self.whole:
+            self._describe_around(image, top, bottom)
+        first = image.load(top, bottom)
         self._run(
             "match", (grid.width, bottom - top, self.channels), b[image.name], b[self._name], *self._tables,
             *self._overall, b[matched], *self._limits, strength, int(self._order == 2), top, bottom - top,
-            first, 0, grid.down, *grid.arguments,
+            first, self._first_cells, self._held, *grid.arguments,
         )  # fmt: skip
         return first
+
+    def _describe_around(self, image: Source, top: int, bottom: int) -> None:
+        """Bring the descriptions of the cells that rows of pixels see."""
+        above, below, first, last = seen_cells(self._grid, top, bottom)
+        for _ in self._gather(image, first, last):
+            pass
+        self._describe(self._powers(last - first), above - first, below - first, False)
+        self._first_cells = above
+
+    def _gather(self, image: Source, first: int, last: int) -> Iterator[None]:
+        """Sum rows of cells; they are counted on beyond a border that wraps."""
+        grid, b, all_rows = self._grid, self._buffers, self.channels * self._held
+        self._device.fill(b["sums"], np.float32(0), _SUMS * grid.across * all_rows)
+        for powers in (2, 5):
+            for top, count, at in unwrapped(grid, first, last):
+                for begin, end in image.bands(*grid.rows_of_cells(top, top + count)):
+                    loaded = image.load(begin, end)
+                    self._run(
+                        "gather", (grid.across, count, self.channels), b[image.name], b["sums"], powers, begin, end,
+                        top, count, at, loaded, 0, self._held, *grid.arguments,
+                    )  # fmt: skip
+                    yield
+            if powers == 2:
+                self._run("about", (grid.across, all_rows), b["sums"], grid.across, all_rows)
+
+    def _powers(self, count: int) -> np.ndarray:
+        """Sums of powers of the first rows of cells that are held, (5, channels, count, across)."""
+        shape = self.channels, self._held, self._grid.across, _SUMS
+        sums = self._device.read(self._buffers["sums"], shape, np.float32)[:, :count]
+        return self._about_the_middle(sums.astype(np.float64))
+
+    def _describe(self, powers: np.ndarray, first: int, last: int, wraps: bool) -> None:
+        """Bring there what is around rows `first` to `last` of cells, of which and of those around `powers` are."""
+        # the Gaussian w_d of MJH17 eq. 2
+        around = correlated(powers, *reversed(self._taps), axes=(2, 3), wraps=(wraps, self._grid.wrap_x))
+        described = np.zeros((self.channels, self._held, self._grid.across, 4), np.float32)
+        described[:, : last - first] = self._described(around[:, :, first:last], self._described_overall)
+        self._device.write(self._buffers[self._name], described)
 
     def _about_the_middle(self, sums: np.ndarray) -> np.ndarray:
         """Sums of powers 0 to 4 of values less the middle of their range: (5, channels, y, x)."""

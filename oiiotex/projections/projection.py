@@ -119,7 +119,7 @@ def layout(
     if measure == "moments":
         from . import moments
 
-        return moments.layout(grid, channels, f"local{number}")
+        return moments.layout(grid, channels, cell_rows, f"local{number}")
     from . import steerable
 
     return steerable.layout(grid, channels, rows, cell_rows, f"grid{number}")

@@ -16,7 +16,8 @@ from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError
 from ..opencl.device import Device
-from ..patchmatch.optimization import Recipe, synthesize
+from ..patchmatch.optimization import synthesize
+from ..patchmatch.recipe import Recipe
 
 CELLS = 4  # along the scale of a label map
 _LEAST, _MOST = 24, 192  # cells along the found map's shorter side
