@@ -45,8 +45,8 @@ class Stationarize(PatchSynthesis):
         ge=0.5,
         le=1e6,
         unit="px",
-        help="scale above which the texture must look the same everywhere; when left out longer side / 32, but patch / 4"
-        " at least",
+        help="scale above which the texture must look the same everywhere; when left out longer side / 32, but"
+        " patch / 4 at least",
     )
     amount: float | None = param(
         None,
