@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+from ..color.config import as_float
 from ..core.access import Whole
 from ..core.attributes import mark_as_data
 from ..core.image import Image, Part, from_pixels
@@ -17,6 +18,7 @@ from ..core.parameters import Numbers, Size, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
+from ..exemplar.coarse_looks import coarse_looks
 from ..exemplar.constraint_images import SIGMAMAP, WEIGHT, WITHIN, marked_pixels, remade_source, sigmas_of, weights_of
 from ..exemplar.exemplar_op import ExemplarOp, ExemplarPixels
 from ..exemplar.heights import RELEVEL, height_tile
@@ -92,19 +94,12 @@ class PatchSynthesis(ExemplarOp, Whole):
         raise NotImplementedError
 
     def _recipe(self, width: int, height: int, sigma: float | None, contrast: float, flat: bool) -> Recipe:
+        flat_window = 2.0 * max(width, height)
         return Recipe.tiling(
-            width,
-            height,
-            self.tiling,
-            # twice the tile is a flat window already
-            sigma=None if sigma is None else min(sigma, 2.0 * max(width, height)),
-            patch=self.patch or _PATCH,
-            iterations=self.iterations,
-            seed=self.seed,
-            uniformity=self.uniformity,
-            contrast=contrast,
-            flat=flat,
-        )
+            width, height, self.tiling, sigma=None if sigma is None else min(sigma, flat_window),
+            patch=self.patch or _PATCH, iterations=self.iterations, seed=self.seed, uniformity=self.uniformity,
+            contrast=contrast, flat=flat,
+        )  # fmt: skip
 
     def result_count(self) -> int:
         """Each variant and each map of the material is an image of its own."""
@@ -121,7 +116,7 @@ class PatchSynthesis(ExemplarOp, Whole):
         lattice = None
         if self.kept_structure > 0:
             with session.stats.time("lattice"):
-                lattice = photo_lattice(self.flag(), seen.values[..., :3], seen.usable)
+                lattice = seen.remembered(session, photo_lattice, self.flag())
         wraps = "x" in self.tiling, "y" in self.tiling
         width, height = fitting_size(self.flag(), lattice, size, self.size is not None or self.sized, wraps)
         sigmas = self.sigmas(width, height)
@@ -133,11 +128,13 @@ class PatchSynthesis(ExemplarOp, Whole):
             recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
         budget = session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
 
+        look = coarse_looks(parts[0], session) if marked is None and self.variants == 1 else None
+
         def run(
             recipe: Recipe, constraints: Constraints, advance: Callable[[int, int], None] = session.advance
         ) -> Synthesis:
             given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints
-            synthesis = synthesize(session.device, *given)
+            synthesis = synthesize(session.device, *given, look=look)
             if synthesis.lost is not None:
                 say_what_was_lost(self.flag(), synthesis.lost, self.contrast is None and recipe.contrast == 0)
             return synthesis
@@ -160,6 +157,8 @@ class PatchSynthesis(ExemplarOp, Whole):
         self.say_what_stays()
         tiles = self._tiles(parts, source, in_place=marked is not None)
         first, *others = self._with_heights(tiles, source, None if marked is None else ~marked, session)
+        if session.look is not None:
+            session.look(as_float(first["tile"].pixels()), True)
         more = {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
         if recipe.in_step is not None and quality.is_asked_for:
             more |= regularity_of(lab, source, recipe)
@@ -373,7 +372,7 @@ class Stationarize(PatchSynthesis):
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> Recipe:
         """With the contrast that fits the photo, and the sigma of `amount` (MJH17 section 4.4)."""
         if self.contrast is None and self.within is None:
-            recipe = replace(recipe, contrast=self.fitting_contrast(seen.values, seen.usable, lattice, session))
+            recipe = replace(recipe, contrast=self.fitting_contrast(seen, lattice, session))
         if self.amount is None:
             return recipe
         if self.sigma is not None:
@@ -384,11 +383,11 @@ class Stationarize(PatchSynthesis):
         log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
         return replace(recipe, sigma=sigma)
 
-    def fitting_contrast(
-        self, values: np.ndarray, usable: np.ndarray | None, lattice: Lattice | None, session: Session
-    ) -> float:
+    def fitting_contrast(self, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> float:
         """The contrast where it is left out; a lattice that is kept is no structure that is spread."""
-        return CONTRAST if lattice is not None else fitting_contrast(self.flag(), values[..., :3], usable, session)
+        if lattice is not None:
+            return CONTRAST
+        return seen.remembered(session, fitting_contrast, self.flag(), session)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """From sigmamap."""
