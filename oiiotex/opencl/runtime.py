@@ -32,8 +32,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..core.isolated import isolated, search_path
-from ..core.machine import usable_threads
+from ..core.machine import isolated, search_path, usable_threads
 from ..errors import DeviceError
 from . import cpu as opencl_cpu
 
