@@ -211,11 +211,13 @@ def connect(settings: Settings) -> Client:
         connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             connection.connect(path)
-            return Client(Link(connection))
-        except OSError as error:
+            client = Client(Link(connection))
+            client.hello()  # one that is about to end may have taken the call
+            return client
+        except (OSError, LinkError) as error:
             connection.close()
             if time.monotonic() > until:
-                raise Error(f"the resident process does not answer: {error.strerror}") from error
+                raise Error(f"the resident process does not answer: {error}") from error
         if process is None:
             process = _started(settings)
         elif process.poll() not in (None, 0):
