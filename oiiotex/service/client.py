@@ -46,6 +46,7 @@ class Request(Future[Reply]):
         self, client: Client, number: int, on_look: OnLook | None, on_progress: Callable[[int, int], None] | None
     ):
         super().__init__()
+        self.set_running_or_notify_cancel()  # `stop` cancels, and the process says when it has
         self._client, self._number = client, number
         self.on_look, self.on_progress = on_look, on_progress
 
@@ -88,7 +89,7 @@ class Client:
     def make(
         self, op: str, images: Sequence[int] = (), values: Mapping[str, object] | None = None, *,
         optional: Mapping[str, int | str] | None = None, priority: int = LOOKS, measure: bool = False,
-        until: str | None = None, read: str | None = None, on_look: OnLook | None = None,
+        until: str | None = None, read: str | None = None, keep: bool = True, on_look: OnLook | None = None,
         on_progress: Callable[[int, int], None] | None = None,
     ) -> Request:  # fmt: skip
         """Have an op used, as `work.Bench.make` says.
@@ -111,13 +112,15 @@ class Client:
             'look': end with the first look at the result, whose pixels are the reply's array.
         read : str, optional
             The part whose pixels are the reply's array; '' is the first.
+        keep : bool
+            The images can be asked for later, until they are dropped.
         on_look, on_progress : callable, optional
             As of `Request`.
         """
         texts = {key: f"{int(v) if isinstance(v, bool) else v}" for key, v in (values or {}).items()}
         facts = {
             "do": "make", "op": op, "images": list(images), "values": texts, "optional": dict(optional or {}),
-            "priority": priority, "measure": measure, "until": until, "read": read, "look": on_look is not None,
+            "priority": priority, "measure": measure, "until": until, "read": read, "keep": keep, "look": on_look is not None,
         }  # fmt: skip
         return self._ask(facts, (), on_look, on_progress)
 

@@ -72,7 +72,8 @@ class Bench:
         asked : dict
             op, its name; images, numbers of those it always takes; optional, by parameter a number of an image or a
             name of a part; values, by modifier a text as on the command line; measure, whether the result is measured;
-            until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once.
+            until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once; keep, False where
+            its images will not be asked for again.
         look : callable
             Called with (pixels, whole), as `Session.look`; None: nobody looks.
 
@@ -105,7 +106,8 @@ class Bench:
             if not seen:
                 raise
             return {"images": [], "said": said, "log": job.log}, seen
-        images = [image_facts(one.image) | {"number": self.keep(one.image)} for one in results]
+        keep = asked.get("keep", True)
+        images = [image_facts(one.image) | {"number": self.keep(one.image) if keep else 0} for one in results]
         failed = [text for one in results for text in one.failed]
         arrays = []
         if asked.get("read") is not None:
