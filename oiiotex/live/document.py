@@ -110,8 +110,10 @@ _FIELDS: dict[str, dict[str, Any]] = {
         "x": _place, "y": _place, "zoom": _number(0, 60), "seed": _number(0, 2**32 - 1, whole=True),
         "lock": _number(0, 1, whole=True), "keys": _list(_KEY, 256), "frames": _number(2, 1 << 16, whole=True),
     },
-    "paint": {"width": _number(64, 16384, whole=True), "height": _number(64, 16384, whole=True), "label": _number(0, 255, whole=True),
-              "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True)},
+    "paint": {
+        "width": _number(64, 4096, whole=True), "height": _number(64, 4096, whole=True),
+        "label": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
+    },
 }  # fmt: skip
 
 

@@ -8,14 +8,16 @@ import contextlib
 import json
 import logging
 import struct
+from collections.abc import Coroutine
+from dataclasses import dataclass
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from ..color.display import Shown, shown_by, views
 from ..core.image import Image, channels_of
 from ..deferred import np
 from ..errors import Error
-from ..color.display import Shown, shown_by, views
 from ..io.documents import require_plain
 from ..service.client import Client, connect
 from ..service.messages import LinkError
@@ -25,11 +27,14 @@ from .document import Document
 
 SAVE_EVERY = 0.5  # s, at most, that are lost
 MOST_PAGES = 16
+MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
+_NONSENSE = json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"})
 _WAITING = 64  # messages that wait for a page: who is slower is let go
 
 log = logging.getLogger("oiiotex")
 
 
+@dataclass(frozen=True)
 class Source:
     """What the page is of.
 
@@ -43,10 +48,18 @@ class Source:
         The line up to the photo.
     stem : str
         Of files' names.
+    space : str or None
+        Its colour space, as the config calls it; None where it says none.
+    side : int
+        px; of the square that a zoom takes of it.
     """
 
-    def __init__(self, image: Image | None, graph: str, words: tuple[str, ...], stem: str, space: str | None):
-        self.image, self.graph, self.words, self.stem, self.space = image, graph, words, stem, space
+    image: Image | None
+    graph: str
+    words: tuple[str, ...]
+    stem: str
+    space: str | None
+    side: int
 
 
 class Page:
@@ -89,7 +102,6 @@ class Hub:
         self._client: Client | None = None
         self._numbers: dict[int, int] = {}
         self.rooms: dict[str, Any] = {}
-        self.root_side = 0  # px
         self.loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
 
@@ -114,14 +126,14 @@ class Hub:
 
     # --- pages ---
 
-    def begin(self, work: Any) -> None:
+    def begin(self, work: Coroutine[Any, Any, None]) -> None:
         """Have a coroutine done; its error is said on all pages."""
         assert self.loop is not None
         task = self.loop.create_task(self._said(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _said(self, work: Any) -> None:
+    async def _said(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
         except asyncio.CancelledError:
@@ -188,12 +200,21 @@ class Hub:
             self._answer(page, asked, data)
         except Error as error:
             page.tell(json.dumps({"do": "error", "text": f"oiiotex ERROR: {error}"}))
-        except (ValueError, KeyError, TypeError, AttributeError, struct.error):
-            page.tell(json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"}))
+        except MALFORMED:
+            page.tell(_NONSENSE)
+
+    async def _taken(self, page: Page, work: Coroutine[Any, Any, None]) -> None:
+        """What a page asks of a room; errors are its own."""
+        try:
+            await work
+        except Error as error:
+            page.tell(json.dumps({"do": "error", "text": f"oiiotex ERROR: {error}"}))
+        except MALFORMED:
+            page.tell(_NONSENSE)
 
     def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         if asked["do"] != "set":
-            self.begin(self.rooms[asked["room"]].take(page, asked, data))
+            self.begin(self._taken(page, self.rooms[asked["room"]].take(page, asked, data)))
             return
         room = asked["room"]
         changed = self.document.change(room, asked["values"])

@@ -11,16 +11,24 @@ import webbrowser
 from collections.abc import AsyncIterator
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..color.config import TAG
 from ..color.display import usual_view
+from ..core.attributes import TAG
 from ..core.image import Image
 from ..errors import Error
 from ..io.reading import read
 from ..multiscale.graph import read_graph
 from ..session import Session
 from .document import Document, default_state
-from .guard import Guard, token_for
+from .guard import LOOPBACK, Guard, token_for
+
+if TYPE_CHECKING:
+    from starlette.applications import Starlette
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+    from .hub import Hub
 
 MOST_UPLOAD = 32 << 20  # bytes of a message from a page
 _MOST_CONNECTIONS = 64
@@ -58,13 +66,14 @@ def serve(
         Something is not installed, the port is taken, or the document is another's.
     """
     try:
+        import starlette
         import uvicorn
-        import websockets  # noqa: F401 - uvicorn looks for it
-        from starlette.applications import Starlette
+        import websockets  # uvicorn looks for it
     except ImportError as error:
         raise Error(f"--texlive: {error.name} is not installed: pip install oiiotex[live]") from error
+    assert starlette and websockets
     token = token_for(host, token)
-    application = _application(Starlette, _hub(image, session, words, graph, document))
+    application = _application(_hub(image, session, words, graph, document))
     listening = _listening(host, port)
     port = listening.getsockname()[1]
     guarded = Guard(application, token, _names(host))
@@ -82,7 +91,8 @@ def serve(
 
 def _hub(
     image: Image | None, session: Session, words: tuple[str, ...], graph: Path | None, document: Path | None
-):  # type: ignore[no-untyped-def]
+) -> Hub:
+    """The document's hub with its rooms."""
     from .hub import Hub, Source
     from .tile_room import TileRoom
     from .zoom_room import ZoomRoom
@@ -100,14 +110,15 @@ def _hub(
     state = default_state(*usual_view(session.color, space), side)
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
     opened = Document(document or Path(f"{stem}.texlive.json"), state, name)
-    hub = Hub(Source(image, "" if graph is None else str(graph), words, stem, space), opened, session)
-    hub.root_side = side
+    source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
+    hub = Hub(source, opened, session)
     hub.rooms = {"tile": TileRoom(hub), "zoom": ZoomRoom(hub)}
     return hub
 
 
-def _application(kind, hub):  # type: ignore[no-untyped-def]
-    from starlette.requests import Request
+def _application(hub: Hub) -> Starlette:
+    """The page's files, and its connection."""
+    from starlette.applications import Starlette
     from starlette.responses import Response
     from starlette.routing import Route, WebSocketRoute
 
@@ -130,13 +141,11 @@ def _application(kind, hub):  # type: ignore[no-untyped-def]
             await asyncio.to_thread(hub.close)
 
     routes = [WebSocketRoute("/wire", hub.attend), Route("/", file), Route("/{name}", file)]
-    return kind(routes=routes, lifespan=while_it_runs)
+    return Starlette(routes=routes, lifespan=while_it_runs)
 
 
 def _names(host: str) -> tuple[str, ...]:
     """By which names a browser may ask for the page."""
-    from .guard import LOOPBACK
-
     return LOOPBACK if host in LOOPBACK else (*LOOPBACK, host, socket.gethostname())
 
 

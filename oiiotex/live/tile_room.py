@@ -218,7 +218,12 @@ class TileRoom:
         number, optional = await self._exemplar()
         requests = {
             seed: client.make(
-                "stationarize", [number], self._values() | {"seed": seed}, optional=optional, priority=LOOKS, until="look"
+                "stationarize",
+                [number],
+                self._values() | {"seed": seed},
+                optional=optional,
+                priority=LOOKS,
+                until="look",
             )
             for seed in range(first, first + min(count, MOST_THUMBNAILS))
         }

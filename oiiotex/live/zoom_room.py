@@ -150,7 +150,7 @@ class ZoomRoom:
 
     def _numbers(self, at: list[Fraction]) -> str:
         """A place in pixels of the root, exactly."""
-        exact = [place * self._hub.root_side for place in at]
+        exact = [place * self._hub.source.side for place in at]
         if any(Fraction(float(n)) != n for n in exact):
             raise ParameterError("here a photo's plane ends: deeper places have more digits than at= holds; graph= has")
         return ",".join(text_of(float(n)) for n in exact)
@@ -176,7 +176,8 @@ class ZoomRoom:
         first, last, frames = keys[0], keys[-1], zoom["frames"]
         if first["zoom"] == last["zoom"]:
             raise ParameterError("the path's first and last key frames are as deep: a zoom changes depth")
-        aim = [Fraction(round(n * 2**40 * self._hub.root_side), 2**40) / self._hub.root_side for n in self._middle(last)]
+        side = self._hub.source.side
+        aim = [Fraction(round(n * 2**40 * side), 2**40 * side) for n in self._middle(last)]
         values = {
             "graph": self._hub.source.graph or None, "level": round(first["zoom"], 9),
             "speed": round((last["zoom"] - first["zoom"]) / (frames - 1), 9), "at": self._numbers(aim),

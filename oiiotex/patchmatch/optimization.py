@@ -53,7 +53,7 @@ FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
 FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
-LOOKS = 5  # iterations of the coarsest level between two looks at it
+LOOKS = 3  # iterations of the coarsest level between two looks at it
 EASE = 2.0  # patches away from pixels that stay: how far in the projection begins to have its full strength
 
 

@@ -120,7 +120,8 @@ class Client:
         texts = {key: f"{int(v) if isinstance(v, bool) else v}" for key, v in (values or {}).items()}
         facts = {
             "do": "make", "op": op, "images": list(images), "values": texts, "optional": dict(optional or {}),
-            "priority": priority, "measure": measure, "until": until, "read": read, "keep": keep, "look": on_look is not None,
+            "priority": priority, "measure": measure, "until": until, "read": read, "keep": keep,
+            "look": on_look is not None,
         }  # fmt: skip
         return self._ask(facts, (), on_look, on_progress)
 

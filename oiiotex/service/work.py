@@ -72,8 +72,8 @@ class Bench:
         asked : dict
             op, its name; images, numbers of those it always takes; optional, by parameter a number of an image or a
             name of a part; values, by modifier a text as on the command line; measure, whether the result is measured;
-            until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once; keep, False where
-            its images will not be asked for again.
+            until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once;
+            keep, False where its images will not be asked for again.
         look : callable
             Called with (pixels, whole), as `Session.look`; None: nobody looks.
 

@@ -34,7 +34,7 @@ export const shell = {
   },
 };
 
-const rooms = {};
+export const rooms = {};
 let current = null;
 let wantedRoom = location.hash.slice(1).split("/")[0];
 
