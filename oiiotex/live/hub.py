@@ -8,6 +8,7 @@ import contextlib
 import json
 import logging
 import struct
+import time
 from collections.abc import Coroutine
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,7 @@ from .document import Document
 
 SAVE_EVERY = 0.5  # s, at most, that are lost
 MOST_PAGES = 16
+_PATIENCE = 10.0  # s between two restarts of the resident process
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
 _NONSENSE = json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"})
 _WAITING = 64  # messages that wait for a page: who is slower is let go
@@ -100,7 +102,9 @@ class Hub:
         self.source, self.document, self.session = source, document, session
         self.pages: set[Page] = set()
         self._client: Client | None = None
-        self._numbers: dict[int, int] = {}
+        self._connecting = asyncio.Lock()
+        self._photo: int | None = None
+        self._restarted = -_PATIENCE
         self.rooms: dict[str, Any] = {}
         self.loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -109,20 +113,29 @@ class Hub:
 
     async def client(self) -> Client:
         """The resident process; started anew where it has ended, and what rooms had there is forgotten."""
-        if self._client is None or self._client.ended:
-            self._client = await asyncio.to_thread(connect, Settings.of(self.session))
-            for room in self.rooms.values():
-                room.forget()
-            self._numbers.clear()
-        return self._client
+        async with self._connecting:
+            if self._client is None or self._client.ended:
+                self._client = await asyncio.to_thread(connect, Settings.of(self.session))
+                self._photo = None
+                for room in self.rooms.values():
+                    room.forget()
+            return self._client
+
+    def tries_again(self) -> bool:
+        """Whether a resident process that has ended is worth another start: not one after the other."""
+        now = time.monotonic()
+        again = now - self._restarted > _PATIENCE
+        self._restarted = now if again else self._restarted
+        return again
 
     async def photo(self) -> int:
         """The photo's number there."""
         client, image = await self.client(), self.source.image
         assert image is not None
-        if 0 not in self._numbers:
-            self._numbers[0] = await asyncio.to_thread(client.put, image)
-        return self._numbers[0]
+        async with self._connecting:
+            if self._photo is None:
+                self._photo = await asyncio.to_thread(client.put, image)
+            return self._photo
 
     # --- pages ---
 

@@ -14,6 +14,7 @@ from ..io.reading import read
 from ..io.writing import write
 from ..labels.legend import codes_of, colour_of
 from ..service.client import BRUSH, LOOKS, Request
+from ..service.messages import LinkError
 from .hub import Hub, Page
 from .lines import line, output_name, word_of
 
@@ -115,8 +116,10 @@ class TileRoom:
             facts, _ = await asyncio.wrap_future(request)
         except asyncio.CancelledError:
             return
-        except Error:
-            if turn == self._turn:
+        except Error as error:
+            if turn == self._turn and isinstance(error, LinkError) and hub.tries_again():
+                await self._begin()
+            elif turn == self._turn:
                 hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
                 raise
             return

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections import OrderedDict
 from fractions import Fraction
 from typing import Any
@@ -13,6 +14,7 @@ from ..deferred import np
 from ..errors import Error, ParameterError
 from ..multiscale.synthesizer import MOST_LEVEL
 from ..service.client import TILES, Request
+from ..service.messages import LinkError
 from .document import PLACE_BITS
 from .hub import Hub, Page
 from .lines import line, output_name, text_of, word_of
@@ -78,8 +80,7 @@ class ZoomRoom:
         self._drop({tile for tile in self._asked if not self._is_wanted(tile)})
 
     def forget(self) -> None:
-        """The resident process is another one."""
-        self._asked.clear()
+        """The resident process is another one, which is asked for whole tiles as the last one was."""
 
     # --- tiles ---
 
@@ -115,12 +116,18 @@ class ZoomRoom:
             if tile not in self._asked or turn != self._turn:
                 return
             op, values = self._use(tile[0], tile[1] * SIDE, tile[2] * SIDE, SIDE, SIDE)
+            if self._hub.source.graph:  # the resident process has a folder of its own
+                values["graph"] = os.path.abspath(self._hub.source.graph)
             request = client.make(op, images, values, priority=TILES, read="", keep=False)
             self._asked[tile] = request
             _, (pixels,) = await asyncio.wrap_future(request)
         except asyncio.CancelledError:
             return
-        except Error:
+        except Error as error:
+            self._asked.pop(tile, None)
+            if isinstance(error, LinkError) and self._hub.tries_again():
+                self._ask()
+                return
             self._wanted = {page: [one for one in wanted if one != tile] for page, wanted in self._wanted.items()}
             raise
         finally:
