@@ -94,6 +94,7 @@ def _hub(
 ) -> Hub:
     """The document's hub with its rooms."""
     from .hub import Hub, Source
+    from .paint_room import PaintRoom
     from .tile_room import TileRoom
     from .zoom_room import ZoomRoom
 
@@ -112,7 +113,7 @@ def _hub(
     opened = Document(document or Path(f"{stem}.texlive.json"), state, name)
     source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
     hub = Hub(source, opened, session)
-    hub.rooms = {"tile": TileRoom(hub), "zoom": ZoomRoom(hub)}
+    hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
     return hub
 
 
