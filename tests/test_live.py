@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import json
 import shlex
+import shutil
 import signal
 import tempfile
 import time
@@ -27,7 +28,7 @@ from tests.conftest import load, oiiotex, save
 SPACE = "srgb_rec709_scene"
 PIXELS = """async (name) => {
   const { rooms } = await import("./main.js");
-  const canvas = name === "tile" ? rooms.tile.tile : rooms.zoom.tiles.get(name);
+  const canvas = { tile: rooms.tile.tile, texture: rooms.paint?.texture }[name] ?? rooms.zoom.tiles.get(name);
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   let text = "";
   for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
@@ -68,6 +69,7 @@ def served(folder) -> Iterator[Served]:
     server = Served(folder, "photo.png", "--iscolorspace", SPACE, runtime=folder)
     yield server
     server.end()
+    shutil.rmtree(folder / "photo.paint", ignore_errors=True)
     for document in folder.glob("photo.*.*"):
         document.unlink()
 
@@ -155,6 +157,40 @@ def test_a_painted_mask_is_in_the_line(page, folder):
     mask = load(folder / "photo.mask.png")
     assert set(np.unique(mask)) == {0, 255} and 0.05 < (mask == 255).mean() < 0.9
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
+def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page, folder):
+    page.evaluate("import('./main.js').then(({ shell }) => shell.set('paint', { width: 512, height: 384, brush: 64 }))")
+    page.click("#tab-paint")
+    page.wait_for_selector("[data-step='0']")
+    before = pixels_of(page, "texture")
+    assert before.shape == (384, 512, 3)
+    page.locator(".swatch").nth(1).click()
+    view = page.locator("canvas[aria-label=Painting]").bounding_box()
+    scale = min((view["width"] - 24) / 512, (view["height"] - 24) / 384)
+    corner = view["x"] + (view["width"] - 512 * scale) / 2, view["y"] + (view["height"] - 384 * scale) / 2
+    page.mouse.move(corner[0] + 150 * scale, corner[1] + 150 * scale)
+    page.mouse.down()
+    page.mouse.move(corner[0] + 250 * scale, corner[1] + 200 * scale, steps=5)
+    page.mouse.up()
+    page.wait_for_selector("[data-step='1']")
+    after = pixels_of(page, "texture")
+    rows, columns = np.nonzero((before != after).any(-1))
+    reach = 32 + 2 * 16  # px: half the brush, and patches around it
+    assert 150 - reach < columns.min() and columns.max() < 250 + reach
+    assert 150 - reach < rows.min() and rows.max() < 200 + reach
+    assert len(rows) > 3000
+    words = copied_line(page)
+    np.testing.assert_array_equal(after, shown_of(words, folder, SPACE))
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("[data-step='0']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), before)
+    page.keyboard.press("Control+Shift+Z")
+    page.wait_for_selector("[data-step='1']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+    page.reload()  # painting and history are there
+    page.wait_for_selector("[data-step='1']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), after)
 
 
 def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, served, folder):

@@ -155,6 +155,10 @@ class PaintRoom:
             await self._go(self._steps.last)
         self._show_ids(page)
         self._show_texture(page=page)
+        self._tell_step()
+
+    def _tell_step(self) -> None:
+        self._hub.tell({"do": "step", "room": "paint", "step": self._step, "last": self._steps.last})
 
     async def _new(self, label: int = 0) -> None:
         """A painting of one label, by default the largest."""
@@ -244,7 +248,7 @@ class PaintRoom:
         if self._image is not None:
             client.drop(self._image)
         self._image, self._ids, self._step = image, ids, step
-        hub.tell({"do": "step", "room": "paint", "step": step, "last": self._steps.last})
+        self._tell_step()
 
     async def _look(self, client: Any, image: int, step: int) -> None:
         """Read what has changed of the texture, and show it; all of it where nothing is shown yet."""

@@ -134,7 +134,7 @@ export class PaintRoom {
       const children = label.children.length ? `, ${label.children.length} within` : "";
       const one = button("", `Paint with label ${label.id}${children}`, () => this.set({ label: label.id }), { className: "swatch" });
       one.dataset.label = label.id;
-      one.append(make("i", { style: `background:rgb(${label.colour})` }), swatch, make("b", { textContent: label.name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
+      one.append(make("i", { style: `background:rgb(${label.colour})` }), swatch, make("b", { textContent: label.name.includes("/") ? `Label ${label.id}` : label.name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
       return one;
     }));
     if (!facts.labels.some((one) => one.id === this.shell.state.paint.label)) this.set({ label: facts.labels[0].id });
