@@ -9,7 +9,8 @@ import functools
 import logging
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 Progress = Callable[[int, int], bool | None]
+Look = Callable[["np.ndarray", bool], object]
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
@@ -46,12 +48,16 @@ class Resources:
     ----------
     keeper : Checkpoint or None
         Of the file that is being written, or will be: where ops with resume=1 keep what is finished.
+    memories : int
+        How many results of `remembered` are kept; 0, as in a program that ends after its line: none.
     """
 
     def __init__(self, settings: Session):
         self._settings = settings
         self._last: tuple[str, Any] = ("", None)
         self.keeper: Checkpoint | None = None
+        self.memories = 0
+        self._memory: OrderedDict[Hashable, tuple[Any, tuple[object, ...]]] = OrderedDict()
         self._checkpoints: dict[Path, Checkpoint] = {}
 
     def checkpoint(self, path: Path) -> Checkpoint:
@@ -77,6 +83,7 @@ class Resources:
         """Let the next one be opened instead; what was made with this one is made anew."""
         self.__dict__.pop("device", None)
         self._last = "", None
+        self._memory.clear()
 
     @functools.cached_property
     def color(self) -> ColorConfig:
@@ -110,6 +117,26 @@ class Resources:
         value: Result = self._last[1]
         return value
 
+    def remembered(self, key: Hashable, make: Callable[[], Result], *held: object) -> Result:
+        """What `make` gives, or gave under that key: analyses that a resident process keeps from job to job.
+
+        Parameters
+        ----------
+        key : hashable
+        make : callable
+        held : objects
+            Whose id is part of the key: they live as long as what is remembered of them.
+        """
+        if key in self._memory:
+            self._memory.move_to_end(key)
+            value: Result = self._memory[key][0]
+            return value
+        value = make()
+        self._memory[key] = value, held
+        while len(self._memory) > self.memories:
+            self._memory.popitem(last=False)
+        return value
+
 
 @dataclass(kw_only=True)
 class Session:
@@ -133,6 +160,9 @@ class Session:
         Ops of the host work on all parts of an image, not on the first alone.
     progress : callable or None
         Called with (done, total) as work goes on; returning False stops the run.
+    look : callable or None
+        Called with (pixels, whole) as a result comes nearer: (height, width, channels) of the image's own type,
+        first coarse ones of a smaller size; `whole` where they are the result's own.
     say : callable or None
         Called with each line of text that a filter was asked for.
     measure : bool
@@ -155,6 +185,7 @@ class Session:
     autocc: bool = False
     all_parts: bool = False
     progress: Progress | None = None
+    look: Look | None = None
     say: Callable[[str], object] | None = None
     measure: bool = False
     profile: bool = False

@@ -38,6 +38,8 @@ charts
 python_types plugin
 python_api
 filters host
+service
+live
 farm
 cli
 """.strip().splitlines()

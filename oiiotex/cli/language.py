@@ -76,6 +76,12 @@ _OPTIONS = tuple(
             "--tev",
         ),
         (
+            "Looking",
+            "living",
+            "OPTIONS",
+            "--texlive",
+        ),
+        (
             "Control flow",
             "control",
             "OPTIONS",

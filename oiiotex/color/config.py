@@ -110,6 +110,11 @@ class ColorConfig:
         return config
 
     @property
+    def config(self) -> ocio.Config:
+        """As OpenColorIO has it."""
+        return self._config
+
+    @property
     def names(self) -> oiio.ColorConfig:
         """What OpenImageIO finds in the config: displays, views, looks, transforms."""
         return self._names

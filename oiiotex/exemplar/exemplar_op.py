@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import functools
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from ..color.lab import working_values
 from ..core.image import Image
@@ -17,8 +18,11 @@ from ..core.parameters import image, param
 from ..core.source_map import STMAP
 from ..deferred import np
 from ..errors import ImageError, ParameterError
+from ..io.disk_cache import hash_of
 from ..session import Session
 from .exemplar_masks import both, label_map, masked_pixels
+
+Found = TypeVar("Found")
 
 log = logging.getLogger("oiiotex")
 
@@ -49,6 +53,15 @@ class ExemplarPixels:
     opaque: np.ndarray | None
     usable: np.ndarray | None
     why: str
+
+    def remembered(self, session: Session, find: Callable[..., Found], flag: str, *more: object) -> Found:
+        """What `find(flag, lab, usable, *more)` finds in the photo, or found when these pixels were last looked at."""
+        usable = None if self.usable is None else hash_of(self.usable)
+        return session.resources.remembered(
+            (find, id(self.values), usable),
+            lambda: find(flag, self.values[..., :3], self.usable, *more),
+            self.values,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

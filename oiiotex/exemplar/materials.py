@@ -68,7 +68,15 @@ def read_material(
     ImageError
         The maps differ in size or windows, or there is no normal of any length.
     """
-    named = kinds_of(kinds, len(maps), data)
+    parts = tuple(image.first for image in maps)
+    how = tuple(kinds_of(kinds, len(maps), data)), match
+    key = ("material", *map(id, parts), *how)
+    return session.resources.remembered(key, lambda: _read(maps, *how, session), parts)
+
+
+def _read(
+    maps: tuple[Image, ...], named: tuple[str, ...], match: Numbers | None, session: Session
+) -> tuple[np.ndarray, np.ndarray | None]:
     weights = _weights(match, named)
     _require_alike(maps)
     layers, opaque = [], None
@@ -99,7 +107,7 @@ def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:
     return named
 
 
-def _weights(match: Numbers | None, kinds: list[str]) -> list[float]:
+def _weights(match: Numbers | None, kinds: tuple[str, ...]) -> list[float]:
     if match is None:
         return [_HEIGHT_WEIGHT if kind == "height" and len(kinds) > 1 else 1.0 for kind in kinds]
     if len(match) != len(kinds) or max(match) == 0:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..multiscale.graph import Graph
 from ..multiscale.infinite_plane import Plane, graph_images, opened
-from ..multiscale.synthesizer import MOST_LEVEL
+from ..multiscale.synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
 from ..session import Session
 from .tilereport import FAIL_HELP, REPORT_HELP, Look, Quality
 
@@ -90,10 +91,33 @@ class Multiscale(AnyWindow):
         for given in images:
             for part in given.parts[1:]:
                 log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, given.source)
-        return opened(
-            session, graph, images, self.source, side=self.side, dims=self.dims, correct=self.correct,
-            literal=self.paper, space=self.working_space,
-        )  # fmt: skip
+        how = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
+        parts = tuple(image.first for image in images)
+        read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
+        return session.resources.remembered(
+            ("plane", graph, read, *how.values(), self.working_space),
+            lambda: opened(session, graph, images, self.source, space=self.working_space, **how),
+            parts,
+        )
+
+    def maker(self, plane: Plane, settings: PlaneSettings, session: Session) -> Synthesizer:
+        """What makes windows of the plane."""
+        maker = session.resources.remembered(
+            ("maker", id(plane.analysis), settings),
+            lambda: Synthesizer(session.device, plane.analysis, settings, session.budget),
+            plane.analysis,
+        )
+        session.device.collect(session.stats)
+        return maker
+
+
+def _changed(path: Path) -> tuple[int, int] | None:
+    """When and to what size a file was last changed."""
+    try:
+        status = os.stat(path)
+    except OSError:  # whoever reads it says so
+        return None
+    return status.st_mtime_ns, status.st_size
 
 
 def with_report(

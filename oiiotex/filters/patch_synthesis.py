@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
+from ..color.config import as_float
 from ..core.access import Whole
 from ..core.attributes import mark_as_data
 from ..core.image import Image, Part, from_pixels
@@ -17,6 +18,7 @@ from ..core.parameters import Numbers, Size, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
+from ..exemplar.coarse_looks import coarse_looks
 from ..exemplar.constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
 from ..exemplar.exemplar_op import ExemplarOp, ExemplarPixels
 from ..exemplar.heights import RELEVEL, height_tile
@@ -121,7 +123,7 @@ class PatchSynthesis(ExemplarOp, Whole):
         lattice = None
         if self.kept_structure > 0:
             with session.stats.time("lattice"):
-                lattice = photo_lattice(self.flag(), seen.values[..., :3], seen.usable)
+                lattice = seen.remembered(session, photo_lattice, self.flag())
         wraps = "x" in self.tiling, "y" in self.tiling
         width, height = fitting_size(self.flag(), lattice, size, self.size is not None or self.sized, wraps)
         sigmas = self.sigmas(width, height)
@@ -132,13 +134,14 @@ class PatchSynthesis(ExemplarOp, Whole):
             wanted = lattice.on_torus(recipe)
             recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
         budget = session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
+        look = coarse_looks(parts[0], session) if marked is None and self.variants == 1 else None
 
         def run(
             recipe: Recipe, constraints: Constraints, advance: Callable[[int, int], None] = session.advance
         ) -> Synthesis:
             keeper = session.resources.keeper if self.resume else None
             given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints, keeper
-            synthesis = synthesize(session.device, *given)
+            synthesis = synthesize(session.device, *given, look=look)
             if synthesis.lost is not None:
                 say_what_was_lost(self.flag(), synthesis.lost, self.contrast is None and recipe.contrast == 0)
             return synthesis
@@ -161,6 +164,8 @@ class PatchSynthesis(ExemplarOp, Whole):
         self.say_what_stays()
         tiles = self._tiles(parts, source, in_place=marked is not None)
         first, *others = self._with_heights(tiles, source, None if marked is None else ~marked, session)
+        if session.look is not None:
+            session.look(as_float(first["tile"].pixels()), True)
         more = {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
         if recipe.in_step is not None and quality.is_asked_for:
             more |= regularity_of(lab, source, recipe)

@@ -51,7 +51,10 @@ def filled(op: Stationarize, session: Session) -> Stationarize:
     if op.preset == CLEAN and op.mask is None:
         plain.planned(session)  # what can be wrong is known before pixels are asked for
         dominant = Dominant(source=op.exemplar, data=op.data)
-        mask = dominant.compute(session)["dominant"]
+        part = op.exemplar.first
+        mask = session.resources.remembered(
+            ("dominant", id(part), op.data), lambda: dominant.compute(session)["dominant"], part
+        )
         if mask.pixels().any():  # else it has warned
             plain = replace(plain, mask=Image((mask,), mask.name))
             before = f"{_words(dominant)}:keep=1 "

@@ -121,7 +121,7 @@ class Stationarize(PatchSynthesis):
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> Recipe:
         """With the contrast that fits the photo, and the sigma of `amount` (MJH17 section 4.4)."""
         if self.contrast is None and self.within is None:
-            recipe = replace(recipe, contrast=self.fitting_contrast(seen.values, seen.usable, lattice, session))
+            recipe = replace(recipe, contrast=self.fitting_contrast(seen, lattice, session))
         if self.amount is None:
             return recipe
         if self.sigma is not None:
@@ -132,11 +132,11 @@ class Stationarize(PatchSynthesis):
         log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
         return replace(recipe, sigma=sigma)
 
-    def fitting_contrast(
-        self, values: np.ndarray, usable: np.ndarray | None, lattice: Lattice | None, session: Session
-    ) -> float:
+    def fitting_contrast(self, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> float:
         """The contrast where it is left out; a lattice that is kept is no structure that is spread."""
-        return CONTRAST if lattice is not None else fitting_contrast(self.flag(), values[..., :3], usable, session)
+        if lattice is not None:
+            return CONTRAST
+        return seen.remembered(session, fitting_contrast, self.flag(), session)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """From sigmamap."""

@@ -20,7 +20,7 @@ from ..errors import ParameterError
 from ..exemplar.photo_lattice import Structured, fitting_size
 from ..multiscale.graph import Graph
 from ..multiscale.infinite_plane import Plane, States
-from ..multiscale.synthesizer import MOST_LEVEL, Synthesizer
+from ..multiscale.synthesizer import MOST_LEVEL
 from ..regularity.offset_prices import InStep
 from ..session import Session
 from .multiscale import FARTHEST, Multiscale, texture_spec, with_report
@@ -97,8 +97,7 @@ class Synth(Multiscale, Structured):
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
         settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level, in_step=in_step)
-        maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
-        session.device.collect(session.stats)
+        maker = self.maker(plane, settings, session)
         key = plane.key(settings, level) if self.resume or self.tiles else ""
         states = States(session, maker, level, window, display or window, key if self.resume else "")
         spec = texture_spec(first.spec, states.display, states.place, self.toroidal)

@@ -20,7 +20,7 @@ from ..deferred import np
 from ..errors import ParameterError
 from ..multiscale.graph import LOOP_R, Graph
 from ..multiscale.infinite_plane import Plane
-from ..multiscale.synthesizer import MOST_LEVEL, Synthesizer
+from ..multiscale.synthesizer import MOST_LEVEL
 from ..multiscale.zoom import Zoomed, views
 from ..session import Session
 from .multiscale import FARTHEST, Multiscale, texture_spec, with_report
@@ -84,10 +84,7 @@ class Zoom(Multiscale):
             raise ParameterError(f"at={self.at}: at {farthest:.6g} octaves it is more than 2^60 px away from 0,0")
         if self.movie and self.movie.suffix.lower() == ".gif":
             session.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "take fewer: count=")
-        maker = Synthesizer(
-            session.device, plane.analysis, plane.settings(seed=self.seed, lock=self.lock), session.budget
-        )
-        session.device.collect(session.stats)
+        maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock), session)
         whole = Window(0, 0, width, height)
 
         def frame_at(zoom: float) -> Part:

@@ -69,7 +69,7 @@ def read_document(path: Path) -> Any:
     yaml_file = path.suffix.lower() in (".yaml", ".yml")
     try:
         document = _yaml(text, path) if yaml_file else json.loads(text)
-        _require_plain(document)
+        require_plain(document)
     except RecursionError as error:
         raise ImageError(f"{path}: lists or objects lie too deep in each other") from error
     except ValueError as error:
@@ -97,7 +97,7 @@ def _events(yaml: Any, text: str) -> Iterable[Any]:
         raise ValueError(one_line(str(error))[:300]) from error
 
 
-def _require_plain(document: Any) -> None:
+def require_plain(document: Any) -> None:
     """Refuse, with ValueError, numbers and texts that the rest of the program could not take."""
     if isinstance(document, str):
         try:
@@ -108,11 +108,11 @@ def _require_plain(document: Any) -> None:
         raise ValueError(f"{str(document)[:30]} is beyond 2^53")
     elif isinstance(document, dict):
         for name, value in document.items():
-            _require_plain(name)
-            _require_plain(value)
+            require_plain(name)
+            require_plain(value)
     elif isinstance(document, list):
         for value in document:
-            _require_plain(value)
+            require_plain(value)
 
 
 def read_arrays(path: Path, budget: int) -> dict[str, np.ndarray]:

@@ -32,7 +32,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..core.machine import usable_threads
+from ..core.machine import isolated, search_path, usable_threads
 from ..errors import DeviceError
 from . import cpu as opencl_cpu
 
@@ -217,7 +217,7 @@ def _try_in_subprocess(device: cl.Device, attempt: Attempt) -> tuple[int, str]:
         environment = {**os.environ, "PATH": path, "POCL_CACHE_DIR": cache}
         try:
             run = subprocess.run(
-                _isolated("oiiotex.opencl.probe", *words),
+                isolated("oiiotex.opencl.probe", *words),
                 env=environment, capture_output=True, text=True, errors="replace", timeout=_PROBE_SECONDS,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
@@ -234,26 +234,6 @@ def _last_words(run: subprocess.CompletedProcess) -> str:
         return lines[-1] if lines else f"exit status {run.returncode}"
     first = next((line for line in lines if "error" in line), lines[-1] if lines else "")
     return f"{first} ({signal.Signals(-run.returncode).name})".strip()
-
-
-def _isolated(module: str, *arguments: str) -> list[str]:
-    """The command that runs a module of ours in a Python that takes no code from the current folder.
-
-    It looks where this process looks (an environment, an editable installation, a folder of PYTHONPATH), less the
-    current folder, which `python -m` and `python -c` put first.
-    """
-    start = (
-        f"import sys; sys.path[:] = {_search_path()!r}; import runpy;"
-        f" runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
-    )
-    return [sys.executable, "-I", "-c", start, *arguments]
-
-
-def _search_path() -> list[str]:
-    own = set(sysconfig.get_paths().values())  # of the interpreter, even where somebody works there
-    here = os.path.realpath(os.curdir)
-    entries = [p for p in sys.path if os.path.isabs(p) and (p in own or os.path.realpath(p) != here)]
-    return [*entries, str(Path(__file__).resolve().parents[2])]
 
 
 # --- what does not work, and what helps ---
@@ -285,7 +265,7 @@ def remedy(trials: list[Trial]) -> str:
 
 def _zig() -> Path | None:
     """The program of the ziglang wheel, which is LLD too."""
-    spec = PathFinder.find_spec("ziglang", _search_path()) if os.name == "posix" else None
+    spec = PathFinder.find_spec("ziglang", search_path()) if os.name == "posix" else None
     program = Path(spec.origin).with_name("zig") if spec is not None and spec.origin else None
     return program if program is not None and program.exists() else None
 

@@ -52,6 +52,7 @@ FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
 FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
+LOOKS = 3  # iterations of the coarsest level between two looks at it
 EASE = 2.0  # patches away from pixels that stay: how far in the projection begins to have its full strength
 
 
@@ -77,6 +78,7 @@ def synthesize(
     ruled_out: str = "transparent pixels",
     constraints: Constraints = UNCONSTRAINED,
     keeper: Checkpoint | None = None,
+    look: Callable[[SourceMap, tuple[int, int]], object] | None = None,
 ) -> Synthesis:
     """Run MJH17 algorithm 1.
 
@@ -98,6 +100,8 @@ def synthesize(
         What the user prescribes.
     keeper : Checkpoint or None
         Where finished levels are kept, and taken from when they are there.
+    look : callable, optional
+        Called with (source, (width, height)): what a level shows, of an exemplar of that size.
 
     Raises
     ------
@@ -113,8 +117,7 @@ def synthesize(
     schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * FINE_ITERATIONS for _ in scales[1:])]
     schedule[-1][-1] = LAST_PASSES
     total = sum(map(len, schedule))
-    iteration, field, coarser = 0, None, None
-    fixed = constraints.fixed
+    iteration, field, coarser, fixed = 0, None, None, constraints.fixed
     levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
     there = -1 if levels is None else levels.latest(geometries)
     plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget)
@@ -162,9 +165,11 @@ def synthesize(
             )  # fmt: skip
             stays = None if fixed is None else fixed.image(exemplar, geometry)
             work = _Level(device, buffers, matcher, image, usable, recipe, scale, constraints, stays)
-            for passes in passes_of_level:
+            for number, passes in enumerate(passes_of_level, 1):
                 work.iterate(iteration, passes)
                 iteration += 1
+                if look is not None and rows.whole and (number % LOOKS == 0 or number == len(passes_of_level)):
+                    look(matcher.pick(), e_size)
                 progress(iteration, total)
             field, coarser = matcher.field(), geometry
             if levels is not None and level > there:

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A synthesis looked at while it is made: what its coarse levels copy, from the photo reduced to their size."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+from ..color.config import as_float
+from ..core.image import Part, resized
+from ..core.source_map import SourceMap
+from ..session import Session
+
+
+def coarse_looks(photo: Part, session: Session) -> Callable[[SourceMap, tuple[int, int]], object] | None:
+    """What `patchmatch.optimization.synthesize` calls with its coarse levels; None where nobody looks.
+
+    Parameters
+    ----------
+    photo : Part
+        The exemplar.
+    session : Session
+    """
+    look = session.look
+    if look is None:
+        return None
+    reduced = functools.lru_cache(1)(functools.partial(resized, as_float(photo.pixels())))
+    return lambda source, size: look(source.gather(reduced(*size)), False)

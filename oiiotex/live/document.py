@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a page works on, as a small file: parameters, variants, places, paintings' names. Saved by itself."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import Error, ParameterError
+from ..filters.measures import MEASURES
+from ..filters.presets import PRESETS
+from ..io.atomic import temporary_beside
+from ..io.documents import read_document
+
+VERSION = 1
+MOST_VARIANTS = 64
+_MOST_THUMBNAIL = 60_000  # letters
+
+State = dict[str, Any]
+
+
+def _number(low: float, high: float, whole: bool = False) -> Any:
+    def check(value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise ValueError
+        if not low <= value <= high or (whole and value != int(value)):
+            raise ValueError
+        return int(value) if whole else float(value)
+
+    return check
+
+
+def _or_none(check: Any) -> Any:
+    return lambda value: None if value is None else check(value)
+
+
+def _one_of(*choices: Any) -> Any:
+    def check(value: Any) -> Any:
+        if not isinstance(value, (str, int, type(None))) or value not in choices:
+            raise ValueError
+        return value
+
+    return check
+
+
+def _text(most: int) -> Any:
+    def check(value: Any) -> str:
+        if not isinstance(value, str) or len(value) > most:
+            raise ValueError
+        return value
+
+    return check
+
+
+def _mask(value: Any) -> Any:
+    """'' everywhere, 'dominant', 'brush', or the number of a label."""
+    return _number(1, 1 << 20, whole=True)(value) if isinstance(value, int) else _one_of("", "dominant", "brush")(value)
+
+
+def _place(value: Any) -> str:
+    """A whole number as text: places have more digits than JSON's numbers hold."""
+    text = _text(80)(value)
+    int(text)
+    return text
+
+
+def _list(check: Any, most: int) -> Any:
+    def checked(value: Any) -> list[Any]:
+        if not isinstance(value, list) or len(value) > most:
+            raise ValueError
+        return [check(one) for one in value]
+
+    return checked
+
+
+def _object(**fields: Any) -> Any:
+    def check(value: Any) -> State:
+        if not isinstance(value, dict) or set(value) != set(fields):
+            raise ValueError
+        return {name: checking(value[name]) for name, checking in fields.items()}
+
+    return check
+
+
+_TILE = {
+    "sigma": _or_none(_number(0.5, 1e6)),
+    "amount": _or_none(_number(0, 1)),
+    "contrast": _or_none(_number(0, 1)),
+    "structure": _number(0, 1),
+    "seed": _number(0, 2**32 - 1, whole=True),
+    "measure": _one_of(*MEASURES),
+    "preset": _one_of(*PRESETS, None),
+    "patch": _or_none(_one_of(*range(5, 23, 2))),
+    "width": _or_none(_number(16, 16384, whole=True)),
+    "height": _or_none(_number(16, 16384, whole=True)),
+    "mask": _mask,
+    "within": _one_of("", "brush"),
+}
+_VARIANT = _object(tile=_object(**_TILE), thumbnail=_text(_MOST_THUMBNAIL))
+_KEY = _object(x=_place, y=_place, zoom=_number(0, 60))
+_FIELDS: dict[str, dict[str, Any]] = {
+    "tile": _TILE,
+    "view": {"display": _text(200), "view": _text(200), "exposure": _number(-20, 20)},
+    "variants": {"list": _list(_VARIANT, MOST_VARIANTS)},
+    "zoom": {
+        "x": _place, "y": _place, "zoom": _number(0, 60), "seed": _number(0, 2**32 - 1, whole=True),
+        "lock": _number(0, 1, whole=True), "keys": _list(_KEY, 256), "frames": _number(2, 1 << 16, whole=True),
+    },
+    "paint": {
+        "width": _number(64, 4096, whole=True), "height": _number(64, 4096, whole=True),
+        "label": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
+    },
+}  # fmt: skip
+
+
+def default_state(display: str, view: str, side: int) -> State:
+    """A new document's.
+
+    Parameters
+    ----------
+    display, view : str
+        Of the colour config.
+    side : int
+        px; of a photo, or of a graph's root: a zoom begins in its middle.
+    """
+    tile: State = dict.fromkeys(_TILE)
+    tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "within": ""}
+    middle = str((side // 2) << PLACE_BITS)
+    return {
+        "tile": tile,
+        "view": {"display": display, "view": view, "exposure": 0.0},
+        "variants": {"list": []},
+        "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
+        "paint": {"width": 1024, "height": 1024, "label": 1, "brush": 64.0, "seed": 0},
+    }
+
+
+PLACE_BITS = 96  # of fraction in a place of the zoom: pixels of the root in 1/2^96
+
+
+class Document:
+    """A document and its file.
+
+    Parameters
+    ----------
+    path : Path
+    state : dict
+        What it begins with where there is no such file.
+    source : str
+        The photo, or the graph: another one's document is refused.
+
+    Raises
+    ------
+    Error
+        The file is no such document, of a later version, or of another photo.
+    """
+
+    def __init__(self, path: Path, state: State, source: str):
+        self.path, self.state, self._source = path, state, source
+        self.changed = False
+        if path.exists():
+            self._read()
+
+    def _read(self) -> None:
+        content = read_document(self.path)
+        if not isinstance(content, dict) or "oiiotex.live" not in content:
+            raise Error(f"{self.path} is no document of --texlive: document=FILE says another one")
+        if content["oiiotex.live"] != VERSION:
+            raise Error(f"{self.path} is of version {content['oiiotex.live']}, this is {VERSION}")
+        if content.get("source") != self._source:
+            raise Error(f"{self.path} is of {content.get('source')}, not of {self._source}: document=FILE says another")
+        for room, values in content.items():
+            if room in _FIELDS:
+                self.change(room, values)
+        self.changed = False
+
+    def change(self, room: str, values: Mapping[str, Any]) -> State:
+        """Take new values of a room; what has changed.
+
+        Raises
+        ------
+        ParameterError
+            There is no such value, or it is not allowed.
+        """
+        if room not in _FIELDS or not isinstance(values, Mapping):
+            raise ParameterError(f"there is no room '{room}'")
+        checked = {}
+        for name, value in values.items():
+            try:
+                checked[name] = _FIELDS[room][name](value)
+            except (KeyError, ValueError, TypeError):
+                raise ParameterError(f"{room}: {name}={str(value)[:60]} is not allowed") from None
+        changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
+        if changed:
+            self.state[room] |= changed
+            self.changed = True
+        return changed
+
+    def save(self) -> None:
+        """Write it, whole or not at all, if something has changed."""
+        if not self.changed:
+            return
+        self.changed = False
+        content = {"oiiotex.live": VERSION, "source": self._source} | copy.deepcopy(self.state)
+        with temporary_beside(self.path) as temporary:
+            temporary.write_text(json.dumps(content, indent=1) + "\n")
+
+    def beside(self, what: str) -> Path:
+        """A file that goes with it."""
+        return self.path.with_name(f"{self.path.name.removesuffix('.json').removesuffix('.texlive')}.{what}")

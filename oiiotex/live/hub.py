@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All pages of one document: what one of them changes the others see, pictures go to those who look at them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import struct
+import time
+from collections.abc import Coroutine
+from dataclasses import dataclass
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ..color.display import Shown, shown_by, views
+from ..core.image import Image, channels_of
+from ..deferred import np
+from ..errors import Error
+from ..io.documents import require_plain
+from ..service.client import Client, connect
+from ..service.messages import LinkError
+from ..service.settings import Settings
+from ..session import Session
+from .document import Document
+
+SAVE_EVERY = 0.5  # s, at most, that are lost
+MOST_PAGES = 16
+_PATIENCE = 10.0  # s between two restarts of the resident process
+MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
+_NONSENSE = json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"})
+_WAITING = 64  # messages that wait for a page: who is slower is let go
+
+log = logging.getLogger("oiiotex")
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the page is of.
+
+    Attributes
+    ----------
+    image : Image or None
+        The photo; None of a graph.
+    graph : str
+        The graph's file; '' of a photo.
+    words : tuple of str
+        The line up to the photo.
+    stem : str
+        Of files' names.
+    space : str or None
+        Its colour space, as the config calls it; None where it says none.
+    side : int
+        px; of the square that a zoom takes of it.
+    """
+
+    image: Image | None
+    graph: str
+    words: tuple[str, ...]
+    stem: str
+    space: str | None
+    side: int
+
+
+class Page:
+    """One browser's connection."""
+
+    def __init__(self, wire: WebSocket):
+        self.wire = wire
+        self._waiting: asyncio.Queue[str | bytes | None] = asyncio.Queue(_WAITING)
+
+    def tell(self, message: str | bytes) -> None:
+        """Send something in its turn; a page that does not keep up is let go, and will connect again."""
+        try:
+            self._waiting.put_nowait(message)
+        except asyncio.QueueFull:
+            while not self._waiting.empty():
+                self._waiting.get_nowait()
+            self._waiting.put_nowait(None)
+
+    async def send_all(self) -> None:
+        """Send what waits until the page is let go."""
+        while (message := await self._waiting.get()) is not None:
+            await (self.wire.send_text(message) if isinstance(message, str) else self.wire.send_bytes(message))
+        await self.wire.close(1013)
+
+
+class Hub:
+    """The document's pages, its rooms, and the resident process that works for them.
+
+    Parameters
+    ----------
+    source : Source
+    document : Document
+    session : Session
+        Whose settings the resident process has; whose colours pictures are shown by.
+    """
+
+    def __init__(self, source: Source, document: Document, session: Session):
+        self.source, self.document, self.session = source, document, session
+        self.pages: set[Page] = set()
+        self._client: Client | None = None
+        self._connecting = asyncio.Lock()
+        self._photo: int | None = None
+        self._restarted = -_PATIENCE
+        self.rooms: dict[str, Any] = {}
+        self.loop: asyncio.AbstractEventLoop | None = None
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    # --- the resident process ---
+
+    async def client(self) -> Client:
+        """The resident process; started anew where it has ended, and what rooms had there is forgotten."""
+        async with self._connecting:
+            if self._client is None or self._client.ended:
+                self._client = await asyncio.to_thread(connect, Settings.of(self.session))
+                self._photo = None
+                for room in self.rooms.values():
+                    room.forget()
+            return self._client
+
+    def tries_again(self) -> bool:
+        """Whether a resident process that has ended is worth another start: not one after the other."""
+        now = time.monotonic()
+        again = now - self._restarted > _PATIENCE
+        self._restarted = now if again else self._restarted
+        return again
+
+    async def photo(self) -> int:
+        """The photo's number there."""
+        client, image = await self.client(), self.source.image
+        assert image is not None
+        async with self._connecting:
+            if self._photo is None:
+                self._photo = await asyncio.to_thread(client.put, image)
+            return self._photo
+
+    # --- pages ---
+
+    def begin(self, work: Coroutine[Any, Any, None]) -> None:
+        """Have a coroutine done; its error is said on all pages."""
+        assert self.loop is not None
+        task = self.loop.create_task(self._said(work))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _said(self, work: Coroutine[Any, Any, None]) -> None:
+        try:
+            await work
+        except asyncio.CancelledError:
+            raise
+        except Error as error:
+            self.tell({"do": "error", "text": f"oiiotex ERROR: {error}"})
+        except Exception as error:
+            log.exception("live")
+            self.tell({"do": "error", "text": f"oiiotex ERROR: internal, {type(error).__name__}: {error}"})
+
+    def tell(self, message: dict[str, Any], but: Page | None = None) -> None:
+        """Send a message to all pages."""
+        text = json.dumps(message)
+        for page in self.pages:
+            if page is not but:
+                page.tell(text)
+
+    def show(self, facts: dict[str, Any], pixels: np.ndarray, to: Page | None = None) -> None:
+        """Send a picture, (height, width, 1, 3 or 4) uint8, to all pages or to one."""
+        facts = facts | {"width": pixels.shape[1], "height": pixels.shape[0], "channels": pixels.shape[2]}
+        head = json.dumps(facts).encode()
+        head += b" " * (-len(head) % 4)
+        frame = struct.pack("<I", len(head)) + head + np.ascontiguousarray(pixels).tobytes()
+        for page in self.pages if to is None else (to,):
+            page.tell(frame)
+
+    async def attend(self, wire: WebSocket) -> None:
+        """A page, from its first to its last message."""
+        await wire.accept()
+        if len(self.pages) >= MOST_PAGES:
+            await wire.close(1013)
+            return
+        self.loop = asyncio.get_running_loop()
+        page = Page(wire)
+        self.pages.add(page)
+        sending = asyncio.create_task(page.send_all())
+        try:
+            page.tell(json.dumps({"do": "hello", "state": self.document.state} | self._facts()))
+            for room in self.rooms.values():
+                self.begin(room.greet(page))
+            while True:
+                message = await wire.receive()
+                if message["type"] == "websocket.disconnect":
+                    break
+                self._take(page, message)
+        except (WebSocketDisconnect, RuntimeError):  # it has gone while something was sent
+            pass
+        finally:
+            self.pages.discard(page)
+            sending.cancel()
+            for room in self.rooms.values():
+                room.leave(page)
+
+    def _take(self, page: Page, message: dict[str, Any]) -> None:
+        try:
+            data = b""
+            text = message.get("text")
+            if text is None:
+                packed = message["bytes"]
+                (length,) = struct.unpack_from("<I", packed)
+                text, data = packed[4 : 4 + length].decode(), packed[4 + length :]
+            asked = json.loads(text)
+            require_plain(asked)
+            self._answer(page, asked, data)
+        except Error as error:
+            page.tell(json.dumps({"do": "error", "text": f"oiiotex ERROR: {error}"}))
+        except MALFORMED:
+            page.tell(_NONSENSE)
+
+    async def _taken(self, page: Page, work: Coroutine[Any, Any, None]) -> None:
+        """What a page asks of a room; errors are its own."""
+        try:
+            await work
+        except Error as error:
+            page.tell(json.dumps({"do": "error", "text": f"oiiotex ERROR: {error}"}))
+        except MALFORMED:
+            page.tell(_NONSENSE)
+
+    def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
+        if asked["do"] != "set":
+            self.begin(self._taken(page, self.rooms[asked["room"]].take(page, asked, data)))
+            return
+        room = asked["room"]
+        changed = self.document.change(room, asked["values"])
+        if changed:
+            self.tell({"do": "set", "room": room, "values": changed}, but=page)
+            for one in self.rooms.values():
+                self.begin(one.changed(room, set(changed)))
+
+    def _facts(self) -> dict[str, Any]:
+        spec = None if self.source.image is None else self.source.image.first.spec
+        return {
+            "source": self.source.stem,
+            "photo": None if spec is None else [spec.width, spec.height],
+            "views": views(self.session.color),
+            "document": self.document.path.name,
+        }
+
+    # --- colours ---
+
+    def shown(self, space: str | None = "") -> Shown:
+        """How pixels look with the document's display and view."""
+        view = self.document.state["view"]
+        space = self.source.space if space == "" else space
+        return shown_by(self.session.color, space, view["display"], view["view"], view["exposure"])
+
+    def picture(self, pixels: np.ndarray, shown: Shown) -> np.ndarray:
+        """(height, width, channels) float32 of the photo's channels -> (height, width, 3) uint8 for the page."""
+        colour = [0, 1, 2] if self.source.image is None else list(channels_of(self.source.image.first.spec).colour)
+        chosen = pixels[..., colour] if pixels.shape[2] > max(colour) else pixels
+        if chosen.shape[2] < 3:
+            chosen = np.repeat(chosen[..., :1], 3, axis=2)
+        return shown(chosen[..., :3])
+
+    # --- to the end ---
+
+    async def save_now_and_then(self) -> None:
+        """Save the document whenever it has changed."""
+        while True:
+            await asyncio.sleep(SAVE_EVERY)
+            try:
+                await asyncio.to_thread(self.document.save)
+            except Error as error:
+                self.tell({"do": "error", "text": f"oiiotex ERROR: {error}"})
+                await asyncio.sleep(5)
+
+    def close(self) -> None:
+        """Save, and let the resident process go."""
+        self.document.save()
+        if self._client is not None:
+            with contextlib.suppress(LinkError):
+                self._client.close()

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+// Controls of the panels. Every one has a name that is seen and read out; a double click on it goes back to the default.
+
+let numbers = 0;
+
+/** An element with properties and children. */
+export function make(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name.startsWith("aria") || name === "role") element.setAttribute(name.replace("aria", "aria-").toLowerCase().replace("--", "-"), value);
+    else element[name] = value;
+  }
+  element.append(...children);
+  return element;
+}
+
+/** A titled part of a panel. */
+export function section(title, ...children) {
+  return make("section", {}, make("h2", { textContent: title }), ...children);
+}
+
+/**
+ * A slider with a number beside it.
+ *
+ * `position` and `value` map the parameter to 0 .. 1 and back; `auto` is what is shown where the value is null.
+ */
+export function slider(name, { title, low, high, step, log = false, reset, automatic = null, digits = 2, change }) {
+  const id = `c${numbers++}`;
+  const position = (v) => (log ? Math.log(v / low) / Math.log(high / low) : (v - low) / (high - low));
+  const value = (p) => {
+    const exact = log ? low * (high / low) ** p : low + p * (high - low);
+    return Math.min(high, Math.max(low, log ? Number(exact.toPrecision(3)) : Math.round(exact / step) * step));
+  };
+  const range = make("input", { type: "range", id, min: 0, max: 1, step: "any", title });
+  const number = make("input", { type: "number", min: low, max: high, step: log ? "any" : step, ariaLabel: `${name}, number` });
+  const label = make("label", { textContent: name, htmlFor: id, title: `${title}. Double-click: back to default` });
+  const row = make("div", { className: "row" }, label, range, number);
+  const shown = (v) => String(Number(v.toFixed(digits)));
+  range.addEventListener("input", () => {
+    const now = Number(value(Number(range.value)).toFixed(6));
+    number.value = shown(now);
+    row.classList.remove("auto");
+    change(now);
+  });
+  number.addEventListener("change", () => {
+    const now = number.value === "" ? reset : Math.min(high, Math.max(low, Number(number.value)));
+    set(now);
+    change(now);
+  });
+  label.addEventListener("dblclick", () => { set(reset); change(reset); });
+  function set(v) {
+    const unset = v === null;
+    row.classList.toggle("auto", unset);
+    const seen = unset ? automatic?.() ?? low : v;
+    if (document.activeElement !== number) number.value = unset ? "" : shown(seen);
+    number.placeholder = unset ? "auto" : "";
+    range.value = position(Math.min(high, Math.max(low, seen)));
+  }
+  row.set = set;
+  return row;
+}
+
+/** A choice among a few: options are [value, text]. */
+export function choice(name, { title, options, change }) {
+  const id = `c${numbers++}`;
+  const select = make("select", { id, title, className: "wide" });
+  const row = make("div", { className: "row" }, make("label", { textContent: name, htmlFor: id }), select);
+  row.offer = (list) => {
+    select.replaceChildren(...list.map(([value, text]) => make("option", { value: JSON.stringify(value), textContent: text })));
+  };
+  row.offer(options);
+  select.addEventListener("change", () => change(JSON.parse(select.value)));
+  row.set = (value) => { select.value = JSON.stringify(value); };
+  row.select = select;
+  return row;
+}
+
+/** A whole number. */
+export function whole(name, { title, low, high, change, extra = [] }) {
+  const id = `c${numbers++}`;
+  const number = make("input", { type: "number", id, min: low, max: high, step: 1, title });
+  const row = make("div", { className: "row" }, make("label", { textContent: name, htmlFor: id }), make("span", { className: "buttons", style: "margin:0" }, number, ...extra));
+  row.lastChild.classList.add("wide");
+  number.addEventListener("change", () => {
+    if (number.value === "") return change(null);
+    change(Math.min(high, Math.max(low, Math.round(Number(number.value)))));
+  });
+  row.set = (value) => { number.value = value ?? ""; number.placeholder = value === null ? "auto" : ""; };
+  return row;
+}
+
+/** A button. */
+export function button(text, title, click, more = {}) {
+  const element = make("button", { type: "button", textContent: text, title, ...more });
+  element.addEventListener("click", click);
+  return element;
+}
+
+/** Buttons of which one is pressed: [value, text, title]. */
+export function segments(name, list, change) {
+  const group = make("span", { className: "segments", role: "group", ariaLabel: name });
+  const buttons = list.map(([value, text, title]) => {
+    const one = button(text, title, () => { group.set(value); change(value); });
+    one.dataset.value = value;
+    return one;
+  });
+  group.append(...buttons);
+  group.set = (value) => {
+    group.value = value;
+    for (const one of buttons) one.setAttribute("aria-pressed", String(one.dataset.value === String(value)));
+  };
+  return group;
+}

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page: its rooms, what all of them share (view, status, keys, lines), and the document's state, as the server has it.
+
+import { button, choice, make } from "./controls.js";
+import { connect, on, send } from "./wire.js";
+import { TileRoom } from "./tile.js";
+import { PaintRoom } from "./paint.js";
+import { ZoomRoom } from "./zoom.js";
+
+const $ = (id) => document.getElementById(id);
+
+/** What rooms share. */
+export const shell = {
+  state: null,
+  facts: null,
+  /** Change values of a room: here at once, then on the server and the other pages. */
+  set(room, values) {
+    Object.assign(shell.state[room], values);
+    send({ do: "set", room, values });
+  },
+  ask(room, message, bytes) {
+    return send({ room, ...message }, bytes);
+  },
+  status(text, wrong = false) {
+    $("status").textContent = text;
+    $("status").classList.toggle("wrong", wrong);
+  },
+  place(text) {
+    $("place").textContent = text;
+  },
+  progress(done, total) {
+    $("progress").value = total ? done / total : 0;
+    document.body.dataset.busy = String(done < total);
+  },
+};
+
+export const rooms = {};
+let current = null;
+let wantedRoom = location.hash.slice(1).split("/")[0];
+
+function open(name) {
+  if (!rooms[name] || current === name) return;
+  if (current) rooms[current].hide?.();
+  current = name;
+  for (const [key, room] of Object.entries(rooms)) {
+    room.element.hidden = key !== name;
+    $(`tab-${key}`).setAttribute("aria-selected", String(key === name));
+  }
+  shell.place("");
+  rooms[name].show?.();
+  if (location.hash.slice(1).split("/")[0] !== name) history.replaceState(null, "", `#${name}`);
+}
+
+function build() {
+  const photo = shell.facts.photo !== null;
+  const kinds = photo ? [["tile", "Tile", TileRoom], ["paint", "Paint", PaintRoom], ["zoom", "Zoom", ZoomRoom]] : [["zoom", "Zoom", ZoomRoom]];
+  for (const [name, title, Room] of kinds) {
+    rooms[name] = new Room(shell);
+    rooms[name].element.hidden = true;
+    $("stage").append(rooms[name].element);
+    const tab = button(title, `Room ${title} (${$("rooms").children.length + 1})`, () => open(name), { id: `tab-${name}` });
+    tab.setAttribute("role", "tab");
+    $("rooms").append(tab);
+  }
+  buildLooking();
+  $("name").textContent = shell.facts.source;
+  document.title = `${shell.facts.source} - oiiotex`;
+  open(rooms[wantedRoom] ? wantedRoom : kinds[0][0]);
+}
+
+const looking = {};
+
+function buildLooking() {
+  const views = (display) => shell.facts.views[display].map((view) => [view, view]);
+  looking.display = choice("Display", {
+    title: "Display of the colour config", options: Object.keys(shell.facts.views).map((name) => [name, name]),
+    change: (display) => {
+      const view = shell.facts.views[display].includes(shell.state.view.view) ? shell.state.view.view : shell.facts.views[display][0];
+      shell.set("view", { display, view });
+      showLooking();
+    },
+  });
+  looking.view = choice("View", { title: "View of the display", options: [], change: (view) => shell.set("view", { view }) });
+  const exposure = make("input", { type: "number", step: 0.25, min: -20, max: 20, title: "Exposure in stops, for looking only (+ and -)", ariaLabel: "Exposure" });
+  exposure.addEventListener("change", () => shell.set("view", { exposure: Math.min(20, Math.max(-20, Number(exposure.value) || 0)) }));
+  looking.exposure = exposure;
+  looking.views = views;
+  for (const one of [looking.display, looking.view]) {
+    one.select.setAttribute("aria-label", one.firstChild.textContent);
+    $("looking").append(one.select);
+  }
+  $("looking").append(make("span", { textContent: "Exposure" }), exposure);
+  showLooking();
+}
+
+function showLooking() {
+  const { display, view, exposure } = shell.state.view;
+  looking.display.set(display);
+  looking.view.offer(looking.views(display));
+  looking.view.set(view);
+  looking.exposure.value = exposure;
+}
+
+const KEYS = [
+  ["1 2 3", "Rooms"], ["F", "Fit the picture"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
+  ["C", "Copy the line"], ["+ -", "Exposure, a quarter stop"], ["?", "This list"],
+  ["S", "Tile: another seed"], ["V", "Tile: keep this variant"], ["T", "Tile: once, 2 × 2, plane"],
+  ["M", "Tile: show the mask"], ["B  E", "Brush, eraser"], ["[  ]", "Brush smaller, larger"], ["Ctrl Z  Ctrl Shift Z", "Undo, redo"],
+  ["G  I", "Paint: fill, pick"], ["Arrows  Page up, down", "Zoom: fly"], ["K", "Zoom: key frame"], ["P", "Zoom: line of the path"],
+];
+
+function help() {
+  $("keys").replaceChildren(...KEYS.map(([key, text]) => make("div", {}, make("span", { textContent: text }), make("kbd", { textContent: key }))));
+  $("help-dialog").showModal();
+}
+
+function copyLine() {
+  rooms[current].askLine();
+}
+
+async function showLine(text) {
+  $("line").value = text;
+  $("line-dialog").showModal();
+  $("line").select();
+  try {
+    await navigator.clipboard.writeText(text);
+    shell.status("The line is on the clipboard");
+  } catch {
+    shell.status("Copy the line from the window");
+  }
+}
+
+addEventListener("keydown", (event) => {
+  if (document.querySelector("dialog[open]")) return;
+  const typing = event.target.matches("input[type=number], textarea, select");
+  if (event.key === "?") return help();
+  if (typing && !event.ctrlKey) return;
+  if (["1", "2", "3"].includes(event.key)) return open(Object.keys(rooms)[Number(event.key) - 1]);
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if ((key === "+" || key === "=" || key === "-") && !event.ctrlKey) {
+    const exposure = Math.min(20, Math.max(-20, shell.state.view.exposure + (key === "-" ? -0.25 : 0.25)));
+    shell.set("view", { exposure });
+    return showLooking();
+  }
+  if (key === "c" && !event.ctrlKey && !event.metaKey) return copyLine();
+  if (rooms[current]?.key?.(key, event)) event.preventDefault();
+});
+addEventListener("keyup", (event) => rooms[current]?.keyUp?.(event.key.toLowerCase()));
+
+on("message", (message) => {
+  if (message.do === "hello") {
+    const first = shell.state === null;
+    shell.state = message.state;
+    shell.facts = message;
+    if (first) build();
+    for (const room of Object.values(rooms)) room.refresh(true);
+    showLooking();
+    shell.status("");
+  } else if (message.do === "set") {
+    Object.assign(shell.state[message.room], message.values);
+    if (message.room === "view") showLooking();
+    for (const room of Object.values(rooms)) room.refresh(false);
+  } else if (message.do === "busy") {
+    if (message.room === current) shell.progress(message.done, message.total);
+    rooms[message.room]?.busy?.(message);
+  } else if (message.do === "error") {
+    shell.status(message.text, true);
+  } else if (message.do === "line") {
+    if (message.room === current) showLine(message.text);
+  } else {
+    rooms[message.room]?.hear?.(message);
+  }
+});
+on("frame", (facts, bytes) => rooms[facts.room]?.frame(facts, bytes));
+on("link", (there) => {
+  $("link").textContent = there ? "" : "The server does not answer. Trying again ...";
+  $("link").classList.toggle("wrong", !there);
+});
+
+$("copy").addEventListener("click", copyLine);
+$("help").addEventListener("click", help);
+connect();

@@ -1,0 +1,436 @@
+// SPDX-License-Identifier: Apache-2.0
+// Room Tile: the photo beside its tile.
+
+import { button, choice, make, section, segments, slider, whole } from "./controls.js";
+import { drawPlane, mipmaps } from "./plane.js";
+import { Viewer, drawBrush, stroke } from "./viewer.js";
+import { canvasOf } from "./wire.js";
+
+const LET_GO = 60; // ms after the last move of a slider until the server is told
+const SEEDS = 8;
+
+export class TileRoom {
+  constructor(shell) {
+    this.shell = shell;
+    this.photo = this.tile = null;
+    this.size = [0, 0]; // of the tile, px; what is shown may be coarser
+    this.mode = "2x2";
+    this.brush = { name: "", tool: "brush", diameter: 48 };
+    this.planes = { mask: null, within: null }; // Uint8, of the photo as it is shown
+    this.shownOver = "";
+    this.overlay = null;
+    this.seeds = new Map();
+    this.waiting = {};
+    this.build();
+  }
+
+  // --- what there is to see ---
+
+  build() {
+    this.photoView = new Viewer("Photo", {
+      size: () => (this.photo ? [this.photo.width, this.photo.height] : [0, 0]),
+      draw: (context) => this.drawPhoto(context),
+      overlay: (context, viewer) => drawBrush(context, viewer, this.brush.diameter),
+      paint: {
+        active: () => this.brush.name !== "" && this.photo !== null,
+        down: (x, y, event) => this.strokeFrom(x, y, event),
+        move: (x, y, event) => this.strokeTo(x, y, event),
+        up: () => this.strokeEnds(),
+      },
+    });
+    this.tileView = new Viewer("Tile", {
+      size: () => (!this.tile ? [0, 0] : this.mode === "1x1" ? this.size : [2 * this.size[0], 2 * this.size[1]]),
+      draw: (context) => this.drawTile(context),
+    });
+    this.photoView.canvas.addEventListener("click", (event) => this.pickLabel(event));
+    this.planeCanvas = make("canvas", { role: "img", ariaLabel: "Tile on a plane", hidden: true });
+    this.tileView.element.append(this.planeCanvas);
+    new ResizeObserver(() => this.drawPlane()).observe(this.tileView.element);
+    this.modes = segments("Layout", [["1x1", "1", "Once (T)"], ["2x2", "2 × 2", "Two by two (T)"], ["plane", "Plane", "To the horizon (T)"]], (mode) => this.setMode(mode));
+    this.fact = make("span", { className: "fact" });
+    this.tileView.bar.append(this.modes, make("span", { className: "grow" }), this.fact);
+    this.overlays = segments("Over the photo", [["", "Photo", "The photo alone"], ["dominant", "Dominant", "The dominant texture (LDR09)"], ["label", "Labels", "The coarsest labels (LSA16)"]], (name) => this.showOver(name));
+    this.overlays.set("");
+    this.photoView.bar.append(this.overlays);
+    this.tileView.empty.textContent = "The tile is on its way";
+    this.tileView.empty.hidden = false;
+    this.strip = make("div", { className: "strip" });
+    this.element = make("div", { className: "room" },
+      make("div", { className: "work" }, make("div", { className: "views" }, this.photoView.element, this.tileView.element), this.strip),
+      this.panel());
+    this.modes.set(this.mode);
+    this.showStrip();
+  }
+
+  panel() {
+    const set = (values) => this.set(values);
+    const longer = () => Math.max(...(this.size[0] ? this.size : this.shell.facts?.photo ?? [512, 512]));
+    this.controls = {
+      sigma: slider("Sigma", { title: "Scale in px above which the texture looks the same everywhere (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / 32, change: (sigma) => set({ sigma, amount: null }) }),
+      amount: slider("Amount", { title: "How stationary it looks, in even steps: its sigma is found for this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.5, change: (amount) => set({ amount, sigma: null }) }),
+      contrast: slider("Contrast", { title: "How strongly the overall histogram is held", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.7, change: (contrast) => set({ contrast }) }),
+      structure: slider("Structure", { title: "How strongly a lattice in the photo (courses, weaves) is kept", low: 0, high: 1, step: 0.05, reset: 0.5, change: (structure) => set({ structure }) }),
+      seed: whole("Seed", { title: "Same seed, same pixels", low: 0, high: 4294967295, change: (seed) => set({ seed: seed ?? 0 }), extra: [button("Next", "Another seed (S)", () => this.nextSeed())] }),
+      measure: choice("Measure", { title: "What looks the same everywhere", options: [["histogram", "Histogram"], ["moments", "Moments"], ["steerable", "Steerable"]], change: (measure) => set({ measure }) }),
+      preset: choice("Preset", { title: "Even: drift alone goes. Clean: objects go, too. Keep: structures stay whole", options: [[null, "None"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
+      patch: choice("Patch", { title: "Side of a patch: the scale up to which detail is copied whole", options: [[null, "11 px"], ...[5, 7, 9, 13, 15, 17, 19, 21].map((n) => [n, `${n} px`])], change: (patch) => set({ patch }) }),
+      width: whole("Width", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (width) => this.setSize("width", width) }),
+      height: whole("Height", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (height) => this.setSize("height", height) }),
+      mask: choice("Taken from", { title: "Where patches may come from", options: [["", "Everywhere"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
+      within: choice("Made anew", { title: "What of the photo is made anew", options: [["", "All"], ["brush", "Painted area"]], change: (within) => set({ within }) }),
+    };
+    this.tools = segments("Brush", [["", "Off", "No brush"], ["mask", "Mask", "Paint where patches may come from (B)"], ["within", "Anew", "Paint what is made anew"]], (name) => this.setBrush(name));
+    this.erase = button("Erase", "Paint takes away (E)", () => this.setTool(this.brush.tool === "erase" ? "brush" : "erase"));
+    this.diameter = slider("Brush", { title: "Diameter in px of the photo ([ and ])", low: 2, high: 400, log: true, reset: 48, digits: 0, change: (diameter) => { this.brush.diameter = diameter; } });
+    this.diameter.set(48);
+    this.tools.set("");
+    this.measures = make("div", { className: "measures", role: "log", ariaLabel: "Measures" }, make("p", { className: "stale", textContent: "Measured when the tile is done." }));
+    return make("aside", {},
+      section("Texture", this.controls.preset, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
+      section("Result", this.controls.seed, this.controls.width, this.controls.height,
+        make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
+      section("Where", this.controls.mask, this.controls.within, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
+        make("div", { className: "buttons" }, this.erase, button("Clear", "Nothing is painted any more", () => this.fill(0)), button("Invert", "What is painted and what is not change places", () => this.fill(null)))),
+      section("Measures", this.measures));
+  }
+
+  set(values) {
+    Object.assign(this.shell.state.tile, values);
+    this.refresh(false);
+    Object.assign(this.waiting, values);
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      const told = this.waiting;
+      this.waiting = {};
+      this.shell.set("tile", told);
+    }, LET_GO);
+  }
+
+  setSize(name, value) {
+    const { width, height } = this.shell.state.tile;
+    const other = name === "width" ? height : width;
+    const both = { [name]: value };
+    if (value !== null && other === null) both[name === "width" ? "height" : "width"] = value;
+    if (value === null) both[name === "width" ? "height" : "width"] = null;
+    this.set(both);
+  }
+
+  setMask(mask) {
+    if (mask === "dominant") this.showOver("dominant");
+    this.set({ mask });
+  }
+
+  setMode(mode) {
+    this.mode = mode;
+    this.modes.set(mode);
+    const plane = mode === "plane";
+    this.planeCanvas.hidden = !plane;
+    this.tileView.canvas.hidden = plane;
+    if (plane) this.drawPlane();
+    else this.tileView.fit();
+  }
+
+  nextSeed() {
+    this.set({ seed: (this.shell.state.tile.seed + 1) % 4294967296 });
+  }
+
+  /** The controls as the state is. */
+  refresh(all) {
+    const tile = this.shell.state?.tile;
+    if (!tile) return;
+    for (const [name, control] of Object.entries(this.controls)) {
+      if (name === "mask" && typeof tile.mask === "number") {
+        control.offer([["", "Everywhere"], ["dominant", "Dominant texture"], ["brush", "Painted mask"], [tile.mask, `Label ${tile.mask}`]]);
+      }
+      control.set(tile[name]);
+    }
+    if (all) {
+      this.photoView.empty.hidden = true;
+      this.showStrip();
+    }
+    this.showVariants();
+  }
+
+  // --- what comes ---
+
+  frame(facts, bytes) {
+    if (facts.kind === "photo") {
+      this.photo = canvasOf(facts, bytes);
+      for (const name of ["mask", "within"]) {
+        if (this.planes[name]?.length !== facts.width * facts.height) this.planes[name] = null;
+      }
+      if (this.photoView.fitted) this.photoView.fit();
+      this.photoView.redraw();
+    } else if (facts.kind === "tile") {
+      this.tile = canvasOf(facts, bytes);
+      this.levels = null;
+      const scale = facts.whole ? 1 : 0;
+      this.whole = facts.whole;
+      if (scale || !this.size[0]) this.size = facts.size;
+      else this.size = this.sizeWhileCoarse(facts.size);
+      this.fact.textContent = facts.whole ? `${facts.size[0]} × ${facts.size[1]}` : "coarse";
+      this.tileView.empty.hidden = true;
+      if (this.tileView.fitted) this.tileView.fit();
+      this.tileView.redraw();
+      this.drawPlane();
+      this.element.dataset.tile = facts.whole ? "whole" : "coarse";
+    } else if (facts.kind === "seed") {
+      this.seeds.set(facts.seed, canvasOf(facts, bytes));
+      this.showStrip();
+    } else if (facts.kind === "brush") {
+      this.planes[facts.name] = new Uint8Array(bytes);
+      this.photoView.redraw();
+    } else if (facts.kind === "overlay") {
+      this.overlay = { ...facts, plane: new Uint8Array(bytes), canvas: null };
+      this.overlay.canvas = this.tinted(this.overlay);
+      this.photoView.redraw();
+      this.shell.status(facts.name === "label" ? "Click a label to take its texture alone" : "");
+    }
+  }
+
+  /** A coarse look stands for a tile of the size of the last whole one, unless it is of another shape. */
+  sizeWhileCoarse(size) {
+    const { width, height } = this.shell.state.tile;
+    if (width && height) return [width, height];
+    const like = Math.abs(size[0] / size[1] - this.size[0] / this.size[1]) < 0.05;
+    return like ? this.size : this.shell.facts.photo;
+  }
+
+  hear(message) {
+    if (message.do !== "measures") return;
+    const shown = message.lines.filter(([level]) => level !== "debug");
+    this.measures.replaceChildren(...shown.map(([level, text]) => make("p", { className: level, textContent: text })));
+  }
+
+  busy(message) {
+    if (message.done === 0) {
+      for (const line of this.measures.children) line.className = "stale";
+    }
+  }
+
+  askLine() {
+    this.shell.ask("tile", { do: "line" });
+  }
+
+  // --- drawing ---
+
+  drawPhoto(context) {
+    context.drawImage(this.photo, 0, 0);
+    const { width, height } = this.photo;
+    if (this.overlay && this.shownOver) context.drawImage(this.overlay.canvas, 0, 0, width, height);
+    const name = this.brush.name || (this.shell.state.tile.mask === "brush" ? "mask" : this.shell.state.tile.within ? "within" : "");
+    const plane = this.planes[name];
+    if (plane && !this.shownOver) {
+      if (this.tintOf !== plane || this.tintStale) {
+        this.tint = this.tinted({ plane, width, height, ids: [255], colours: [name === "mask" ? "90,170,110" : "214,130,60"] });
+        this.tintOf = plane;
+        this.tintStale = false;
+      }
+      context.drawImage(this.tint, 0, 0);
+    }
+  }
+
+  /** A plane of ids as a canvas of half transparent colours. */
+  tinted({ plane, width, height, ids, colours }) {
+    const table = new Uint32Array(256);
+    ids.forEach((id, n) => {
+      const [red, green, blue] = colours[n].split(",").map(Number);
+      table[id] = 0x8c000000 | red | (green << 8) | (blue << 16);
+    });
+    const canvas = make("canvas", { width, height });
+    const image = new ImageData(width, height);
+    const out = new Uint32Array(image.data.buffer);
+    for (let n = 0; n < out.length; n++) out[n] = table[plane[n]];
+    canvas.getContext("2d").putImageData(image, 0, 0);
+    return canvas;
+  }
+
+  drawTile(context) {
+    const [width, height] = this.size;
+    const times = this.mode === "1x1" ? 1 : 2;
+    for (let y = 0; y < times; y++) for (let x = 0; x < times; x++) context.drawImage(this.tile, x * width, y * height, width, height);
+  }
+
+  drawPlane() {
+    if (this.mode !== "plane" || !this.tile) return;
+    const { clientWidth, clientHeight } = this.tileView.element;
+    if (!clientWidth) return;
+    this.planeCanvas.width = clientWidth;
+    this.planeCanvas.height = clientHeight;
+    this.levels ??= mipmaps(this.tile);
+    drawPlane(this.planeCanvas, this.levels, (clientWidth / this.size[0]) * 0.8);
+  }
+
+  showOver(name) {
+    this.shownOver = name;
+    this.overlays.set(name);
+    if (name && this.overlay?.name !== name) {
+      this.shell.status(name === "dominant" ? "Looking for the dominant texture ..." : "Looking for labels ...");
+      this.shell.ask("tile", { do: "overlay", name });
+    }
+    this.setBrush(this.brush.name);
+    this.photoView.redraw();
+  }
+
+  /** Take the texture of the label under the pointer alone. */
+  pickLabel(event) {
+    if (this.shownOver !== "label" || this.overlay?.name !== "label") return;
+    const { plane, width, height } = this.overlay;
+    const [x, y] = this.photoView.at(event);
+    const [column, row] = [Math.floor((x * width) / this.photo.width), Math.floor((y * height) / this.photo.height)];
+    if (column < 0 || row < 0 || column >= width || row >= height) return;
+    const label = plane[row * width + column];
+    if (label) this.set({ mask: label });
+  }
+
+  // --- the brush ---
+
+  setBrush(name) {
+    this.brush.name = this.shownOver === "label" ? "" : name;
+    this.tools.set(this.brush.name);
+    if (this.brush.name && this.shownOver) this.showOver("");
+    this.photoView.canvas.style.cursor = this.brush.name ? "none" : "";
+    this.photoView.redraw();
+  }
+
+  setTool(tool) {
+    this.brush.tool = tool;
+    this.erase.setAttribute("aria-pressed", String(tool === "erase"));
+  }
+
+  plane() {
+    const { name } = this.brush;
+    this.planes[name] ??= new Uint8Array(this.photo.width * this.photo.height);
+    return this.planes[name];
+  }
+
+  strokeFrom(x, y, event) {
+    this.history ??= { mask: { past: [], future: [] }, within: { past: [], future: [] } };
+    const { past } = this.history[this.brush.name];
+    past.push(this.plane().slice());
+    if (past.length > 50) past.shift();
+    this.history[this.brush.name].future = [];
+    this.last = [x, y];
+    this.strokeTo(x, y, event);
+  }
+
+  strokeTo(x, y, event) {
+    const pressure = event.pointerType === "pen" ? Math.max(0.05, event.pressure) : 1;
+    stroke(this.plane(), this.photo.width, this.photo.height, this.last, [x, y], this.brush.diameter * pressure, this.brush.tool === "erase" ? 0 : 255);
+    this.last = [x, y];
+    this.tintStale = true;
+    this.photoView.redraw();
+  }
+
+  strokeEnds() {
+    this.sendBrush(this.brush.name);
+  }
+
+  sendBrush(name) {
+    this.shell.ask("tile", { do: "brush", name }, this.planes[name]);
+    this.tintStale = true;
+    this.photoView.redraw();
+    const values = this.shell.state.tile;
+    if (values[name] !== "brush") this.set({ [name]: "brush" });
+  }
+
+  fill(value) {
+    if (!this.brush.name) return this.shell.status("Choose what is painted first: Mask or Anew");
+    this.strokeHistory();
+    const plane = this.plane();
+    if (value === null) for (let n = 0; n < plane.length; n++) plane[n] = 255 - plane[n];
+    else plane.fill(value);
+    this.sendBrush(this.brush.name);
+  }
+
+  strokeHistory() {
+    this.history ??= { mask: { past: [], future: [] }, within: { past: [], future: [] } };
+    this.history[this.brush.name].past.push(this.plane().slice());
+  }
+
+  undo(forward) {
+    const { name } = this.brush;
+    const [from, to] = forward ? ["future", "past"] : ["past", "future"];
+    const steps = this.history?.[name];
+    if (!name || !steps?.[from].length) return;
+    steps[to].push(this.planes[name].slice());
+    this.planes[name] = steps[from].pop();
+    this.sendBrush(name);
+  }
+
+  // --- seeds and variants ---
+
+  askSeeds() {
+    this.seeds.clear();
+    this.showStrip();
+    this.shell.status("Eight seeds, coarse: click one");
+    this.shell.ask("tile", { do: "seeds", first: this.shell.state.tile.seed + 1, count: SEEDS });
+  }
+
+  keep() {
+    if (!this.tile || !this.whole) return this.shell.status("Wait until the tile is done");
+    const canvas = make("canvas", { width: 84, height: 84 });
+    const side = Math.min(this.tile.width, this.tile.height);
+    canvas.getContext("2d").drawImage(this.tile, 0, 0, side, side, 0, 0, 84, 84);
+    const list = [...this.shell.state.variants.list, { tile: { ...this.shell.state.tile }, thumbnail: canvas.toDataURL("image/jpeg", 0.8) }].slice(-64);
+    this.shell.set("variants", { list });
+    this.showStrip();
+  }
+
+  showVariants() {
+    const kept = JSON.stringify(this.shell.state.variants.list.map((one) => one.tile));
+    if (kept !== this.kept) this.showStrip();
+  }
+
+  showStrip() {
+    const list = this.shell.state?.variants.list ?? [];
+    this.kept = JSON.stringify(list.map((one) => one.tile));
+    const seeds = [...this.seeds].map(([seed, canvas]) => {
+      const one = button("", `Take seed ${seed}`, () => this.set({ seed }), { className: "thumb" });
+      one.append(canvas, make("span", { textContent: `seed ${seed}` }));
+      return one;
+    });
+    const variants = list.map((variant, n) => {
+      const one = button("", "Take these parameters; right click drops them", () => this.set(variant.tile), { className: "thumb" });
+      one.append(make("img", { src: variant.thumbnail, alt: `Variant ${n + 1}` }), make("span", { textContent: this.caption(variant.tile) }));
+      one.addEventListener("contextmenu", (event) => {
+        event.preventDefault();
+        this.shell.set("variants", { list: list.filter((_, m) => m !== n) });
+        this.showStrip();
+      });
+      return one;
+    });
+    const group = (caption, what, none) => make("div", { className: "group" }, make("span", { className: "caption", textContent: caption }), ...(what.length ? what : [make("span", { className: "hint", textContent: none })]));
+    this.strip.replaceChildren(group("Variants", variants, "Keep what you like: V"), group("Seeds", seeds, "Show seeds lays out eight more"));
+  }
+
+  caption(tile) {
+    const size = tile.amount !== null ? `a ${tile.amount}` : tile.sigma !== null ? `σ ${tile.sigma}` : "auto";
+    return `${size} #${tile.seed}`;
+  }
+
+  // --- keys ---
+
+  key(key, event) {
+    if (key === " ") this.photoView.space = this.tileView.space = true;
+    else if (key === "z" && (event.ctrlKey || event.metaKey)) this.undo(event.shiftKey);
+    else if (event.ctrlKey || event.metaKey) return false;
+    else if (key === "f") { this.photoView.fit(); this.tileView.fit(); }
+    else if (key === "s") this.nextSeed();
+    else if (key === "v") this.keep();
+    else if (key === "t") this.setMode({ "1x1": "2x2", "2x2": "plane", plane: "1x1" }[this.mode]);
+    else if (key === "m") this.showOver(this.shownOver === "dominant" ? "" : "dominant");
+    else if (key === "b") { this.setTool("brush"); this.setBrush(this.brush.name || "mask"); }
+    else if (key === "e") { this.setTool("erase"); this.setBrush(this.brush.name || "mask"); }
+    else if (key === "[" || key === "]") {
+      this.brush.diameter = Math.min(400, Math.max(2, this.brush.diameter * (key === "[" ? 0.8 : 1.25)));
+      this.diameter.set(this.brush.diameter);
+      this.photoView.redraw();
+    } else return false;
+    return true;
+  }
+
+  keyUp(key) {
+    if (key === " ") this.photoView.space = this.tileView.space = false;
+  }
+}

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+// A picture that is panned and zoomed: wheel, middle button, space and drag, two fingers. Painting is somebody else's.
+
+import { make } from "./controls.js";
+
+export class Viewer {
+  /** `draw(context, viewer)` draws in picture coordinates; `size()` is [width, height] of the picture. */
+  constructor(name, { draw, size, overlay, paint }) {
+    this.canvas = make("canvas", { role: "img", ariaLabel: name, tabIndex: 0 });
+    this.element = make("div", { className: "view" }, this.canvas);
+    this.bar = make("div", { className: "bar" }, make("span", { className: "title", textContent: name }));
+    this.empty = make("div", { className: "empty", hidden: true });
+    this.element.append(this.bar, this.empty);
+    this.drawing = draw;
+    this.size = size;
+    this.overlay = overlay;
+    this.paint = paint;
+    this.scale = 0;
+    this.x = this.y = 0; // the picture's corner, css px
+    this.fitted = true;
+    this.space = false;
+    this.pointers = new Map();
+    new ResizeObserver(() => this.resized()).observe(this.element);
+    this.listen();
+  }
+
+  resized() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    const ratio = devicePixelRatio || 1;
+    this.canvas.width = Math.max(1, Math.round(width * ratio));
+    this.canvas.height = Math.max(1, Math.round(height * ratio));
+    if (this.fitted) this.fit();
+    this.redraw();
+  }
+
+  /** Show all of the picture. */
+  fit() {
+    const [width, height] = this.size();
+    const { clientWidth: w, clientHeight: h } = this.element;
+    if (!width || !w) return;
+    this.scale = Math.min((w - 24) / width, (h - 24) / height);
+    this.x = (w - width * this.scale) / 2;
+    this.y = (h - height * this.scale) / 2;
+    this.fitted = true;
+    this.redraw();
+  }
+
+  redraw() {
+    if (this.pending) return;
+    this.pending = requestAnimationFrame(() => {
+      this.pending = 0;
+      this.drawNow();
+    });
+  }
+
+  drawNow() {
+    const context = this.canvas.getContext("2d");
+    const ratio = this.canvas.width / Math.max(1, this.element.clientWidth);
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.fillStyle = "#141414";
+    context.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    if (!this.size()[0]) return;
+    if (!this.scale) this.fit();
+    context.setTransform(ratio * this.scale, 0, 0, ratio * this.scale, ratio * this.x, ratio * this.y);
+    context.imageSmoothingEnabled = this.scale < 2;
+    context.imageSmoothingQuality = "high";
+    this.drawing(context, this);
+    if (this.overlay) {
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      this.overlay(context, this);
+    }
+  }
+
+  /** Where an event is in the picture. */
+  at(event) {
+    const box = this.canvas.getBoundingClientRect();
+    return [(event.clientX - box.left - this.x) / this.scale, (event.clientY - box.top - this.y) / this.scale];
+  }
+
+  zoomAt(x, y, factor) {
+    const scale = Math.min(64, Math.max(0.02, this.scale * factor));
+    this.x = x - ((x - this.x) * scale) / this.scale;
+    this.y = y - ((y - this.y) * scale) / this.scale;
+    this.scale = scale;
+    this.fitted = false;
+    this.redraw();
+  }
+
+  listen() {
+    const canvas = this.canvas;
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      const box = canvas.getBoundingClientRect();
+      this.zoomAt(event.clientX - box.left, event.clientY - box.top, Math.exp(-event.deltaY * 0.0015));
+    }, { passive: false });
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+      const panning = event.button === 1 || this.space || this.pointers.size > 1 || !this.paint?.active();
+      if (!panning && event.button === 0) {
+        this.painting = event.pointerId;
+        this.paint.down(...this.at(event), event);
+      }
+      event.preventDefault();
+      canvas.focus();
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      this.pointer = this.at(event);
+      const before = this.pointers.get(event.pointerId);
+      if (this.painting === event.pointerId) {
+        for (const one of event.getCoalescedEvents?.() ?? [event]) this.paint.move(...this.at(one), one);
+      } else if (before) {
+        this.x += event.clientX - before[0];
+        this.y += event.clientY - before[1];
+        this.fitted = false;
+        if (this.pointers.size === 2) this.pinch(event);
+        this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+        this.redraw();
+      }
+      if (this.paint?.active()) this.redraw();
+    });
+    const end = (event) => {
+      this.pointers.delete(event.pointerId);
+      if (this.painting === event.pointerId) {
+        this.painting = null;
+        this.paint.up();
+      }
+    };
+    canvas.addEventListener("pointerup", end);
+    canvas.addEventListener("pointercancel", end);
+    canvas.addEventListener("pointerleave", () => { this.pointer = null; this.redraw(); });
+    canvas.addEventListener("dblclick", () => { if (!this.paint?.active()) this.fit(); });
+  }
+
+  pinch(event) {
+    const [id, other] = [...this.pointers].find(([key]) => key !== event.pointerId);
+    const before = this.pointers.get(event.pointerId);
+    const far = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
+    const box = this.canvas.getBoundingClientRect();
+    this.zoomAt(other[0] - box.left, other[1] - box.top, far([event.clientX, event.clientY]) / Math.max(1, far(before)));
+  }
+}
+
+/** A round brush's outline at the pointer. */
+export function drawBrush(context, viewer, diameter) {
+  if (!viewer.pointer || !viewer.paint?.active()) return;
+  const [x, y] = viewer.pointer;
+  context.beginPath();
+  context.arc(x * viewer.scale + viewer.x, y * viewer.scale + viewer.y, (diameter / 2) * viewer.scale, 0, 7);
+  context.strokeStyle = "#000";
+  context.lineWidth = 3;
+  context.stroke();
+  context.strokeStyle = "#fff";
+  context.lineWidth = 1;
+  context.stroke();
+}
+
+/** Set the pixels of a line's discs in a Uint8 plane; nothing is antialiased, because values are ids. Returns a box. */
+export function stroke(plane, width, height, from, to, diameter, value) {
+  const radius = Math.max(0.5, diameter / 2);
+  const left = Math.max(0, Math.floor(Math.min(from[0], to[0]) - radius));
+  const right = Math.min(width, Math.ceil(Math.max(from[0], to[0]) + radius) + 1);
+  const top = Math.max(0, Math.floor(Math.min(from[1], to[1]) - radius));
+  const bottom = Math.min(height, Math.ceil(Math.max(from[1], to[1]) + radius) + 1);
+  const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+  const length = dx * dx + dy * dy;
+  for (let y = top; y < bottom; y++) {
+    for (let x = left; x < right; x++) {
+      const [px, py] = [x + 0.5 - from[0], y + 0.5 - from[1]];
+      const t = length ? Math.min(1, Math.max(0, (px * dx + py * dy) / length)) : 0;
+      const [ex, ey] = [px - t * dx, py - t * dy];
+      if (ex * ex + ey * ey <= radius * radius) plane[y * width + x] = value;
+    }
+  }
+  return [left, top, right, bottom];
+}

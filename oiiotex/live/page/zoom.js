@@ -1,0 +1,301 @@
+// SPDX-License-Identifier: Apache-2.0
+// Room Zoom: a plane without end. A place is a BigInt in 1/2^96 of a root's pixel, so sixty octaves have no rounding;
+// what is drawn is counted from the middle of the view, where doubles are exact enough.
+
+import { button, make, section, whole } from "./controls.js";
+import { canvasOf } from "./wire.js";
+
+const BITS = 96n;
+const SIDE = 256;
+const MOST = 60;
+const KEPT = 700; // tiles
+const AHEAD = 400; // ms after a move until the document is told
+
+const big = (n) => BigInt(Math.round(n));
+const floorDivide = (a, b) => (a - (((a % b) + b) % b)) / b;
+
+export class ZoomRoom {
+  constructor(shell) {
+    this.shell = shell;
+    this.tiles = new Map(); // "level/x/y" -> canvas
+    this.x = this.y = 0n;
+    this.zoom = 0;
+    this.build();
+    const hash = location.hash.slice(1).split("/");
+    if (hash[0] === "zoom" && hash.length === 4) this.linked = hash;
+  }
+
+  build() {
+    this.canvas = make("canvas", { role: "img", ariaLabel: "Texture without end", tabIndex: 0 });
+    this.view = make("div", { className: "view" }, this.canvas);
+    const bar = make("div", { className: "bar" }, make("span", { className: "title", textContent: "Plane" }), this.where = make("span", { className: "fact" }));
+    this.view.append(bar);
+    this.controls = {
+      seed: whole("Seed", { title: "Same seed, same plane", low: 0, high: 4294967295, change: (seed) => this.set({ seed: seed ?? 0 }) }),
+      frames: whole("Frames", { title: "Of the path, at its end", low: 2, high: 65536, change: (frames) => this.set({ frames: frames ?? 96 }) }),
+    };
+    this.lock = button("Keep the exemplar as it is", "No jitter up to the root's own resolution: finer detail for the photo itself", () => this.set({ lock: this.shell.state.zoom.lock ? 0 : 1 }));
+    this.keys = make("div");
+    const panel = make("aside", {},
+      section("Place", make("div", { className: "buttons" }, button("Home", "Back to where it begins (F)", () => this.home()), button("In", "One octave in (Page down)", () => this.fly(1)), button("Out", "One octave out (Page up)", () => this.fly(-1))),
+        make("p", { className: "hint", textContent: "Drag to move, wheel to zoom. The address above is a permanent link to the place." })),
+      section("Plane", this.controls.seed, make("div", { className: "buttons" }, this.lock)),
+      section("Path", this.keys, this.controls.frames, make("div", { className: "buttons" }, button("Add key frame", "Remember this place (K)", () => this.addKey()), button("Clear", "Forget the key frames", () => this.set({ keys: [] })), button("Line of the path", "The command that renders it (P)", () => this.shell.ask("zoom", { do: "path" })))));
+    this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.view)), panel);
+    new ResizeObserver(() => this.resized()).observe(this.view);
+    this.listen();
+  }
+
+  set(values) {
+    this.shell.set("zoom", values);
+    this.refresh(false);
+  }
+
+  refresh(all) {
+    const zoom = this.shell.state?.zoom;
+    if (!zoom) return;
+    if (all) {
+      if (this.linked) {
+        this.zoom = Math.min(MOST, Math.max(0, Number(this.linked[1]) || 0));
+        [this.x, this.y] = [BigInt(this.linked[2]), BigInt(this.linked[3])];
+        this.linked = null;
+      } else if (!this.started) {
+        [this.x, this.y, this.zoom] = [BigInt(zoom.x), BigInt(zoom.y), zoom.zoom];
+        this.begin = this.begin ?? [this.x, this.y, this.zoom];
+      }
+      this.started = true;
+      this.asked = "";
+    }
+    for (const [name, control] of Object.entries(this.controls)) control.set(zoom[name]);
+    this.lock.setAttribute("aria-pressed", String(Boolean(zoom.lock)));
+    this.keys.replaceChildren(...(zoom.keys.length
+      ? zoom.keys.map((key, n) => {
+        const one = button(`${n + 1}. ${key.zoom.toFixed(2)} octaves`, "Fly there", () => { [this.x, this.y, this.zoom] = [BigInt(key.x), BigInt(key.y), key.zoom]; this.moved(); });
+        one.style.margin = "0 4px 4px 0";
+        return one;
+      })
+      : [make("p", { className: "hint", textContent: "A path begins as deep as its first key frame and ends at the place of its last." })]));
+    this.redraw();
+  }
+
+  // --- moving ---
+
+  show() {
+    this.resized();
+    this.link();
+  }
+
+  hide() {
+    this.shell.ask("zoom", { do: "tiles", level: 0, tiles: [] });
+    this.asked = "";
+  }
+
+  resized() {
+    const ratio = devicePixelRatio || 1;
+    this.canvas.width = Math.max(1, Math.round(this.view.clientWidth * ratio));
+    this.canvas.height = Math.max(1, Math.round(this.view.clientHeight * ratio));
+    this.redraw();
+  }
+
+  /** How many 1/2^96 of a root's pixel a pixel of the canvas is. */
+  unit() {
+    const whole = Math.floor(this.zoom);
+    // 2^(BITS - zoom) in two factors: the fraction as 53 bits, the rest as a shift
+    return big(2 ** (whole - this.zoom) * 2 ** 52) << (BITS - 52n - BigInt(whole));
+  }
+
+  move(dx, dy) {
+    const unit = this.unit();
+    this.x += (unit * big(dx * 1024)) >> 10n;
+    this.y += (unit * big(dy * 1024)) >> 10n;
+    this.moved();
+  }
+
+  zoomAt(px, py, octaves) {
+    const [cx, cy] = [px - this.canvas.width / 2, py - this.canvas.height / 2];
+    const before = this.unit();
+    this.zoom = Math.min(MOST, Math.max(0, this.zoom + octaves));
+    const change = before - this.unit();
+    this.x += (change * big(cx * 1024)) >> 10n;
+    this.y += (change * big(cy * 1024)) >> 10n;
+    this.moved();
+  }
+
+  fly(octaves) {
+    this.zoom = Math.min(MOST, Math.max(0, Math.round(this.zoom) + octaves));
+    this.moved();
+  }
+
+  home() {
+    if (this.begin) [this.x, this.y, this.zoom] = this.begin;
+    this.moved();
+  }
+
+  moved() {
+    this.redraw();
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => {
+      this.tellPlace();
+      this.link();
+    }, AHEAD);
+  }
+
+  tellPlace() {
+    clearTimeout(this.timer);
+    this.shell.set("zoom", { x: String(this.x), y: String(this.y), zoom: this.zoom });
+  }
+
+  link() {
+    history.replaceState(null, "", `#zoom/${this.zoom}/${this.x}/${this.y}`);
+  }
+
+  // --- tiles ---
+
+  /** What is seen: the level, its scale on the canvas, and its tiles, the nearest to the middle first. */
+  sight() {
+    const { width, height } = this.canvas;
+    const level = Math.min(MOST, Math.max(0, Math.ceil(this.zoom - 0.25)));
+    const scale = 2 ** (this.zoom - level); // canvas px to a pixel of the level
+    const tile = BigInt(SIDE) << (BITS - BigInt(level)); // its side, in units
+    const middle = [this.x, this.y].map((at) => {
+      const index = floorDivide(at, tile);
+      return { index, inside: (Number(((at - index * tile) << 30n) / tile) / 2 ** 30) * SIDE };
+    });
+    const half = [width / 2 / scale, height / 2 / scale];
+    const [left, top] = middle.map((m, n) => Math.floor((m.inside - half[n]) / SIDE));
+    const [right, bottom] = middle.map((m, n) => Math.floor((m.inside + half[n]) / SIDE));
+    const tiles = [];
+    for (let y = top; y <= bottom; y++)
+      for (let x = left; x <= right; x++)
+        tiles.push({
+          x: middle[0].index + BigInt(x), y: middle[1].index + BigInt(y),
+          left: width / 2 + (x * SIDE - middle[0].inside) * scale, top: height / 2 + (y * SIDE - middle[1].inside) * scale,
+          away: Math.hypot(x + 0.5 - middle[0].inside / SIDE, y + 0.5 - middle[1].inside / SIDE),
+        });
+    tiles.sort((a, b) => a.away - b.away);
+    return { level, scale, tiles };
+  }
+
+  redraw() {
+    if (this.pending) return;
+    this.pending = requestAnimationFrame(() => {
+      this.pending = 0;
+      this.drawNow();
+    });
+  }
+
+  drawNow() {
+    if (this.element.hidden || !this.started) return;
+    const context = this.canvas.getContext("2d");
+    context.fillStyle = "#141414";
+    context.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    context.imageSmoothingQuality = "high";
+    const { level, scale, tiles } = this.sight();
+    const missing = [];
+    for (const tile of tiles) {
+      const side = SIDE * scale;
+      const [x0, y0, x1, y1] = [Math.floor(tile.left), Math.floor(tile.top), Math.ceil(tile.left + side), Math.ceil(tile.top + side)];
+      const own = this.tiles.get(`${level}/${tile.x}/${tile.y}`);
+      if (own) {
+        this.touch(`${level}/${tile.x}/${tile.y}`, own);
+        if (scale === 1) context.drawImage(own, Math.round(tile.left), Math.round(tile.top));
+        else context.drawImage(own, x0, y0, x1 - x0, y1 - y0);
+      } else {
+        missing.push(tile);
+        this.drawInstead(context, level, tile, x0, y0, x1 - x0, y1 - y0);
+      }
+    }
+    const wanted = missing.map((tile) => [String(tile.x), String(tile.y)]);
+    const asked = `${level} ${wanted.join(" ")}`;
+    if (asked !== this.asked) {
+      this.asked = asked;
+      this.shell.ask("zoom", { do: "tiles", level, tiles: wanted.slice(0, 256) });
+    }
+    this.shell.progress(tiles.length - missing.length, tiles.length);
+    this.element.dataset.missing = String(missing.length);
+    this.where.textContent = `${this.zoom.toFixed(2)} octaves`;
+    const [column, row] = [this.x, this.y].map((at) => at >> (BITS - BigInt(level)));
+    this.shell.place(`level ${level}  ${column}, ${row}`);
+  }
+
+  /** What a coarser level has of a tile, enlarged, until its own pixels are there. */
+  drawInstead(context, level, tile, x, y, width, height) {
+    for (let up = 1; up <= 6 && up <= level; up++) {
+      const shift = BigInt(up);
+      const [px, py] = [tile.x >> shift, tile.y >> shift];
+      const coarser = this.tiles.get(`${level - up}/${px}/${py}`);
+      if (!coarser) continue;
+      const part = SIDE / 2 ** up;
+      const [sx, sy] = [Number(tile.x - (px << shift)) * part, Number(tile.y - (py << shift)) * part];
+      context.drawImage(coarser, sx, sy, part, part, x, y, width, height);
+      return;
+    }
+  }
+
+  touch(key, tile) {
+    this.tiles.delete(key);
+    this.tiles.set(key, tile);
+  }
+
+  frame(facts, bytes) {
+    this.touch(`${facts.level}/${facts.x}/${facts.y}`, canvasOf(facts, bytes));
+    while (this.tiles.size > KEPT) this.tiles.delete(this.tiles.keys().next().value);
+    this.redraw();
+  }
+
+  hear(message) {
+    if (message.do !== "stale") return;
+    this.tiles.clear();
+    this.asked = "";
+    this.redraw();
+  }
+
+  askLine() {
+    this.tellPlace();
+    this.shell.ask("zoom", { do: "line", width: this.canvas.width, height: this.canvas.height });
+  }
+
+  addKey() {
+    this.tellPlace();
+    const key = { x: String(this.x), y: String(this.y), zoom: this.zoom };
+    this.set({ keys: [...this.shell.state.zoom.keys, key] });
+  }
+
+  // --- hands ---
+
+  listen() {
+    const { canvas } = this;
+    const ratio = () => canvas.width / Math.max(1, this.view.clientWidth);
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      const box = canvas.getBoundingClientRect();
+      this.zoomAt((event.clientX - box.left) * ratio(), (event.clientY - box.top) * ratio(), -event.deltaY * 0.0025);
+    }, { passive: false });
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      this.from = [event.clientX, event.clientY];
+      canvas.focus();
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!this.from) return;
+      this.move((this.from[0] - event.clientX) * ratio(), (this.from[1] - event.clientY) * ratio());
+      this.from = [event.clientX, event.clientY];
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { this.from = null; });
+  }
+
+  key(key, event) {
+    const far = event.shiftKey ? 400 : 80;
+    if (key === "f") this.home();
+    else if (key === "k") this.addKey();
+    else if (key === "p") this.shell.ask("zoom", { do: "path" });
+    else if (key === "PageDown") this.fly(1);
+    else if (key === "PageUp") this.fly(-1);
+    else if (key === "ArrowLeft") this.move(-far, 0);
+    else if (key === "ArrowRight") this.move(far, 0);
+    else if (key === "ArrowUp") this.move(0, -far);
+    else if (key === "ArrowDown") this.move(0, far);
+    else return false;
+    return true;
+  }
+}

@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Room Paint: a painting of labels becomes texture; an edit makes its neighbourhood anew (LSA16 section 6.2)."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable
+from typing import Any
+
+from ..color.config import as_float
+from ..core.window import Window
+from ..deferred import np
+from ..errors import Error, ImageError, ParameterError
+from ..io.documents import read_document
+from ..io.reading import read
+from ..labels.legend import code_of, codes_in
+from ..service.client import BRUSH
+from .hub import Hub, Page
+from .lines import line, output_name, word_of
+from .painting import Steps, write_indexed
+
+_SWATCH = 48  # px
+_LEAST_LABELS, _MOST_LABELS = 4, 24
+_PATCHES = 16, 64  # px, the least and the largest
+
+
+class PaintRoom:
+    """What pages see of a painting.
+
+    Parameters
+    ----------
+    hub : Hub
+    """
+
+    def __init__(self, hub: Hub):
+        self._hub = hub
+        self._steps = Steps(hub.document.beside("paint"))
+        self._table = hub.document.beside("palette.json")
+        self._labelled: int | None = None
+        self._parts: list[str] = []  # its label maps, the coarsest last
+        self._palette: tuple[dict[str, Any], np.ndarray] | None = None  # its table, and its picture
+        self._step = -1
+        self._ids: np.ndarray | None = None
+        self._image: int | None = None  # the texture, at the resident process
+        self._pixels: np.ndarray | None = None  # as they are sent: of the photo's channels, float32
+        self._turn = asyncio.Lock()
+
+    async def greet(self, page: Page) -> None:
+        """A page opens the room when it is looked at."""
+
+    async def changed(self, room: str, names: set[str]) -> None:
+        """Another size or seed is another painting; another view looks otherwise."""
+        if room == "view" and self._pixels is not None:
+            self._show_texture()
+            self._show_palette()
+        if room == "paint" and names & {"width", "height", "seed"} and self._ids is not None:
+            async with self._turn:
+                await self._new()
+
+    async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
+        """What a page asks for: strokes, one after the other."""
+        do = asked["do"]
+        if self._hub.source.image is None:
+            raise ValueError(do)
+        if do == "line":
+            self._hub.tell({"do": "line", "room": "paint", "text": self.line()})
+            return
+        async with self._turn:
+            if do == "open":
+                await self._open(page)
+            elif do == "stroke":
+                await self._stroke(asked, data)
+            elif do == "undo":
+                await self._go(self._step - 1)
+            elif do == "redo":
+                await self._go(self._step + 1)
+            elif do == "new":
+                await self._new(int(asked["label"]))
+            else:
+                raise ValueError(do)
+
+    def leave(self, page: Page) -> None:
+        """Nothing hangs on one page."""
+
+    def forget(self) -> None:
+        """The resident process is another one."""
+        self._labelled = self._image = None
+
+    # --- what can be painted with ---
+
+    async def _labels(self) -> int:
+        """The photo with its labels, at the resident process."""
+        photo, client = await self._hub.photo(), await self._hub.client()
+        if self._labelled is None:
+            self._hub.tell({"do": "note", "room": "paint", "text": "Looking for the photo's labels ..."})
+            request = client.make("label", [photo], {"keep": 1}, priority=BRUSH, on_progress=self._advancing())
+            facts, _ = await asyncio.wrap_future(request)
+            image = facts["images"][0]
+            self._labelled = image["number"]
+            self._parts = [part["name"] for part in image["parts"] if part["name"].startswith("label.")]
+        return self._labelled
+
+    async def _level(self) -> int:
+        """The coarsest level that has some labels to paint with."""
+        labelled, client = await self._labels(), await self._hub.client()
+        counts = {}
+        for name in reversed(self._parts):
+            _, (ids,) = await asyncio.wrap_future(client.read(labelled, part=name, priority=BRUSH))
+            level = int(name.removeprefix("label."))
+            counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
+            if counts[level] >= _LEAST_LABELS:
+                return level
+        return max(counts, key=lambda level: counts[level])
+
+    def _advancing(self) -> Callable[[int, int], None]:
+        loop, tell = asyncio.get_running_loop(), self._hub.tell
+
+        def advanced(done: int, total: int) -> None:
+            loop.call_soon_threadsafe(tell, {"do": "busy", "room": "paint", "done": done, "total": total})
+
+        return advanced
+
+    async def _opened_palette(self) -> dict[str, Any]:
+        labelled, client = await self._labels(), await self._hub.client()
+        if self._palette is None:
+            values = {
+                "level": await self._level(),
+                "side": _SWATCH,
+                "rows": _MOST_LABELS,
+                "children": 6,
+                "json": os.path.abspath(self._table),
+            }
+            request = client.make("palette", [labelled], values, priority=BRUSH, read="", keep=False)
+            _, (picture,) = await asyncio.wrap_future(request)
+            self._palette = read_document(self._table), as_float(picture)
+        return self._palette[0]
+
+    def _show_palette(self, page: Page | None = None) -> None:
+        assert self._palette is not None
+        table, picture = self._palette
+        facts = {"room": "paint", "kind": "palette", "labels": table["labels"], "finer": table["finer"]}
+        self._hub.show(facts, self._hub.picture(picture, self._hub.shown()), page)
+
+    # --- the painting ---
+
+    async def _open(self, page: Page) -> None:
+        """Show a page all there is; begin, or go on with, the painting."""
+        await self._opened_palette()
+        self._show_palette(page)
+        if self._ids is None:
+            if self._steps.last < 0:
+                await self._new()
+                return
+            await self._go(self._steps.last)
+        self._show_ids(page)
+        self._show_texture(page=page)
+        self._tell_step()
+
+    def _tell_step(self) -> None:
+        self._hub.tell({"do": "step", "room": "paint", "step": self._step, "last": self._steps.last})
+
+    async def _new(self, label: int = 0) -> None:
+        """A painting of one label, by default the largest."""
+        table = await self._opened_palette()
+        allowed = [entry["id"] for entry in table["labels"]]
+        if label and label not in allowed:
+            raise ParameterError(f"label={label}: there is {', '.join(map(str, allowed))}")
+        paint = self._hub.document.state["paint"]
+        ids = np.full((paint["height"], paint["width"]), label or allowed[0], np.uint8)
+        self._steps.begin()
+        await self._make(ids, 0, None)
+        self._show_ids()
+        self._show_texture()
+
+    async def _stroke(self, asked: dict[str, Any], data: bytes) -> None:
+        """Take ids of a box, and make its neighbourhood anew."""
+        if self._ids is None or self._pixels is None or self._palette is None:
+            raise ImageError("there is no painting yet: open the room first")
+        left, top, width, height = (int(asked[name]) for name in ("left", "top", "width", "height"))
+        rows, columns = self._ids.shape
+        if len(data) != width * height or min(left, top) < 0 or left + width > columns or top + height > rows:
+            raise ValueError("box")
+        allowed = {entry["id"] for entry in self._palette[0]["labels"]}
+        box = np.frombuffer(data, np.uint8).reshape(height, width)
+        if not set(np.flatnonzero(np.bincount(box.ravel()))) <= allowed:
+            raise ValueError("labels")
+        ids = self._ids.copy()
+        ids[top : top + height, left : left + width] = box
+        before = self._step
+        self._steps.drop_after(before)
+        try:
+            await self._make(ids, before + 1, before)
+        except Error:
+            self._show_ids()  # the page has painted what could not be made
+            raise
+        self._show_ids(box=(left, top, left + width, top + height))
+
+    async def _go(self, step: int) -> None:
+        """Undo or redo: that step's painting, made with that step's patches."""
+        if not 0 <= step <= self._steps.last:
+            return
+        ids = self._read(step)
+        same = self._ids is not None and ids.shape == self._ids.shape
+        before = self._step
+        await self._make(ids, step, step, keep=True)
+        self._show_ids()
+        if not same or before < 0:
+            self._show_texture()
+
+    def _read(self, step: int) -> np.ndarray:
+        """Ids of a step's painting."""
+        assert self._palette is not None
+        pixels = read(self._steps.picture(step), self._hub.session.cache).first.pixels()
+        codes = codes_in(pixels, (0, 1, 2))
+        ids = np.zeros(codes.shape, np.uint8)
+        for entry in self._palette[0]["labels"]:
+            ids[codes == code_of(entry["colour"])] = entry["id"]
+        return ids
+
+    async def _make(self, ids: np.ndarray, step: int, before: int | None, keep: bool = False) -> None:
+        """The texture of a painting, beginning with the plan of a step; what has changed is shown."""
+        hub, labelled, client = self._hub, await self._labels(), await self._hub.client()
+        path = self._steps.picture(step)
+        if not keep:
+            self._write(path, ids)
+        painting = await asyncio.to_thread(client.put, read(path, hub.session.cache))
+        values: dict[str, Any] = {"table": os.path.abspath(self._table)} | self._values()
+        if before is None:
+            values["patch"] = self._patch()
+        else:
+            values["before"] = os.path.abspath(self._steps.plan(before))
+        if not keep:
+            values["plan"] = os.path.abspath(self._steps.plan(step))
+        hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
+        try:
+            request = client.make("paint", [labelled, painting], values, priority=BRUSH)
+            facts, _ = await asyncio.wrap_future(request)
+        except Error:
+            if not keep:
+                path.unlink(missing_ok=True)
+            raise
+        finally:
+            client.drop(painting)
+            hub.tell({"do": "busy", "room": "paint", "done": 1, "total": 1})
+        image = facts["images"][0]["number"]
+        await self._look(client, image, step)
+        if self._image is not None:
+            client.drop(self._image)
+        self._image, self._ids, self._step = image, ids, step
+        self._tell_step()
+
+    async def _look(self, client: Any, image: int, step: int) -> None:
+        """Read what has changed of the texture, and show it; all of it where nothing is shown yet."""
+        box = None
+        if self._pixels is not None and self._step >= 0 and self._steps.plan(self._step).exists():
+            box = await asyncio.to_thread(self._steps.changed, self._step, step, self._hub.session.budget)
+        window = None if box is None else Window(*box)
+        if window is not None and window.empty:
+            return
+        _, (pixels,) = await asyncio.wrap_future(client.read(image, window, priority=BRUSH))
+        values = as_float(pixels)
+        if window is None:
+            self._pixels = values.copy()
+        else:
+            assert self._pixels is not None
+            self._pixels[window.top : window.bottom, window.left : window.right] = values
+            self._show_texture(window)
+
+    def _write(self, path: Any, ids: np.ndarray) -> None:
+        assert self._palette is not None
+        labels = self._palette[0]["labels"]
+        colours = {e["id"]: tuple(map(int, e["colour"].split(","))) for e in labels}
+        legend = {str(e["id"]): {"name": e["name"], "colour": e["colour"]} for e in labels}
+        write_indexed(path, ids, colours, legend)
+
+    def _patch(self) -> int:
+        """A side of which the photo holds some dozens."""
+        image = self._hub.source.image
+        assert image is not None
+        shorter = min(image.first.spec.width, image.first.spec.height)
+        return max(_PATCHES[0], min(_PATCHES[1], 1 << (shorter // 8).bit_length() - 1))
+
+    def _values(self) -> dict[str, Any]:
+        seed = self._hub.document.state["paint"]["seed"]
+        return {"seed": seed} if seed else {}
+
+    # --- what is shown ---
+
+    def _show_ids(self, page: Page | None = None, box: tuple[int, int, int, int] | None = None) -> None:
+        assert self._ids is not None
+        left, top, right, bottom = box or (0, 0, *self._ids.shape[::-1])
+        facts = {"room": "paint", "kind": "ids", "left": left, "top": top, "whole": list(self._ids.shape[::-1])}
+        self._hub.show(facts, self._ids[top:bottom, left:right, None], page)
+
+    def _show_texture(self, window: Window | None = None, page: Page | None = None) -> None:
+        assert self._pixels is not None
+        whole = Window(0, 0, self._pixels.shape[1], self._pixels.shape[0])
+        place = window or whole
+        picture = self._hub.picture(self._pixels[place.inside(whole)], self._hub.shown())
+        facts = {"room": "paint", "kind": "texture", "left": place.left, "top": place.top, "whole": list(whole.size)}
+        self._hub.show(facts, picture, page)
+
+    def line(self) -> str:
+        """The command that makes this texture: with its plan, so that nothing is decided anew."""
+        source = self._hub.source
+        if self._step < 0 or source.image is None:
+            raise ParameterError("there is no painting yet")
+        values = {"table": self._table, "before": self._steps.plan(self._step)} | self._values()
+        name = output_name(source.stem, "painted", str(source.image.first.spec.format))
+        picture = str(self._steps.picture(self._step))
+        return line([*source.words, "--texlabel:keep=1", picture, word_of("--texpaint", values), "-o", name])

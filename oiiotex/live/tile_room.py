@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Room Tile: the photo's tile, coarse first; a new move cancels what the last one began."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from ..color.config import as_float
+from ..core.image import Image, from_array, resized
+from ..deferred import np, oiio
+from ..errors import Error, ImageError
+from ..io.reading import read
+from ..io.writing import write
+from ..labels.legend import codes_of, colour_of
+from ..service.client import BRUSH, LOOKS, Request
+from ..service.messages import LinkError
+from .hub import Hub, Page
+from .lines import line, output_name, word_of
+
+MOST_SHOWN = 2048  # px, of a side of what is sent to a page
+THUMBNAIL = 128  # px
+MOST_THUMBNAILS = 12
+_FLAG = "--texstationarize"
+_BRUSHES = {"mask": "mask.png", "within": "within.png"}
+
+
+class TileRoom:
+    """What pages see of the tile.
+
+    Parameters
+    ----------
+    hub : Hub
+    """
+
+    def __init__(self, hub: Hub):
+        self._hub = hub
+        self._turn = 0
+        self._request: Request | None = None
+        self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last look, and what is said of it
+        self._measures: dict[str, Any] | None = None
+        self._thumbnails: list[Request] = []
+        self._numbers: dict[str, int] = {}  # of images that the resident process has
+        self._photo: np.ndarray | None = None
+        self._label_part = ""
+
+    # --- pages ---
+
+    async def greet(self, page: Page) -> None:
+        """Show a new page what there is."""
+        if self._hub.source.image is None:
+            return
+        self._show_photo(page)
+        for name in _BRUSHES:
+            self._show_brush(name, page)
+        if self._tile is not None:
+            self._hub.show(*self._framed(*self._tile), to=page)
+        if self._measures is not None:
+            self._hub.tell(self._measures)
+        if self._turn == 0:
+            await self._begin()
+
+    async def changed(self, room: str, names: set[str]) -> None:
+        """Make the tile anew, or show it in other colours."""
+        if self._hub.source.image is None:
+            return
+        if room == "view":
+            self._show_photo()
+            if self._tile is not None:
+                self._hub.show(*self._framed(*self._tile))
+        if room == "tile":
+            await self._begin()
+
+    async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
+        """What a page asks for."""
+        do = asked["do"]
+        if do == "line":
+            self._hub.tell({"do": "line", "room": "tile", "text": self.line()})
+        elif do == "brush":
+            self._take_brush(asked["name"], data, page)
+        elif do == "seeds":
+            await self._seeds(int(asked["first"]), int(asked["count"]))
+        elif do == "overlay":
+            await self._overlay(asked["name"])
+        else:
+            raise ValueError(do)
+
+    def leave(self, page: Page) -> None:
+        """Nothing hangs on one page."""
+
+    def forget(self) -> None:
+        """The resident process is another one."""
+        self._numbers.clear()
+
+    # --- the tile ---
+
+    async def _begin(self) -> None:
+        self._turn += 1
+        turn, hub = self._turn, self._hub
+        if self._request is not None:
+            self._request.stop()
+        self._stop_thumbnails()
+        self._measures = None
+        hub.tell({"do": "busy", "room": "tile", "done": 0, "total": 1})
+        client = await hub.client()
+        number, optional = await self._exemplar()
+        if turn != self._turn:
+            return
+        loop = asyncio.get_running_loop()
+        self._request = request = client.make(
+            "stationarize", [number], self._values(), optional=optional, priority=BRUSH, measure=True,
+            on_look=lambda pixels, whole: loop.call_soon_threadsafe(self._looked, turn, pixels, whole),
+            on_progress=lambda done, total: loop.call_soon_threadsafe(self._advanced, turn, done, total),
+        )  # fmt: skip
+        try:
+            facts, _ = await asyncio.wrap_future(request)
+        except asyncio.CancelledError:
+            return
+        except Error as error:
+            if turn == self._turn and isinstance(error, LinkError) and hub.tries_again():
+                await self._begin()
+            elif turn == self._turn:
+                hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
+                raise
+            return
+        for image in facts["images"]:
+            client.drop(image["number"])
+        if turn == self._turn:
+            lines = [[level, text.removeprefix(f"{_FLAG}: ")] for level, text in facts["log"]]
+            self._measures = {"do": "measures", "room": "tile", "lines": lines}
+            hub.tell(self._measures)
+            hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
+
+    def _looked(self, turn: int, pixels: np.ndarray, whole: bool) -> None:
+        if turn != self._turn:
+            return
+        facts = {"kind": "tile", "whole": whole, "size": [pixels.shape[1], pixels.shape[0]]}
+        self._tile = _reduced(pixels), facts
+        self._hub.show(*self._framed(*self._tile))
+
+    def _framed(self, pixels: np.ndarray, facts: dict[str, Any]) -> tuple[dict[str, Any], np.ndarray]:
+        return facts | {"room": "tile"}, self._hub.picture(pixels, self._hub.shown())
+
+    def _advanced(self, turn: int, done: int, total: int) -> None:
+        if turn == self._turn:
+            self._hub.tell({"do": "busy", "room": "tile", "done": done, "total": total})
+
+    def _values(self) -> dict[str, Any]:
+        """Modifiers that differ from what is meant when they are left out, but for images."""
+        tile = self._hub.document.state["tile"]
+        values = {name: tile[name] for name in ("sigma", "amount", "contrast", "preset", "patch")}
+        if tile["amount"] is not None:
+            values["sigma"] = None
+        if tile["width"] and tile["height"]:
+            values["size"] = f"{tile['width']}x{tile['height']}"
+        values |= {"structure": tile["structure"]} if tile["structure"] != 0.5 else {}
+        values |= {"measure": tile["measure"]} if tile["measure"] != "histogram" else {}
+        values |= {"seed": tile["seed"]} if tile["seed"] else {}
+        if isinstance(tile["mask"], int):
+            values["label"] = tile["mask"]
+        return {name: value for name, value in values.items() if value is not None}
+
+    async def _exemplar(self) -> tuple[int, dict[str, int | str]]:
+        """The number of the photo with what it needs, and of images beside it."""
+        tile, optional = self._hub.document.state["tile"], dict[str, int | str]()
+        number = await self._hub.photo()
+        if tile["mask"] == "dominant":
+            number = await self._made("dominant")
+            optional["mask"] = "dominant"
+        elif tile["mask"] == "brush":
+            optional["mask"] = await self._brush("mask")
+        elif tile["mask"]:
+            number = await self._made("label")
+        if tile["within"]:
+            optional["within"] = await self._brush("within")
+        return number, optional
+
+    async def _made(self, op: str) -> int:
+        """The photo with the parts that an op adds to it."""
+        photo, client = await self._hub.photo(), await self._hub.client()
+        if op not in self._numbers:
+            facts, _ = await asyncio.wrap_future(client.make(op, [photo], {"keep": 1}, priority=BRUSH))
+            image = facts["images"][0]
+            self._numbers[op] = image["number"]
+            if op == "label":  # the last is the coarsest
+                self._label_part = [p["name"] for p in image["parts"] if p["name"].startswith("label.")][-1]
+        return self._numbers[op]
+
+    async def _brush(self, name: str) -> int:
+        if name not in self._numbers:
+            path = self._hub.document.beside(_BRUSHES[name])
+            if not path.exists():
+                raise Error(f"nothing is painted into the {name} yet: choose the brush and paint on the photo")
+            client = await self._hub.client()
+            image = read(path, self._hub.session.cache)
+            self._numbers[name] = await asyncio.to_thread(client.put, image)
+        return self._numbers[name]
+
+    def line(self) -> str:
+        """The command that makes this tile at full size."""
+        source, tile = self._hub.source, self._hub.document.state["tile"]
+        assert source.image is not None
+        words, images = list(source.words), {}
+        if tile["mask"] == "dominant":
+            words.append("--texdominant:keep=1")
+            images["mask"] = "dominant"
+        elif tile["mask"] == "brush":
+            images["mask"] = str(self._hub.document.beside(_BRUSHES["mask"]))
+        elif tile["mask"]:
+            words.append("--texlabel:keep=1")
+        if tile["within"]:
+            images["within"] = str(self._hub.document.beside(_BRUSHES["within"]))
+        name = output_name(source.stem, "tile", str(source.image.first.spec.format))
+        return line([*words, word_of(_FLAG, images | self._values()), "-o", name])
+
+    # --- seeds ---
+
+    async def _seeds(self, first: int, count: int) -> None:
+        self._stop_thumbnails()
+        client = await self._hub.client()
+        number, optional = await self._exemplar()
+        requests = {
+            seed: client.make(
+                "stationarize",
+                [number],
+                self._values() | {"seed": seed},
+                optional=optional,
+                priority=LOOKS,
+                until="look",
+            )
+            for seed in range(first, first + min(count, MOST_THUMBNAILS))
+        }
+        self._thumbnails = list(requests.values())
+        for seed, request in requests.items():
+            try:
+                _, (pixels, *_) = await asyncio.wrap_future(request)
+            except asyncio.CancelledError:
+                return
+            small = self._hub.picture(_reduced(pixels, THUMBNAIL), self._hub.shown())
+            self._hub.show({"room": "tile", "kind": "seed", "seed": seed}, small)
+
+    def _stop_thumbnails(self) -> None:
+        for request in self._thumbnails:
+            request.stop()
+        self._thumbnails = []
+
+    # --- the photo, and what lies over it ---
+
+    def _show_photo(self, page: Page | None = None) -> None:
+        source = self._hub.source.image
+        assert source is not None
+        if self._photo is None:
+            self._photo = _reduced(as_float(source.first.pixels()))
+        picture = self._hub.picture(self._photo, self._hub.shown())
+        self._hub.show({"room": "tile", "kind": "photo"}, picture, page)
+
+    def _show_brush(self, name: str, page: Page | None = None) -> None:
+        path = self._hub.document.beside(_BRUSHES[name])
+        if path.exists():
+            pixels = _reduced(as_float(read(path, self._hub.session.cache).first.pixels()))
+            marked = np.where(pixels[..., :1] > 0.5, 255, 0).astype(np.uint8)
+            self._hub.show({"room": "tile", "kind": "brush", "name": name}, marked, page)
+
+    def _take_brush(self, name: str, data: bytes, page: Page) -> None:
+        """Save what was painted, at the photo's size."""
+        source, path = self._hub.source.image, self._hub.document.beside(_BRUSHES[name])
+        assert source is not None and self._photo is not None
+        height, width = self._photo.shape[:2]
+        if len(data) != width * height:
+            raise ImageError("the brush's picture is not of the photo's size")
+        small = np.frombuffer(data, np.uint8).reshape(height, width)
+        spec = source.first.spec
+        rows, columns = np.arange(spec.height) * height // spec.height, np.arange(spec.width) * width // spec.width
+        part = from_array(np.where(small[rows][:, columns] > 127, np.uint8(255), np.uint8(0))[..., None]).first
+        write(Image((part,), str(path)), path, oiio.TypeDesc("uint8"))
+        self._numbers.pop(name, None)
+        for other in self._hub.pages:
+            if other is not page:
+                self._show_brush(name, other)
+        if self._hub.document.state["tile"][name] == "brush":
+            self._hub.begin(self._begin())
+
+    async def _overlay(self, name: str) -> None:
+        """Show the dominant mask, or the labels, over the photo."""
+        number, client = await self._made(name), await self._hub.client()
+        if name == "dominant":
+            _, (pixels,) = await asyncio.wrap_future(client.read(number, part="dominant", priority=BRUSH))
+            ids = (as_float(pixels[..., 0]) > 0.5).astype(np.uint8)
+        else:
+            _, (pixels,) = await asyncio.wrap_future(client.read(number, part=self._label_part, priority=BRUSH))
+            ids = pixels[..., 0].clip(0, 255).astype(np.uint8)
+        there = [int(n) for n in np.flatnonzero(np.bincount(ids.ravel())) if n]
+        colours = [colour_of(int(code)) for code in codes_of(np.array(there, int))]
+        step = -(-max(ids.shape) // MOST_SHOWN)
+        facts = {"room": "tile", "kind": "overlay", "name": name, "ids": there, "colours": colours}
+        self._hub.show(facts, ids[::step, ::step, None])
+
+
+def _reduced(pixels: np.ndarray, most: int = MOST_SHOWN) -> np.ndarray:
+    """(height, width, channels) float32, no side longer than `most`."""
+    scale = min(1.0, most / max(pixels.shape[:2]))
+    height, width = (max(1, round(n * scale)) for n in pixels.shape[:2])
+    return resized(pixels, width, height)

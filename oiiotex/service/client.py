@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A client of the resident process: starts it on demand, has it make and read images."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import CancelledError, Future
+from pathlib import Path
+from typing import Any
+
+from ..core.image import Image
+from ..core.machine import isolated
+from ..core.window import Window
+from ..deferred import np
+from ..errors import Error
+from .messages import Link, LinkError
+from .pictures import image_facts
+from .settings import Settings
+
+_START = 30.0  # s that a process may take until it listens
+BRUSH, TILES, LOOKS, EXPORT = 0, 2, 5, 9  # priorities: what a hand waits for, what is in sight, what may come, the rest
+
+Reply = tuple[dict[str, Any], list["np.ndarray"]]
+OnLook = Callable[["np.ndarray", bool], None]
+
+
+class Request(Future[Reply]):
+    """Something asked for: its result are the reply's facts and arrays.
+
+    Parameters
+    ----------
+    client : Client
+    number : int
+    on_look : callable or None
+        Called with (pixels, whole), on the client's thread.
+    on_progress : callable or None
+        Called with (done, total), on the client's thread.
+    """
+
+    def __init__(
+        self, client: Client, number: int, on_look: OnLook | None, on_progress: Callable[[int, int], None] | None
+    ):
+        super().__init__()
+        self.set_running_or_notify_cancel()  # `stop` cancels, and the process says when it has
+        self._client, self._number = client, number
+        self.on_look, self.on_progress = on_look, on_progress
+
+    def stop(self) -> None:
+        """Cancel it: its result is then a CancelledError, unless it was there before."""
+        if not self.done():
+            self._client.tell({"do": "cancel", "job": self._number})
+
+
+class Client:
+    """A connection to the resident process.
+
+    Parameters
+    ----------
+    link : Link
+    """
+
+    def __init__(self, link: Link):
+        self._link = link
+        self._numbers = itertools.count(1)
+        self._open: dict[int, Request] = {}
+        self._lock = threading.Lock()
+        self._ended = False
+        threading.Thread(target=self._listen, name="oiiotex-replies", daemon=True).start()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the process is gone."""
+        return self._ended
+
+    def put(self, image: Image) -> int:
+        """Hand an image over; its number."""
+        pixels = [np.ascontiguousarray(part.pixels()) for part in image.parts]
+        return int(self._ask({"do": "put", "image": image_facts(image)}, pixels).result()[0]["number"])
+
+    def drop(self, number: int) -> None:
+        """Let an image be forgotten."""
+        self.tell({"do": "drop", "image": number})
+
+    def make(
+        self, op: str, images: Sequence[int] = (), values: Mapping[str, object] | None = None, *,
+        optional: Mapping[str, int | str] | None = None, priority: int = LOOKS, measure: bool = False,
+        until: str | None = None, read: str | None = None, keep: bool = True, on_look: OnLook | None = None,
+        on_progress: Callable[[int, int], None] | None = None,
+    ) -> Request:  # fmt: skip
+        """Have an op used, as `work.Bench.make` says.
+
+        Parameters
+        ----------
+        op : str
+            Name of its function.
+        images : sequence of int
+            Numbers of the images that it always takes.
+        values : mapping
+            By modifier: as text, or what prints as it.
+        optional : mapping
+            Further images, by modifier: a number, or the name of a part of the first image.
+        priority : int
+            0 is done first, and in between what is less urgent.
+        measure : bool
+            As -v.
+        until : str, optional
+            'look': end with the first look at the result, whose pixels are the reply's array.
+        read : str, optional
+            The part whose pixels are the reply's array; '' is the first.
+        keep : bool
+            The images can be asked for later, until they are dropped.
+        on_look, on_progress : callable, optional
+            As of `Request`.
+        """
+        texts = {key: f"{int(v) if isinstance(v, bool) else v}" for key, v in (values or {}).items()}
+        facts = {
+            "do": "make", "op": op, "images": list(images), "values": texts, "optional": dict(optional or {}),
+            "priority": priority, "measure": measure, "until": until, "read": read, "keep": keep,
+            "look": on_look is not None,
+        }  # fmt: skip
+        return self._ask(facts, (), on_look, on_progress)
+
+    def read(self, image: int, window: Window | None = None, part: str = "", priority: int = LOOKS) -> Request:
+        """Have pixels of a window computed: the reply's array, (height, width, channels) of the part's own type."""
+        facts = {"do": "read", "image": image, "part": part, "priority": priority}
+        return self._ask(facts | {"window": None if window is None else list(window)})
+
+    def hello(self) -> dict[str, Any]:
+        """What the process says of itself."""
+        return self._ask({"do": "hello"}).result()[0]
+
+    def end(self) -> None:
+        """Have the process end."""
+        self.tell({"do": "end"})
+
+    def close(self) -> None:
+        """Hang up: images and jobs of this client are forgotten."""
+        self._link.close()
+
+    def tell(self, facts: dict[str, Any]) -> None:
+        """Say something that needs no answer."""
+        try:
+            self._ask(facts)
+        except LinkError:
+            pass
+
+    def _ask(
+        self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = (), on_look: OnLook | None = None,
+        on_progress: Callable[[int, int], None] | None = None,
+    ) -> Request:  # fmt: skip
+        number = next(self._numbers)
+        request = Request(self, number, on_look, on_progress)
+        with self._lock:
+            if self._ended:
+                raise LinkError("the resident process has ended")
+            self._open[number] = request
+        try:
+            self._link.send(facts | {"id": number}, arrays)
+        except Error:
+            with self._lock:
+                self._open.pop(number, None)
+            raise
+        return request
+
+    def _listen(self) -> None:
+        try:
+            while True:
+                facts, arrays = self._link.receive()
+                request = self._open.get(facts["re"])
+                if request is not None:
+                    self._hear(request, facts, arrays)
+        except LinkError as error:
+            with self._lock:
+                self._ended = True
+                left, self._open = list(self._open.values()), {}
+            for request in left:
+                request.set_exception(error)
+
+    def _hear(self, request: Request, facts: dict[str, Any], arrays: list[np.ndarray]) -> None:
+        state = facts["state"]
+        if state == "look":
+            if request.on_look is not None:
+                request.on_look(arrays[0], facts["whole"])
+            return
+        if state == "progress":
+            if request.on_progress is not None:
+                request.on_progress(facts["done"], facts["total"])
+            return
+        with self._lock:
+            self._open.pop(facts["re"], None)
+        if state == "done":
+            request.set_result((facts, arrays))
+        elif state == "cancelled":
+            request.set_exception(CancelledError())
+        else:
+            request.set_exception(Error(facts["text"]))
+
+
+def connect(settings: Settings) -> Client:
+    """A client of the process of these settings, started where there is none.
+
+    Raises
+    ------
+    Error
+        It cannot be started.
+    """
+    path = str(settings.socket())
+    process, until = None, time.monotonic() + _START
+    while True:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            connection.connect(path)
+            client = Client(Link(connection))
+            client.hello()  # one that is about to end may have taken the call
+            return client
+        except (OSError, LinkError) as error:
+            connection.close()
+            if time.monotonic() > until:
+                raise Error(f"the resident process does not answer: {error}") from error
+        if process is None:
+            process = _started(settings)
+        elif process.poll() not in (None, 0):
+            lines = _log_of(settings).read_text(errors="replace").strip().splitlines() or ["without a word"]
+            raise Error(f"the resident process cannot be started: {lines[-1]}")
+        time.sleep(0.02)
+
+
+def _started(settings: Settings) -> subprocess.Popen:
+    with open(_log_of(settings), "wb") as log:
+        return subprocess.Popen(
+            isolated("oiiotex.service", settings.text()), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
+            start_new_session=True, cwd="/",
+        )  # fmt: skip
+
+
+def _log_of(settings: Settings) -> Path:
+    return settings.socket().with_suffix(".log")

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be done: by priority, one at a time, because there is one device; more urgent jobs come in between.
+
+A job is asked for leave whenever it reports progress. There it ends if it was cancelled, and there jobs of higher
+priority are done, on its thread: so an export of an hour holds up no brush, and kernels are never set up twice at once.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import Error, Interrupted
+
+REPORT_EVERY = 0.05  # s, at most, between two reports of progress
+_numbers = itertools.count()
+
+
+@dataclass(eq=False)
+class Job:
+    """Something to be done.
+
+    Attributes
+    ----------
+    priority : int
+        0 first; among equals who came first.
+    work : callable
+        Is called with the job.
+    report : callable
+        Called with (state, value): 'progress' (done, total), 'done' what `work` gave, 'failed' a text, 'cancelled'.
+    """
+
+    priority: int
+    work: Callable[[Job], Any]
+    report: Callable[[str, Any], None]
+    cancelled: bool = False
+    log: list[tuple[str, str]] = field(default_factory=list)
+    _jobs: Jobs | None = None
+    _number: int = field(default_factory=lambda: next(_numbers))
+    _told: float = 0.0
+
+    def __lt__(self, other: Job) -> bool:
+        return (self.priority, self._number) < (other.priority, other._number)
+
+    def advance(self, done: int, total: int) -> bool:
+        """As a session's `progress`: False where the job was cancelled."""
+        now = time.monotonic()
+        if now - self._told >= REPORT_EVERY:
+            self._told = now
+            self.report("progress", (done, total))
+        if self._jobs is not None:
+            self._jobs.let_in(self)
+        return not self.cancelled
+
+
+class Jobs:
+    """Jobs that wait, and the thread that does them."""
+
+    def __init__(self) -> None:
+        self._waiting: list[Job] = []
+        self._running: list[Job] = []  # the last one works, those before it wait for it
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._work, name="oiiotex-jobs", daemon=True)
+        self._thread.start()
+
+    @property
+    def running(self) -> Job | None:
+        """The job that works."""
+        return self._running[-1] if self._running else None
+
+    @property
+    def count(self) -> int:
+        """How many wait or run."""
+        return len(self._waiting) + len(self._running)
+
+    def add(self, job: Job) -> None:
+        """Have a job done."""
+        job._jobs = self
+        with self._changed:
+            heapq.heappush(self._waiting, job)
+            self._changed.notify()
+
+    def cancel(self, job: Job) -> None:
+        """Leave a job undone, or end it where it next reports progress."""
+        with self._changed:
+            job.cancelled = True
+            waited = job in self._waiting
+            if waited:
+                self._waiting.remove(job)
+                heapq.heapify(self._waiting)
+        if waited:
+            job.report("cancelled", None)
+
+    def let_in(self, job: Job) -> None:
+        """Do what is more urgent than a job that runs."""
+        while not job.cancelled:
+            with self._changed:
+                if not (self._waiting and self._waiting[0].priority < job.priority):
+                    return
+                urgent = heapq.heappop(self._waiting)
+            self._do(urgent)
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                while not self._waiting:
+                    self._changed.wait()
+                job = heapq.heappop(self._waiting)
+            self._do(job)
+
+    def _do(self, job: Job) -> None:
+        self._running.append(job)
+        try:
+            result = job.work(job)
+        except Interrupted as error:
+            job.report(*(("cancelled", None) if job.cancelled else ("failed", str(error))))
+        except Error as error:
+            job.report("failed", str(error))
+        except MemoryError:
+            job.report("failed", "out of memory: lower --cache, or make the tile or the photo smaller")
+        except Exception as error:  # a fault of ours: the process goes on
+            job.report("failed", f"internal, {type(error).__name__}: {error}")
+        else:
+            job.report("done", result)
+        finally:
+            self._running.pop()

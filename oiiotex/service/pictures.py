@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Images as messages carry them: facts of parts as JSON, pixels as arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..core.image import Image, Part, from_pixels
+from ..core.window import Window
+from ..deferred import np, oiio
+
+_PLACE = ("x", "y", "width", "height", "full_x", "full_y", "full_width", "full_height")
+
+
+def facts_of(part: Part) -> dict[str, Any]:
+    """What a part says of itself, but its pixels."""
+    spec = part.spec
+    return {
+        "name": part.name,
+        "place": [getattr(spec, name) for name in _PLACE],
+        "type": str(spec.format),
+        "channels": list(spec.channelnames),
+        "alpha": spec.alpha_channel,
+        "stored": None if part.stored is None else str(part.stored),
+        "exact": part.exact,
+        "attributes": [[a.name, str(a.type), a.value] for a in spec.extra_attribs if _is_plain(a.value)],
+    }
+
+
+def image_facts(image: Image) -> dict[str, Any]:
+    """The same of all parts of an image."""
+    return {"source": image.source, "parts": [facts_of(part) for part in image.parts]}
+
+
+def image_of(facts: dict[str, Any], arrays: list[np.ndarray]) -> Image:
+    """The image of these facts and of its parts' pixels, (height, width, channels) each.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        They are none, or do not fit each other.
+    """
+    parts = []
+    for one, pixels in zip(facts["parts"], arrays, strict=True):
+        spec = _spec_of(one)
+        if pixels.shape != (spec.height, spec.width, spec.nchannels):
+            raise ValueError(pixels.shape)
+        stored = None if one["stored"] is None else oiio.TypeDesc(one["stored"])
+        part = from_pixels(str(one["name"]), pixels, spec, stored)
+        object.__setattr__(part, "exact", bool(one["exact"]))
+        parts.append(part)
+    return Image(tuple(parts), str(facts["source"]))
+
+
+def window_of(numbers: list[int] | None, part: Part) -> Window:
+    """The window that a message says, inside the part's data window; all of it where it says none."""
+    return part.window if numbers is None else Window(*map(int, numbers)) & part.window
+
+
+def _spec_of(facts: dict[str, Any]) -> oiio.ImageSpec:
+    names = tuple(map(str, facts["channels"]))
+    spec = oiio.ImageSpec(1, 1, len(names), oiio.TypeDesc(facts["type"]))
+    for name, value in zip(_PLACE, facts["place"], strict=True):
+        setattr(spec, name, int(value))
+    spec.channelnames, spec.alpha_channel = names, int(facts["alpha"])
+    for name, kind, value in facts["attributes"]:
+        spec.attribute(name, oiio.TypeDesc(kind), tuple(value) if isinstance(value, list) else value)
+    return spec
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether JSON holds it: arrays of bytes, such as profiles of scanners, stay behind."""
+    return isinstance(value, (int, float, str)) or (
+        isinstance(value, tuple) and all(isinstance(one, (int, float, str)) for one in value)
+    )

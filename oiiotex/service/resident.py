@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The resident process itself: `python -m oiiotex.service`, which a client starts when it needs one.
+
+One process to a user and a set of settings, on a Unix socket in a folder that is the user's alone. It ends when it has
+had nothing to do and nobody connected for a while; a client that dies takes its images and jobs with it.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import os
+import socket
+import struct
+import threading
+import time
+from typing import Any
+
+from .. import __version__
+from ..core.machine import usable_threads
+from ..deferred import oiio
+from ..errors import Error
+from ..session import Session
+from .jobs import Job, Jobs
+from .messages import Link, LinkError
+from .pictures import image_of
+from .settings import Settings
+from .work import Bench
+
+MOST_JOBS = 256  # of a client, that wait or run
+MEMORIES = 48  # analyses of photos and planes that are kept
+_CREDENTIALS = struct.Struct("3i")
+
+log = logging.getLogger("oiiotex")
+
+
+class Resident:
+    """What all clients share.
+
+    Parameters
+    ----------
+    settings : Settings
+    """
+
+    def __init__(self, settings: Settings):
+        self._settings = settings
+        self._session = Session(
+            device_name=settings.device,
+            threads=settings.threads,
+            budget=settings.budget,
+            colorconfig=settings.colorconfig,
+            interchange=settings.interchange,
+            autocc=settings.autocc,
+        )
+        self._session.resources.memories = MEMORIES
+        self.jobs = Jobs()
+        self._clients: set[_Client] = set()
+        self._busy = time.monotonic()
+        self._end = False
+        log.setLevel(logging.INFO)
+        log.addHandler(_ToJob(self.jobs))
+
+    def serve(self) -> None:
+        """Answer until there is nothing more to do; returns at once where another process does."""
+        path = self._settings.socket()
+        with open(path.with_suffix(".lock"), "w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                return
+            path.unlink(missing_ok=True)  # of one that was killed
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as listening:
+                listening.bind(str(path))
+                os.chmod(path, 0o600)
+                listening.listen(16)
+                listening.settimeout(min(1.0, self._settings.idle / 4))
+                try:
+                    self._accept(listening)
+                finally:
+                    path.unlink(missing_ok=True)
+
+    def _accept(self, listening: socket.socket) -> None:
+        while not self._end:
+            try:
+                connection, _ = listening.accept()
+            except TimeoutError:
+                if self._clients or self.jobs.count:
+                    self._busy = time.monotonic()
+                elif time.monotonic() - self._busy > self._settings.idle:
+                    return
+                continue
+            connection.setblocking(True)
+            if _user_of(connection) != os.geteuid():
+                connection.close()
+                continue
+            client = _Client(self, connection, Bench(self._session))
+            self._clients.add(client)
+            threading.Thread(target=client.serve, name="oiiotex-client", daemon=True).start()
+
+    def leave(self, client: _Client) -> None:
+        """Forget a client."""
+        self._clients.discard(client)
+        self._busy = time.monotonic()
+
+    def end(self) -> None:
+        """Answer nobody new."""
+        self._end = True
+
+    def facts(self) -> dict[str, Any]:
+        """What it is, and what it does."""
+        device = self._session.device.info.name if self._session.resources.has_device else None
+        return {
+            "version": __version__, "pid": os.getpid(), "device": device,
+            "clients": len(self._clients), "jobs": self.jobs.count,
+        }  # fmt: skip
+
+
+class _Client:
+    def __init__(self, resident: Resident, connection: socket.socket, bench: Bench):
+        self._resident, self._bench = resident, bench
+        self._link = Link(connection)
+        self._jobs: dict[int, Job] = {}
+
+    def serve(self) -> None:
+        """Answer until the client hangs up, dies or talks nonsense."""
+        try:
+            while True:
+                asked, arrays = self._link.receive()
+                number = asked.get("id")
+                try:
+                    self._take(number, asked, arrays)
+                except Error as error:
+                    self._answer(number, "failed", {"text": str(error)})
+                except (KeyError, TypeError, ValueError) as error:
+                    self._answer(number, "failed", {"text": f"the request is malformed: {error}"})
+        except LinkError:
+            pass
+        finally:
+            for job in list(self._jobs.values()):
+                self._resident.jobs.cancel(job)
+            self._link.close()
+            self._resident.leave(self)
+
+    def _take(self, number: Any, asked: dict[str, Any], arrays: list[Any]) -> None:
+        do = asked["do"]
+        if do in ("make", "read"):
+            self._begin(number, asked)
+        elif do == "put":
+            self._answer(number, "done", {"number": self._bench.keep(image_of(asked["image"], arrays))})
+        elif do == "drop":
+            self._bench.drop(asked["image"])
+            self._answer(number, "done", {})
+        elif do == "cancel":
+            job = self._jobs.get(asked["job"])
+            if job is not None:
+                self._resident.jobs.cancel(job)
+            self._answer(number, "done", {})
+        elif do == "hello":
+            self._answer(number, "done", self._resident.facts())
+        elif do == "end":
+            self._resident.end()
+            self._answer(number, "done", {})
+        else:
+            raise ValueError(f"nobody can do '{do}'")
+
+    def _begin(self, number: int, asked: dict[str, Any]) -> None:
+        if len(self._jobs) >= MOST_JOBS:
+            raise Error(f"more than {MOST_JOBS} jobs of one client: wait for some")
+
+        def look(pixels: Any, whole: bool) -> None:
+            self._answer(number, "look", {"whole": whole}, [pixels])
+
+        def work(job: Job) -> Any:
+            if asked["do"] == "read":
+                return self._bench.read(job, asked)
+            return self._bench.make(job, asked, look if asked.get("look") else None)
+
+        def report(state: str, value: Any) -> None:
+            if state == "progress":
+                self._answer(number, state, {"done": value[0], "total": value[1]})
+                return
+            self._jobs.pop(number, None)
+            facts, arrays = value if state == "done" else ({"text": value}, [])
+            if state == "failed":
+                facts["log"] = job.log
+            self._answer(number, state, facts, arrays)
+
+        job = self._jobs[number] = Job(int(asked.get("priority", 5)), work, report)
+        self._resident.jobs.add(job)
+
+    def _answer(self, number: Any, state: str, facts: dict[str, Any], arrays: list[Any] | tuple[()] = ()) -> None:
+        try:
+            self._link.send(facts | {"re": number, "state": state}, arrays)
+        except LinkError:  # who receives is told, and ends it all
+            pass
+
+
+class _ToJob(logging.Handler):
+    """What is logged belongs to the job that works."""
+
+    def __init__(self, jobs: Jobs):
+        super().__init__()
+        self._jobs = jobs
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Add a line."""
+        job = self._jobs.running
+        if job is not None:
+            job.log.append((record.levelname.lower(), record.getMessage()))
+
+
+def _user_of(connection: socket.socket) -> int:
+    """Who is on the other side."""
+    packed = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return int(_CREDENTIALS.unpack(packed)[1])
+
+
+def main(text: str) -> None:
+    """Be the resident process that settings, as JSON, ask for."""
+    settings = Settings(**json.loads(text))
+    for name in ("threads", "exr_threads"):  # OpenImageIO counts the machine's, not those that the process may use
+        oiio.attribute(name, settings.threads or usable_threads())
+    os.chdir("/")
+    Resident(settings).serve()

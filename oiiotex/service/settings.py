@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a resident process is started with, and where it listens: other settings are another process."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import stat
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from .. import __version__
+from ..errors import Error
+from ..session import Session
+
+IDLE = 600.0  # s without a client after which it ends
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Those of a run that outlast it.
+
+    Attributes
+    ----------
+    device : str or None
+    threads, budget : int
+    colorconfig : str or None
+    interchange : (str, str) or None
+    autocc : bool
+        As of `session.Session`.
+    idle : float
+        Seconds without a client after which it ends.
+    """
+
+    device: str | None = None
+    threads: int = 0
+    budget: int = 0
+    colorconfig: str | None = None
+    interchange: tuple[str, str] | None = None
+    autocc: bool = False
+    idle: float = IDLE
+
+    @classmethod
+    def of(cls, session: Session, idle: float = IDLE) -> Settings:
+        """Those of a session; the environment's device and colour config become words."""
+        config = session.colorconfig or os.environ.get("OCIO")
+        if config and os.path.exists(config):
+            config = os.path.abspath(config)
+        return cls(
+            session.device_name, session.threads, session.budget, config, session.interchange, session.autocc, idle
+        )
+
+    def text(self) -> str:
+        """As JSON."""
+        return json.dumps(asdict(self))
+
+    def socket(self) -> Path:
+        """Where its process listens, in a folder that is the user's alone.
+
+        Raises
+        ------
+        Error
+            The folder is somebody else's, or open to others.
+        """
+        facts = self.text(), __version__, str(Path(__file__).parent), os.environ.get("OIIOTEX_DEVICE")
+        name = hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
+        return _folder() / f"{name}.socket"
+
+
+def _folder() -> Path:
+    import platformdirs
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that there is no $XDG_RUNTIME_DIR: what stands in for it is looked at below
+        folder = Path(platformdirs.user_runtime_dir("oiiotex"))
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    status = os.lstat(folder)
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o077:
+        raise Error(f"{folder} must be a folder of yours alone: set XDG_RUNTIME_DIR to one")
+    return folder

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a client can have done: ops on its images, windows of what they make."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import logging
+from typing import Any
+
+from .. import filters, host
+from ..core.image import Image
+from ..core.op import Op
+from ..core.parameters import nearest, parse_modifiers
+from ..deferred import np
+from ..errors import ImageError, Interrupted, ParameterError
+from ..run import run
+from ..session import Session
+from ..stats import Stats
+from .jobs import Job
+from .pictures import image_facts, window_of
+
+MOST_IMAGES = 4096  # that a client holds
+
+log = logging.getLogger("oiiotex")
+
+
+class Bench:
+    """A client's images by number, and what is made of them.
+
+    Parameters
+    ----------
+    session : Session
+        Whose device, colours and memory all clients share.
+    """
+
+    def __init__(self, session: Session):
+        self._session = session
+        self._images: dict[int, Image] = {}
+        self._numbers = itertools.count(1)
+
+    def keep(self, image: Image) -> int:
+        """The number of an image from now on."""
+        if len(self._images) >= MOST_IMAGES:
+            raise ImageError(f"a client holds {MOST_IMAGES} images at most: drop some")
+        number = next(self._numbers)
+        self._images[number] = image
+        return number
+
+    def drop(self, number: int) -> None:
+        """Forget an image."""
+        self._images.pop(number, None)
+
+    def image(self, number: int) -> Image:
+        """The image of that number.
+
+        Raises
+        ------
+        ImageError
+            There is none.
+        """
+        if number not in self._images:
+            raise ImageError(f"there is no image {number}")
+        return self._images[number]
+
+    def make(self, job: Job, asked: dict[str, Any], look: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
+        """Use an op.
+
+        Parameters
+        ----------
+        job : Job
+        asked : dict
+            op, its name; images, numbers of those it always takes; optional, by parameter a number of an image or a
+            name of a part; values, by modifier a text as on the command line; measure, whether the result is measured;
+            until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once;
+            keep, False where its images will not be asked for again.
+        look : callable
+            Called with (pixels, whole), as `Session.look`; None: nobody looks.
+
+        Returns
+        -------
+        The images' facts, each with its number, lines that were said and logged; the pixels that were wanted.
+
+        Raises
+        ------
+        Error
+            As by the op; Interrupted where the job is cancelled.
+        """
+        session, said = self._session_of(job), list[str]()
+        session.say, session.measure = said.append, bool(asked.get("measure"))
+        only_look = asked.get("until") == "look"
+        seen: list[np.ndarray] = []
+
+        def looked(pixels: np.ndarray, whole: bool) -> None:
+            if only_look:
+                seen.append(pixels)
+                raise Interrupted("seen")
+            look(pixels, whole)
+
+        if look is not None or only_look:
+            session.look = looked
+        op = self._bound(asked)
+        try:
+            results = session.on_a_device(lambda: run(op, session))
+        except Interrupted:
+            if not seen:
+                raise
+            return {"images": [], "said": said, "log": job.log}, seen
+        keep = asked.get("keep", True)
+        images = [image_facts(one.image) | {"number": self.keep(one.image) if keep else 0} for one in results]
+        failed = [text for one in results for text in one.failed]
+        arrays = []
+        if asked.get("read") is not None:
+            arrays.append(_pixels(results[0].image, asked["read"], None))
+        return {"images": images, "said": said, "log": job.log, "failed": failed}, arrays
+
+    def read(self, job: Job, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+        """Pixels of a window: number of the image, name of the part ('' is the first), left, top, right, bottom.
+
+        Raises
+        ------
+        Error
+            There is no such image or part, or as by what computes them.
+        """
+        return {}, [_pixels(self.image(asked["image"]), asked.get("part", ""), asked.get("window"))]
+
+    def _session_of(self, job: Job) -> Session:
+        session = copy.copy(self._session)
+        session.progress, session.stats = job.advance, Stats()
+        return session
+
+    def _bound(self, asked: dict[str, Any]) -> Op:
+        op, texts = op_named(asked["op"]), {key: str(text) for key, text in asked.get("values", {}).items()}
+        name = op.name
+        values = {p.attribute: p.parse(texts.pop(p.name)) for p in op.arguments() if p.name in texts}
+        values |= parse_modifiers(op, texts)
+        given = [self.image(number) for number in asked.get("images", ())]
+        declared = op.taken(values)
+        many = len(declared) == 1 and declared[0].many
+        if not many and len(given) != len(declared):
+            raise ParameterError(f"{name} takes {len(declared)} image(s), not {len(given)}")
+        bound: dict[str, Any] = {i.attribute: None for i in (*op.images(), *op.optional_images())}
+        if many:
+            bound[declared[0].attribute] = tuple(given)
+        else:
+            bound |= {i.attribute: image for i, image in zip(declared, given, strict=True)}
+        slots = {i.name: i for i in op.optional_images()}
+        for key, what in asked.get("optional", {}).items():
+            if key not in slots:
+                raise ParameterError(f"{name}: there is no image '{key}'{nearest(key, slots)}")
+            bound[slots[key].attribute] = self._optional(what, given)
+        return op(**bound | values)
+
+    def _optional(self, what: int | str, given: list[Image]) -> Image:
+        if isinstance(what, int):
+            return self.image(what)
+        part = given[0].part(what) if given else None
+        if part is None:
+            raise ParameterError(f"the image has no part '{what}'")
+        return Image((part,), what)
+
+
+def op_named(name: str) -> type[Op]:
+    """The op that the program knows by that name, without what stands before it on a command line.
+
+    Raises
+    ------
+    ParameterError
+        There is none; the text names the nearest.
+    """
+    shelves = (*filters.SHELVES, *host.SHELVES)
+    flags = {flag.removeprefix("--tex"): (flag, shelf) for shelf in reversed(shelves) for flag in shelf.names}
+    flags = {key.lstrip("-"): found for key, found in flags.items()}
+    if name in flags:
+        flag, shelf = flags[name]
+        return next(op for op in shelf.declarations if flag in (op.flag(), *op.aliases))
+    others = {op.name: op for op in filters.further()}
+    if name not in others:
+        raise ParameterError(f"there is no op '{name}'{nearest(name, [*flags, *others])}")
+    return others[name]
+
+
+def _pixels(image: Image, name: str, window: list[int] | None) -> np.ndarray:
+    part = image.part(name) if name else image.first
+    if part is None:
+        raise ImageError(f"{image.source} has no part '{name}'")
+    place = window_of(window, part)
+    if place.empty:
+        raise ImageError(f"window {window} is outside of {part.name}")
+    return part.read(place)

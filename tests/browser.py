@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's server as it is installed, and Debian's Chromium that looks at it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+TOKEN = "0123456789abcdef"
+
+
+class Served:
+    """`oiiotex ... --texlive` in a folder, until it is told to end.
+
+    Attributes
+    ----------
+    url : str
+        Of the page.
+    port : int
+    process : subprocess.Popen
+    """
+
+    def __init__(self, folder: Path, *words: str, live: str = "", runtime: Path):
+        line = [sys.executable, "-P", "-m", "oiiotex.cli.main", "--cache", "1024", *words]
+        line.append(f"--texlive:open=0:token={TOKEN}{live}")
+        environment = os.environ | {"XDG_RUNTIME_DIR": str(runtime)}
+        self.process = subprocess.Popen(line, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout is not None
+        self.url = self.process.stdout.readline().split()[0]
+        self.port = int(self.url.split(":")[2].split("/")[0])
+
+    def end(self, number: int = signal.SIGINT) -> int:
+        """Tell it to end; its exit code."""
+        self.process.send_signal(number)
+        return self.process.wait(20)
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[object]:
+    """A browser of Playwright's; tests are skipped, loudly, where there is none."""
+    path = shutil.which("chromium")
+    if path is None:
+        pytest.skip("NOT RUN: there is no Chromium (apt-get install chromium)")
+    playwright = pytest.importorskip("playwright.sync_api", reason="NOT RUN: no playwright (pip install oiiotex[test])")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, headless=True, args=FLAGS)
+        yield browser
+        browser.close()

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page in a real browser: what it shows is what its line makes, to the bit."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shlex
+import shutil
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
+pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
+
+from oiiotex.color.config import ColorConfig, as_float
+from oiiotex.color.display import shown_by, usual_view
+from tests import pictures
+from tests.browser import Served, chromium
+from tests.conftest import load, oiiotex, save
+
+SPACE = "srgb_rec709_scene"
+PIXELS = """async (name) => {
+  const { rooms } = await import("./main.js");
+  const canvas = { tile: rooms.tile.tile, texture: rooms.paint?.texture }[name] ?? rooms.zoom.tiles.get(name);
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let text = "";
+  for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
+  return [canvas.height, canvas.width, btoa(text)];
+}"""
+MOVE = """([name, value]) => {
+  const row = [...document.querySelectorAll(".row")].find((one) => one.firstChild.textContent === name);
+  delete document.querySelector("[data-tile]").dataset.tile;
+  const slider = row.querySelector("input[type=range]");
+  slider.value = value;
+  slider.dispatchEvent(new Event("input"));
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="oxl") as name:
+        path = Path(name)
+        save(pictures.stained(pictures.bricks(96, 112, seed=1)), path / "photo.png")
+        save(pictures.pebbles(64, 64, seed=2), path / "pebbles.exr", "half", "lin_rec709_scene")
+        document = {
+            "exemplars": [{"id": "a", "file": "pebbles.exr"}],
+            "root": "a",
+            "edges": [{"from": "a", "to": "a", "r": 1}],
+        }
+        (path / "graph.json").write_text(json.dumps(document))
+        yield path
+
+
+@pytest.fixture
+def served(folder) -> Iterator[Served]:
+    server = Served(folder, "photo.png", "--iscolorspace", SPACE, runtime=folder)
+    yield server
+    server.end()
+    shutil.rmtree(folder / "photo.paint", ignore_errors=True)
+    for document in folder.glob("photo.*.*"):
+        document.unlink()
+
+
+@pytest.fixture
+def page(browser, served) -> Iterator[object]:
+    opened = browser.new_page(viewport={"width": 1280, "height": 720})
+    errors: list[str] = []
+    opened.on("pageerror", lambda error: errors.append(str(error)))
+    opened.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    opened.set_default_timeout(30000)
+    opened.goto(served.url)
+    opened.wait_for_selector("[data-tile=whole]")
+    yield opened
+    opened.close()
+    assert not [error for error in errors if "WebSocket" not in error and "ERR_CONNECTION" not in error]
+
+
+def wait(page, condition: str) -> None:
+    """Until an expression holds; Playwright's own way evaluates strings, which the page's policy refuses."""
+    until = time.monotonic() + 30
+    while not page.evaluate(condition):
+        assert time.monotonic() < until, condition
+        time.sleep(0.02)
+
+
+def pixels_of(page, name: str) -> np.ndarray:
+    height, width, text = page.evaluate(PIXELS, name)
+    return np.frombuffer(base64.b64decode(text), np.uint8).reshape(height, width, 4)[..., :3]
+
+
+def copied_line(page) -> list[str]:
+    """The words of the line that the button copies."""
+    page.click("#copy")
+    page.wait_for_selector("#line-dialog[open]")
+    line = page.input_value("#line")
+    page.click("#line-dialog button")
+    return shlex.split(line)
+
+
+def shown_of(words: list[str], folder: Path, space: str) -> np.ndarray:
+    """What the page should show of the pixels that a line makes."""
+    assert words[0] == "oiiotex"
+    done = oiiotex(*words[1:], cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return shown(folder / words[-1], space)
+
+
+def shown(path: Path, space: str) -> np.ndarray:
+    """What the page should show of a file."""
+    config = ColorConfig()
+    return shown_by(config, space, *usual_view(config, space))(as_float(load(path))[..., :3])
+
+
+def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
+    page.evaluate(MOVE, ["Sigma", 0.4])
+    page.wait_for_selector("[data-tile=coarse]")
+    page.wait_for_selector("[data-tile=whole]")
+    words = copied_line(page)
+    assert any(":sigma=12.1" in word for word in words), words
+    np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+    wait(page, "document.querySelector('.measures').textContent.includes('seam ratio')")
+    page.keyboard.press("s")
+    wait(page, "document.querySelector('[data-tile]').dataset.tile === 'coarse'")
+    page.wait_for_selector("[data-tile=whole]")
+    words = copied_line(page)
+    assert any(":seed=1" in word for word in words)
+    np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
+def test_a_painted_mask_is_in_the_line(page, folder):
+    page.keyboard.press("b")
+    view = page.locator("canvas[aria-label=Photo]").bounding_box()
+    middle = [view["x"] + view["width"] / 2, view["y"] + view["height"] / 2]
+    page.mouse.move(middle[0] - 150, middle[1] - 100)
+    page.mouse.down()
+    for n in range(12):
+        page.mouse.move(middle[0] - 150 + 30 * n, middle[1] - 100 + 20 * (n % 6), steps=2)
+    page.evaluate("delete document.querySelector('[data-tile]').dataset.tile")
+    page.mouse.up()
+    page.wait_for_selector("[data-tile=whole]")
+    wait(page, "document.body.dataset.busy === 'false'")
+    words = copied_line(page)
+    assert any("mask=photo.mask.png" in word for word in words), words
+    mask = load(folder / "photo.mask.png")
+    assert set(np.unique(mask)) == {0, 255} and 0.05 < (mask == 255).mean() < 0.9
+    np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
+def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page, folder):
+    page.evaluate("import('./main.js').then(({ shell }) => shell.set('paint', { width: 512, height: 384, brush: 64 }))")
+    page.click("#tab-paint")
+    page.wait_for_selector("[data-step='0']")
+    before = pixels_of(page, "texture")
+    assert before.shape == (384, 512, 3)
+    page.locator(".swatch").nth(1).click()
+    view = page.locator("canvas[aria-label=Painting]").bounding_box()
+    scale = min((view["width"] - 24) / 512, (view["height"] - 24) / 384)
+    corner = view["x"] + (view["width"] - 512 * scale) / 2, view["y"] + (view["height"] - 384 * scale) / 2
+    page.mouse.move(corner[0] + 150 * scale, corner[1] + 150 * scale)
+    page.mouse.down()
+    page.mouse.move(corner[0] + 250 * scale, corner[1] + 200 * scale, steps=5)
+    page.mouse.up()
+    page.wait_for_selector("[data-step='1']")
+    after = pixels_of(page, "texture")
+    rows, columns = np.nonzero((before != after).any(-1))
+    reach = 32 + 2 * 16  # px: half the brush, and patches around it
+    assert 150 - reach < columns.min() and columns.max() < 250 + reach
+    assert 150 - reach < rows.min() and rows.max() < 200 + reach
+    assert len(rows) > 3000
+    words = copied_line(page)
+    np.testing.assert_array_equal(after, shown_of(words, folder, SPACE))
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("[data-step='0']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), before)
+    page.keyboard.press("Control+Shift+Z")
+    page.wait_for_selector("[data-step='1']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+    page.reload()  # painting and history are there
+    page.wait_for_selector("[data-step='1']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+
+
+def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, served, folder):
+    other = browser.new_page()
+    other.goto(served.url)
+    other.wait_for_selector("[data-tile=whole]")
+    page.select_option("select[title^='What looks']", json.dumps("moments"))
+    wait(other, "document.querySelector(\"select[title^='What looks']\").value === '\"moments\"'")
+    page.keyboard.press("v")
+    page.wait_for_timeout(1200)  # the last second may be lost
+    page.keyboard.press("b")
+    view = page.locator("canvas[aria-label=Photo]").bounding_box()
+    page.mouse.move(view["x"] + 200, view["y"] + 200)
+    page.mouse.down()
+    page.mouse.move(view["x"] + 300, view["y"] + 200)
+    served.end(signal.SIGKILL)
+    page.mouse.up()
+    page.wait_for_selector("#link.wrong")
+    again = Served(folder, "photo.png", "--iscolorspace", SPACE, live=f":port={served.port}", runtime=folder)
+    try:
+        for one in (page, other):
+            wait(one, "document.getElementById('link').textContent === ''")
+            one.wait_for_selector("[data-tile=whole]")
+            assert one.input_value("select[title^='What looks']") == '"moments"'
+    finally:
+        other.close()
+        again.end()
+
+
+def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folder):
+    server = Served(folder, live=":graph=graph.json", runtime=folder)
+    page = browser.new_page(viewport={"width": 900, "height": 600})
+    try:
+        page.set_default_timeout(30000)
+        page.goto(server.url)
+        tiles = {}
+        for place, count in ((f"{3 << 96}/{5 << 96}", 3), (f"{-(12345 << 96)}/{(1 << 110) + 77}", 2)):
+            page.goto(f"{server.url}#zoom/26/{place}")
+            page.reload()
+            page.wait_for_selector("[data-missing='0']")
+            names = page.evaluate("import('./main.js').then((m) => [...m.rooms.zoom.tiles.keys()])")
+            tiles |= {
+                name: pixels_of(page, name) for name in [name for name in names if name.startswith("26/")][:count]
+            }
+        assert len(tiles) == 5
+        words = []
+        for number, (level, x, y) in enumerate(tuple(map(int, name.split("/"))) for name in tiles):
+            window = f"256x256{256 * x:+d}{256 * y:+d}"
+            words += [f"--texsynth:graph=graph.json:level={level}:window={window}", "-o", f"tile{number}.exr"]
+        done = oiiotex(*words, cwd=folder)
+        assert done.returncode == 0, done.stderr
+        for number, pixels in enumerate(tiles.values()):
+            np.testing.assert_array_equal(pixels, shown(folder / f"tile{number}.exr", "lin_rec709_scene"))
+        words = copied_line(page)
+        assert any(":window=" in word and ":level=26" in word for word in words)
+        for keys in ("k", "PageDown", "PageDown", "k"):
+            page.keyboard.press(keys)
+        page.keyboard.press("p")
+        page.wait_for_selector("#line-dialog[open]")
+        words = shlex.split(page.input_value("#line"))
+        assert words[3:5] == ["--frames", "1-96"] and "speed=0.021052632" in words[5], words
+    finally:
+        page.close()
+        server.end()

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page's server against a hostile page, and the document that it keeps."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import socket
+import struct
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
+pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
+
+from oiiotex.cli.parse import split_modifiers
+from oiiotex.errors import Error, ParameterError
+from oiiotex.live.document import Document, default_state
+from oiiotex.live.guard import token_for
+from oiiotex.live.lines import text_of, word_of
+from tests import pictures
+from tests.browser import TOKEN, Served
+from tests.conftest import save
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Served]:
+    with tempfile.TemporaryDirectory(prefix="oxl") as name:
+        folder = Path(name)
+        save(pictures.stained(pictures.bricks(64, 64, seed=1)), folder / "photo.png")
+        (folder / "secret.txt").write_text("secret")
+        server = Served(folder, "photo.png", "--iscolorspace", "srgb_rec709_scene", runtime=folder)
+        yield server
+        assert server.end() == 130
+
+
+def answer(served: Served, request: str, path: str = f"/{TOKEN}/", body: bytes = b"", **headers: str) -> bytes:
+    """All that a raw request gets; headers by names with _ for -."""
+    lines = {"Host": f"127.0.0.1:{served.port}", "Connection": "close"} | {
+        k.replace("_", "-"): v for k, v in headers.items()
+    }
+    head = "".join(f"{name}: {value}\r\n" for name, value in lines.items() if value)
+    with socket.create_connection(("127.0.0.1", served.port), 10) as connection:
+        connection.sendall(f"{request} {path} HTTP/1.1\r\n{head}\r\n".encode() + body)
+        received = b""
+        while piece := connection.recv(1 << 16):
+            received += piece
+        return received
+
+
+class Wire:
+    """A WebSocket of a client that is no browser."""
+
+    def __init__(self, served: Served, path: str = f"/{TOKEN}/wire", **headers: str):
+        own = {
+            "Host": f"127.0.0.1:{served.port}", "Upgrade": "websocket", "Connection": "Upgrade",
+            "Sec-WebSocket-Key": base64.b64encode(os.urandom(16)).decode(), "Sec-WebSocket-Version": "13",
+            "Origin": f"http://127.0.0.1:{served.port}",
+        } | headers  # fmt: skip
+        self.socket = socket.create_connection(("127.0.0.1", served.port), 20)
+        head = "".join(f"{name}: {value}\r\n" for name, value in own.items() if value)
+        self.socket.sendall(f"GET {path} HTTP/1.1\r\n{head}\r\n".encode())
+        self.status = self._line()
+        while self._line():
+            pass
+
+    def _line(self) -> str:
+        line = b""
+        while not line.endswith(b"\r\n"):
+            piece = self.socket.recv(1)
+            if not piece:
+                break
+            line += piece
+        return line.decode().strip()
+
+    def send(self, payload: bytes, kind: int = 1) -> None:
+        mask = b"\0\0\0\0"
+        length = len(payload)
+        size = bytes([0x80 | min(length, 125)]) if length < 126 else bytes([0x80 | 127]) + struct.pack(">Q", length)
+        self.socket.sendall(bytes([0x80 | kind]) + size + mask + payload)
+
+    def exactly(self, count: int) -> bytes:
+        received = b""
+        while len(received) < count:
+            piece = self.socket.recv(count - len(received))
+            assert piece, "closed"
+            received += piece
+        return received
+
+    def receive(self) -> tuple[int, bytes]:
+        kind, length = self.exactly(2)
+        if length >= 126:
+            length = int.from_bytes(self.exactly(2 if length == 126 else 8), "big")
+        return kind & 15, self.exactly(length)
+
+    def until(self, do: str) -> dict:
+        while True:
+            kind, payload = self.receive()
+            if kind == 1 and json.loads(payload)["do"] == do:
+                return json.loads(payload)
+            assert kind != 8, payload
+
+
+def test_who_does_not_know_the_token_or_comes_from_elsewhere_gets_nothing(served):
+    own = f"http://127.0.0.1:{served.port}"
+    assert b" 200 " in answer(served, "GET").splitlines()[0]
+    assert b" 200 " in answer(served, "GET", Origin=own).splitlines()[0]
+    for path, headers, status in (
+        ("/", {}, 403),
+        ("/wire", {}, 403),
+        (f"/{TOKEN[:-1]}/", {}, 403),
+        (f"/{TOKEN}x/", {}, 403),
+        (f"/{TOKEN}", {}, 403),
+        (f"/{TOKEN}/", {"Host": "evil.example"}, 421),
+        (f"/{TOKEN}/", {"Host": f"127.0.0.1.evil.example:{served.port}"}, 421),
+        (f"/{TOKEN}/", {"Origin": "http://evil.example"}, 403),
+        (f"/{TOKEN}/", {"Origin": "null"}, 403),
+        (f"/{TOKEN}/", {"Origin": f"http://127.0.0.1:{served.port + 1}"}, 403),
+    ):
+        got = answer(served, "GET", path, **headers)
+        assert int(got.split()[1]) == status, (path, headers)
+        assert got.partition(b"\r\n\r\n")[2] == b""
+
+
+def test_no_file_but_the_pages_own(served):
+    for path in (
+        "../photo.png",
+        "..%2fphoto.png",
+        "secret.txt",
+        "%2e%2e/secret.txt",
+        "/etc/passwd",
+        "page",
+        "main.js/..",
+        "\\..\\x",
+    ):
+        got = answer(served, "GET", f"/{TOKEN}/{path}")
+        assert int(got.split()[1]) in (403, 404), path
+        assert b"secret" not in got and b"PNG" not in got
+    policy = answer(served, "GET", f"/{TOKEN}/main.js").partition(b"\r\n\r\n")[0].decode()
+    assert "default-src 'none'" in policy and "frame-ancestors 'none'" in policy and "nosniff" in policy
+
+
+def test_nothing_is_uploaded_but_through_the_page(served):
+    for method in ("POST", "PUT", "DELETE", "OPTIONS"):
+        got = answer(served, method, body=b"x" * 1000, Content_Length=str(2 << 30))
+        assert int(got.split()[1]) == 405
+
+
+def test_a_wire_wants_an_origin(served):
+    assert " 101 " in Wire(served).status
+    for path, headers in (
+        (f"/{TOKEN}/wire", {"Origin": ""}),
+        (f"/{TOKEN}/wire", {"Origin": "http://evil.example"}),
+        ("/wire", {}),
+        (f"/{TOKEN}/wire", {"Host": "evil.example", "Origin": "http://evil.example"}),
+    ):
+        assert " 403 " in Wire(served, path, **headers).status, headers
+
+
+def test_nonsense_on_the_wire_is_refused_in_words_and_a_flood_closes_it(served):
+    wire = Wire(served)
+    wire.until("hello")
+    for nonsense in (
+        b"{}", b"[", b"[]", b'{"do":"set"}', b'{"do":"dance","room":"tile"}', b'{"do":"set","room":"tile","values":[]}',
+        b'{"do":"brush","room":"tile","name":"../../x"}', b'{"do":"tiles","room":"zoom","level":99,"tiles":[]}',
+        b'{"do":"tiles","room":"zoom","level":1,"tiles":[["1e9",0]]}',
+        b'{"do":"seeds","room":"tile","first":"x","count":1}',
+        b"[" * 100000,
+    ):  # fmt: skip
+        wire.send(nonsense)
+        assert "oiiotex ERROR: " in wire.until("error")["text"], nonsense
+    for values in (
+        '{"sigma":-1}',
+        '{"sigma":1e999}',
+        '{"mask":"../x"}',
+        '{"nonsense":1}',
+        '{"seed":1.5}',
+        '{"measure":"x"}',
+    ):
+        wire.send(f'{{"do":"set","room":"tile","values":{values}}}'.encode())
+        text = wire.until("error")["text"]
+        assert "is not allowed" in text or "malformed" in text, values
+    for short in (b"", b"\xff\xff\xff\xff", struct.pack("<I", 10) + b"{}"):
+        wire.send(short, kind=2)
+        assert "malformed" in wire.until("error")["text"]
+    wire.socket.sendall(bytes([0x82, 0xFF]) + struct.pack(">Q", 2 << 30) + b"\0\0\0\0" + bytes(1000))
+    with pytest.raises((AssertionError, ConnectionError)):
+        while wire.receive()[0] != 8:
+            pass
+        raise AssertionError
+    assert " 101 " in Wire(served).status
+
+
+def test_a_thousand_requests_change_nothing(served):
+    start = time.monotonic()
+    wires = [Wire(served) for _ in range(40)]  # more than pages may be
+    for n in range(1000):
+        if n % 4 == 0:
+            assert b" 403 " in answer(served, "GET", "/guess/")[:20]
+    for wire in wires:
+        wire.socket.close()
+    assert time.monotonic() - start < 60
+    deadline = time.monotonic() + 10
+    while True:  # those pages are let go, and there is room again
+        wire = Wire(served)
+        kind, _ = wire.receive()
+        if kind == 1:
+            break
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_beyond_this_machine_a_token_is_demanded():
+    assert len(token_for("127.0.0.1", "")) >= 32 and token_for("127.0.0.1", "") != token_for("127.0.0.1", "")
+    with pytest.raises(ParameterError, match="nothing is encrypted"):
+        token_for("0.0.0.0", "")
+    with pytest.raises(ParameterError, match="16 letters"):
+        token_for("0.0.0.0", "short")
+    assert token_for("0.0.0.0", TOKEN) == TOKEN
+
+
+def test_a_document_is_reopened_and_anothers_refused(tmp_path):
+    state = default_state("d", "v", 256)
+    path = tmp_path / "x.texlive.json"
+    document = Document(path, json.loads(json.dumps(state)), "photo.png")
+    assert document.change("tile", {"seed": 7, "sigma": 8}) == {"seed": 7, "sigma": 8.0}
+    assert document.change("tile", {"seed": 7}) == {}
+    document.save()
+    again = Document(path, json.loads(json.dumps(state)), "photo.png")
+    assert again.state == document.state and again.state["tile"]["seed"] == 7
+    with pytest.raises(Error, match=r"is of photo\.png, not of other\.png"):
+        Document(path, state, "other.png")
+    content = json.loads(path.read_text())
+    for changed, text in (
+        ({"oiiotex.live": 2}, "version 2"),
+        ({"tile": {"sigma": "x"}}, "sigma=x is not allowed"),
+    ):
+        path.write_text(json.dumps(content | changed))
+        with pytest.raises(Error, match=text):
+            Document(path, json.loads(json.dumps(state)), "photo.png")
+    path.write_text("{}")
+    with pytest.raises(Error, match="no document of --texlive"):
+        Document(path, state, "photo.png")
+
+
+def test_a_line_says_the_same_numbers():
+    for value in (0.1, 1 / 3, 8.0, 1e-7, 123456.789, True, 7, "a:b", "16x16-3+5"):
+        word = word_of("--texop", {"name": value, "none": None})
+        _, modifiers = split_modifiers(word)
+        assert modifiers == {"name": text_of(value)}
+        if isinstance(value, float):
+            assert float(modifiers["name"]) == value
