@@ -40,6 +40,7 @@ python_api
 filters host
 farm
 cli
+library
 """.strip().splitlines()
 RANK = {room: rank for rank, line in enumerate(ORDER) for room in line.split()}
 KINDS = [kind for kind in vars(access).values() if isinstance(kind, type) and "reach" in vars(kind)]
