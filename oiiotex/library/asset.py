@@ -29,7 +29,7 @@ from ..cli.tasks import Task, work
 from ..core.attributes import TAG
 from ..core.image import Image
 from ..deferred import np, oiio
-from ..errors import Error
+from ..errors import Error, one_line
 from ..io.disk_cache import hash_of
 from ..io.reading import read
 from ..session import SHORT_OF_MEMORY, Session
@@ -115,9 +115,10 @@ def make(job: Job) -> Outcome:
         folder.mkdir(parents=True)
         sidecar = _Making(job, folder).sidecar(start)
         return Outcome(job.material.name, sidecar, seconds=time.perf_counter() - start)
-    except (Error, OSError) as error:
+    except Exception as error:  # a fault of ours must not end a night's run either
         shutil.rmtree(folder, ignore_errors=True)
-        return Outcome(job.material.name, None, str(Error(str(error))), time.perf_counter() - start)
+        kind = "" if isinstance(error, (Error, OSError)) else f"internal, {type(error).__name__}: "
+        return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start)
 
 
 def read_sidecar(folder: Path) -> dict[str, Any]:

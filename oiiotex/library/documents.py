@@ -184,14 +184,14 @@ def _texture(graph: Any, role: str, file: str, kind: str, described: Described, 
     else:
         source.setColorSpace("none")
     if hex_tiled and kind == "float":
-        return _of(graph, "extract", role, kind, {"in": node})
+        return _of(graph, "extract", f"{role}_gray", kind, {"in": node})
     return node
 
 
 def _normals(graph: Any, file: str, hand: str, hex_tiled: bool) -> Any:
     """What reads a map of normals; MaterialX' are OpenGL's."""
     if hex_tiled:
-        node = graph.addNode("hextilednormalmap", "normal", "vector3")
+        node = graph.addNode("hextilednormalmap", "normal_image", "vector3")
         source = node.addInput("file", "filename")
         node.setInputValue("scale", 0.0)
         if hand == "directx":
@@ -210,7 +210,7 @@ def _normals(graph: Any, file: str, hand: str, hex_tiled: bool) -> Any:
         turned.setInputValue("in2", mx.Vector3(1, -1, 1))
         image = _of(graph, "add", "normal_upwards", "vector3", {"in1": turned})
         image.setInputValue("in2", mx.Vector3(0, 1, 0))
-    return _of(graph, "normalmap", "normal", "vector3", {"in": image})
+    return _of(graph, "normalmap", "normal_bumps", "vector3", {"in": image})
 
 
 def _of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, Any]) -> Any:

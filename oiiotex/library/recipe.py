@@ -85,6 +85,12 @@ limits = ["seam>1.5", "loss>0.3", "normal_length>0.1", "height_steps>0.02"]
 """
 
 
+def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        names = ", ".join(name or '""' for name in allowed)
+        raise ParameterError(f"{what} '{value}': allowed are {names}")
+
+
 class Limit(NamedTuple):
     """A measure, and beyond what it fails."""
 
@@ -143,7 +149,7 @@ class Facts:
 
     def under(self, own: Facts) -> Facts:
         """These, where `own` says nothing else; tags of both."""
-        values = {f.name: getattr(own, f.name) or getattr(self, f.name) for f in fields(self)}
+        values = {f.name: getattr(own, f.name) or getattr(self, f.name) for f in fields(Facts)}
         return Facts(**{**values, "tags": tuple(dict.fromkeys((*self.tags, *own.tags)))})
 
 
@@ -336,9 +342,3 @@ def _typed(value: Any, kind: str, where: str) -> Any:
         return value
     expected = {"str": "a text", "bool": "true or false", "tuple": "a list", "Mapping": "a table of texts"}
     raise ParameterError(f"{where}: allowed is {expected[kind.split('[')[0].split(' ')[0]]}")
-
-
-def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        names = ", ".join(name or '""' for name in allowed)
-        raise ParameterError(f"{what} '{value}': allowed are {names}")
