@@ -32,7 +32,6 @@ _PREVIEW = {  # of UsdPreviewSurface, and the type and channel that they are rea
     "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
     "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
     "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
-    "height": ("displacement", "Float", "r"),
 }  # fmt: skip
 _NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogues
 
@@ -144,11 +143,9 @@ def _material(document: MaterialX.Document, described: Described, name: str, hex
     graph = document.addNodeGraph(f"maps_{name}")
     surface = document.addNode("standard_surface", f"surface_{name}", "surfaceshader")
     maps = dict(described.maps)
-    if "gloss" in maps and "roughness" not in maps:
+    inverted = "gloss" in maps and "roughness" not in maps
+    if inverted:
         maps["roughness"] = maps.pop("gloss")
-        inverted = True
-    else:
-        inverted = False
     for role, file in maps.items():
         kind = _INPUTS[role][1] if role in _INPUTS else "float"
         if role == "normal":
@@ -259,7 +256,8 @@ def write_usd(described: Described, folder: Path) -> None:
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
         st = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
         for role, file in described.maps.items():
-            role, inverted = ("roughness", True) if role == "gloss" and "roughness" not in described.maps else (role, False)
+            inverted = role == "gloss" and "roughness" not in described.maps
+            role = "roughness" if inverted else role
             if role not in _PREVIEW:
                 continue
             name, kind, channels = _PREVIEW[role]

@@ -23,8 +23,8 @@ _MOST = 512  # px of a map that is looked at
 _THUMBNAIL, _REPEATED, _LIT, _RIVALS = 256, 512, 320, 256  # px
 _ACROSS = 4  # tiles beside each other where two ways to repeat them are compared
 _PAPER = 0.93
-_LIGHTS = (((-0.55, 0.65, 0.55), 2.6), ((0.8, 0.15, 0.35), 0.5))  # towards it, and how bright; x right, y up, z near
-_SKY, _GROUND = 0.55, 0.15  # of what comes from all around
+_LIGHTS = (((-0.55, 0.65, 0.55), 3.6), ((0.8, 0.15, 0.35), 0.8))  # towards it, and how bright; x right, y up, z near
+_SKY, _GROUND = 0.7, 0.25  # of what comes from all around
 _QUALITY = 85  # of JPEG
 
 
@@ -173,7 +173,7 @@ def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
     x, y = np.moveaxis(skewed - corner, -1, 0)
     far = x + y > 1  # the upper triangle of a cell
     ids = np.stack([corner + far[..., None], corner + np.stack([far, ~far], -1), corner + np.stack([~far, far], -1)])
-    weights = np.stack([np.abs(1 - x - y), np.where(far, 1 - x, y), np.where(far, 1 - y, x)]) ** 7
+    weights = np.stack([np.abs(1 - x - y), np.where(far, 1 - y, y), np.where(far, 1 - x, x)]) ** 7
     weights /= weights.sum(axis=0)
     shown = np.zeros((side, side, texels.shape[2]))
     for at_corner, weight in zip(ids, weights, strict=True):

@@ -18,8 +18,7 @@ from .catalogue import Asset, Catalogue
 
 FILE = "report.html"
 _MOST = 1000
-_FIRST = ("seam", "repeat", "loss", "normal_length", "height_steps")  # columns, before others
-_MOST_COLUMNS = 9
+_COLUMNS = ("seam", "repeat", "loss", "slow", "cost", "regular", "normal_length", "height_steps")
 _STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:24px;color:#222;background:#fafafa}
 h1{font-size:20px;margin:0 0 4px}p{margin:0 0 14px;color:#555}
@@ -48,8 +47,8 @@ def write_report(catalogue: Catalogue, title: str) -> Path:
     """Write the page of a library; returns where it lies."""
     assets = sorted(catalogue.assets().values(), key=lambda asset: (_ORDER[asset.status], asset.name))
     measures = catalogue.measures()
-    named = dict.fromkeys(name for own in measures.values() for name in own if not name.endswith("_photo"))
-    columns = [*[n for n in _FIRST if n in named], *[n for n in named if n not in _FIRST]][:_MOST_COLUMNS]
+    named = {name for own in measures.values() for name in own}
+    columns = [name for name in _COLUMNS if name in named]
     counts = {status: sum(asset.status == status for asset in assets) for status in reversed(_ORDER)}
     summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing yet"
     if len(assets) > _MOST:
