@@ -65,6 +65,8 @@ def photos(tmp_path: Path) -> Path:
 def here(monkeypatch):
     """Jobs are done in this process: starting others takes a second."""
     monkeypatch.setattr(ingest, "_in_processes", lambda jobs, workers: ((making.make(job), job) for job in jobs))
+    for name in ("_THUMBNAIL", "_REPEATED", "_LIT", "_RIVALS", "CARD"):
+        monkeypatch.setattr(pictures, name, 48)
 
 
 def brought_in(photos: Path, library: Path, how: Recipe, **settings: object) -> tuple[ingest.Tally, list[str]]:
@@ -259,7 +261,7 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
     assert {source["role"] for source in sidecar["sources"]} == {"color", "normal", "roughness"}
     assert not list((library / catalogues.WORK).glob("run-*"))
     for name in ("thumbnail", "preview_2x2", "lit", "image_and_hextiled", "card"):
-        assert load(folder / f"{name}.jpg").std() > 3
+        assert load(folder / f"{name}.jpg").std() > 2
 
 
 def test_tiff_and_spaces_of_their_own(photos, tmp_path, here):
@@ -413,6 +415,10 @@ def test_a_broken_material_fails_alone(photos, tmp_path, here):
     save(drawn.pebbles(24, 24, 3), photos / "broken_diff.png")
     tally, _ = brought_in(photos, library, recipe())
     assert (tally.made, tally.unchanged, tally.status) == (1, 2, 0)
+    (photos / "gravel.png").write_bytes(b"no picture")
+    brought_in(photos, library, recipe())
+    run(["gc", str(library)])
+    assert list(library.glob("assets/gravel/*/asset.json"))  # what was good is not lost with what failed
 
 
 def test_a_material_of_one_name_in_two_folders_is_asked_for(photos, tmp_path, here):
@@ -486,7 +492,7 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
     assert run(["export", str(library), str(out), "--tag", "brick"]) == 0
     assert "0 copied, 1 as they were" in capsys.readouterr().out
     assert run(["list", str(library), "--tag", "brick"]) == 0
-    assert capsys.readouterr().out.startswith("wall  ok  24x24")
+    assert capsys.readouterr().out.startswith("wall ok 24x24")
 
 
 def test_the_report_is_one_page_that_asks_for_nothing(photos, tmp_path, here):

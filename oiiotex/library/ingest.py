@@ -123,6 +123,7 @@ class _Run:
                 self._count("asked")
                 if not before or before.reasons != questions:
                     self.say(f"{material.name}: asked: {'; '.join(questions)}")
+                if not before or (not before.folder and before.reasons != questions):  # what is there stays there
                     asked.append((Asset(material.name, key, "asked", "", questions, str(self.photos)), (), {}, ()))
                 continue
             if before and before.key == key and before.status in ("ok", "review"):

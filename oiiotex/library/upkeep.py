@@ -105,15 +105,20 @@ def check(catalogue: Catalogue) -> Iterator[str]:
             yield f"{folder / SIDECAR}: says something else than the catalogue"
         document = folder / f"{asset.name}.mtlx"
         if materialx and document.is_file():
-            yield from documents.materialx_faults(document)
+            yield from dict.fromkeys(documents.materialx_faults(document))
 
 
 def orphans(catalogue: Catalogue) -> list[Path]:
-    """Folders of assets that the catalogue does not name."""
-    named = {asset.folder for asset in catalogue.assets().values()}
-    library = catalogue.library
+    """Folders of assets that the catalogue does not name; what was made of one that now fails is none."""
+    assets, library = catalogue.assets(), catalogue.library
+    named = {asset.folder for asset in assets.values()}
+    without = {asset.name for asset in assets.values() if not asset.folder}
     folders = [folder for place in PLACES for folder in sorted((library / place).glob("*/*")) if folder.is_dir()]
-    return [folder for folder in folders if folder.relative_to(library).as_posix() not in named]
+    return [
+        folder
+        for folder in folders
+        if folder.relative_to(library).as_posix() not in named and folder.parent.name not in without
+    ]
 
 
 def collect_garbage(catalogue: Catalogue) -> tuple[int, int]:
