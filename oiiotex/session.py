@@ -255,8 +255,7 @@ class Session:
         """
         if need > self.budget:
             raise ImageError(
-                f"{task} needs {-(-need >> 20)} MB {SHORT_OF_MEMORY} {self.budget >> 20} MB:"
-                f" raise --cache, or {advice}"
+                f"{task} needs {-(-need >> 20)} MB {SHORT_OF_MEMORY} {self.budget >> 20} MB: raise --cache, or {advice}"
             )
 
     def scratch(

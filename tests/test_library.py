@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import time
 import zipfile
 from pathlib import Path
 
@@ -19,15 +18,17 @@ from oiiotex import errors
 from oiiotex.cli.progress import Display
 from oiiotex.library import asset as making
 from oiiotex.library import catalogue as catalogues
-from oiiotex.library import documents, ingest, pictures
+from oiiotex.library import ingest
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.found import MapFile, materials
 from oiiotex.library.lines import require_lines, steps_of
 from oiiotex.library.main import run
-from oiiotex.library.naming import read_name
-from oiiotex.library.recipe import TEXT, Recipe, load_recipe, recipe_of
+from oiiotex.library.recipe import Recipe, commented_recipe, load_recipe, recipe_of
 from oiiotex.library.report import write_report
 from oiiotex.library.upkeep import Search, check, orphans
+from oiiotex.materials import documents
+from oiiotex.materials import preview as pictures
+from oiiotex.materials.naming import read_name
 from tests import pictures as drawn
 from tests.conftest import load, save
 
@@ -120,7 +121,7 @@ def touched(folder: Path, *names: str) -> Path:
 
 
 def test_maps_are_gathered_by_folder_and_name_also_out_of_archives(tmp_path):
-    touched(tmp_path, "a/moss_diff_1k.jpg", "a/moss_nor_gl_1k.exr", "a/moss_nor_dx_1k.exr", "b/moss_diff_1k.jpg", "x.txt")
+    touched(tmp_path, "a/moss_diff_1k.jpg", "a/moss_nor_gl_1k.exr", "a/moss_nor_dx_1k.exr", "b/moss_diff_1k.jpg")
     touched(tmp_path, "clay/albedo.png", "clay/rough.png", ".hidden/y.png", "photo 1.jpg")
     with zipfile.ZipFile(tmp_path / "Rock053_1K.zip", "w") as archive:
         archive.writestr("Rock053_1K_Color.jpg", b"")
@@ -179,10 +180,10 @@ def test_what_is_known_lies_beside_the_photo_or_in_the_recipe(tmp_path):
 
 def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
     path = tmp_path / "recipe.toml"
-    path.write_text(TEXT)
+    path.write_text(commented_recipe())
     plain = load_recipe(path)
     assert require_lines(plain) == "tile"
-    offers = re.sub(r"(?m)^# (?=\[|[a-z_]+ = )", "", TEXT)
+    offers = re.sub(r"(?m)^# (?=\[|[a-z_]+ = )", "", commented_recipe())
     path.write_text(offers)
     full = load_recipe(path)
     assert [product.name for product in full.products] == ["tile", "wang", "labels", "palette", "dominant"]
@@ -225,12 +226,12 @@ def test_lines_get_files_kinds_and_folders(photos):
     (wall,) = [m for m in materials(photos, told) if m.name == "wall"]
     steps = steps_of(told, wall.maps)
     assert [step.product for step in steps] == ["tile", "again"]  # it has no heights
-    assert steps[0].words == (
-        *"source/color.png --iscolorspace srgb_rec709_scene source/normal.png --iscolorspace data".split(),
-        *"source/roughness.png --iscolorspace data".split(),
-        "--texpatchmatch:n=3:kinds=colour,normal,data:report=tile/report.json",
-        *"-d half -o tile/roughness.exr --pop -d half -o tile/normal.exr --pop".split(),
-        *"--tocolorspace lin_rec709_scene -d half -o tile/color.exr".split(),
+    assert " ".join(steps[0].words) == (
+        "source/color.png --iscolorspace srgb_rec709_scene source/normal.png --iscolorspace data"
+        " source/roughness.png --iscolorspace data"
+        " --texpatchmatch:n=3:kinds=colour,normal,data:report=tile/report.json"
+        " -d half -o tile/roughness.exr --pop -d half -o tile/normal.exr --pop"
+        " --tocolorspace lin_rec709_scene -d half -o tile/color.exr"
     )
     assert steps[1].words == ("tile/color.exr", "--flip", "-o", "again/$x.png")
     assert steps[1].takes == ("tile",)
@@ -249,7 +250,8 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
         assert list(check(catalogue)) == []
     folder = library / wall.folder
     assert wall.folder.startswith("assets/wall/")
-    np.testing.assert_allclose(load(folder / "tile/normal.exr"), load(photos / "scans/wall_nor_gl_1k.png") / 255, atol=1e-3)
+    given = load(photos / "scans/wall_nor_gl_1k.png") / 255
+    np.testing.assert_allclose(load(folder / "tile/normal.exr"), given, atol=1e-3)
     code = load(photos / "scans/wall_diff_1k.png") / 255
     linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
     np.testing.assert_allclose(load(folder / "tile/color.exr"), linear, atol=2e-3)
@@ -287,7 +289,8 @@ def test_normals_of_directx_are_turned_on_request(photos, tmp_path, here):
 
 def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     mx = pytest.importorskip("MaterialX", reason="NOT RUN: no MaterialX")
-    maps = {role: f"tile/{role}.exr" for role in ("color", "gloss", "height", "metal", "ao", "opacity", "emission", "normal")}
+    roles = ("color", "gloss", "height", "metal", "ao", "opacity", "emission", "normal")
+    maps = {role: f"tile/{role}.exr" for role in roles}
     (tmp_path / "tile").mkdir()
     for file in maps.values():
         (tmp_path / file).touch()
@@ -311,14 +314,16 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     assert surface.GetIdAttr().Get() == "UsdPreviewSurface"
     normal = surface.GetInput("normal").GetConnectedSources()[0][0].source.GetPrim()
     assert pxr.Shader(normal).GetInput("scale").Get() == (2, -2, 2, 1)
-    assert stage.GetDefaultPrim().GetVariantSets().GetVariantSet("shading").GetVariantNames() == ["materialx", "preview"]
+    variants = stage.GetDefaultPrim().GetVariantSets().GetVariantSet("shading")
+    assert variants.GetVariantNames() == ["materialx", "preview"]
 
 
 def test_blenders_catalogues_have_ids_that_stay():
     text = documents.blender_catalogue(["Materials/ground", "Materials"])
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert lines[0] == "VERSION 1"
-    assert all(re.fullmatch(r"[0-9a-f-]{36}:Materials(/ground:Materials-ground|:Materials)", line) for line in lines[1:])
+    shape = re.compile(r"[0-9a-f-]{36}:Materials(/ground:Materials-ground|:Materials)")
+    assert len(lines) == 3 and all(map(shape.fullmatch, lines[1:]))
     assert text == documents.blender_catalogue(["Materials", "Materials/ground"])
 
 
@@ -528,7 +533,7 @@ def test_a_job_template_has_shares_and_a_join(photos, tmp_path, monkeypatch):
     assert run(["ingest", "photos", "lib", "--recipe", "r.toml", "--farm", "openjd=job.json,3"]) == 0
     template = json.loads(Path("job.json").read_text())
     words = template["steps"][0]["script"]["actions"]["onRun"]["args"]
-    assert words[4:] == "ingest photos lib --recipe r.toml --share {{Task.Param.Share}}/3 --openjd".split()
+    assert " ".join(words[4:]) == "ingest photos lib --recipe r.toml --share {{Task.Param.Share}}/3 --openjd"
     assert template["parameterDefinitions"][1]["default"] == "oiiotex-library"
 
 
@@ -578,8 +583,8 @@ def test_what_is_short_of_memory_is_tried_alone_with_all_of_it(photos, tmp_path,
     def outcomes(jobs, workers):
         for job in jobs:
             seen.append((workers, job.budget))
-            short = job.budget < 1 << 30
-            yield making.Outcome(job.material.name, None, "needs 9 MB of memory; the budget is 1 MB" if short else "x"), job
+            text = "needs 9 MB of memory; the budget is 1 MB" if job.budget < 1 << 30 else "x"
+            yield making.Outcome(job.material.name, None, text), job
 
     monkeypatch.setattr(ingest, "_in_processes", outcomes)
     _, said = brought_in(photos, tmp_path / "library", recipe(), workers=2, budget=1 << 30)

@@ -35,6 +35,7 @@ patchmatch
 exemplar graphcut
 quilting multiscale
 charts
+materials
 python_types plugin
 python_api
 filters host

@@ -32,8 +32,8 @@ from ..deferred import np, oiio
 from ..errors import Error, one_line
 from ..io.disk_cache import hash_of
 from ..io.reading import read
+from ..materials import documents, preview
 from ..session import SHORT_OF_MEMORY, Session
-from . import documents, pictures
 from .found import Material, extract
 from .lines import SOURCE, Step, source_name, steps_of
 from .recipe import Recipe
@@ -174,9 +174,9 @@ class _Making:
         maps = {role: read(self.folder / path) for role, path in tile.outputs.items()}
         measures = self._measures(tile.product, maps)
         hand, lattice = self._hand(), "regular_photo" in measures
-        looks = pictures.Looks.of(maps, _session(job), hand)
+        looks = preview.Looks.of(maps, _session(job), hand)
         for name, picture in looks.pictures(recipe.deliver.shape, lattice).items():
-            pictures.save(picture, self.folder / name)
+            preview.save(picture, self.folder / name)
         if recipe.deliver.tx:
             (self.folder / "tx").mkdir()
             for role, path in tile.outputs.items():
@@ -289,10 +289,10 @@ class _Making:
         if report.is_file():
             measures |= json.loads(report.read_text())["results"][0]["measures"]
         if "normal" in maps:
-            lengths = np.linalg.norm(pictures.vectors(maps["normal"]), axis=-1)
+            lengths = np.linalg.norm(preview.vectors(maps["normal"]), axis=-1)
             measures["normal_length"] = float(np.abs(lengths - 1).mean())
         if "height" in maps:
-            measures["height_steps"] = _steps(pictures.values(maps["height"])[..., 0])
+            measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
         return measures
 
     def _sources(self) -> list[dict[str, str]]:
@@ -309,9 +309,7 @@ class _Making:
         files = []
         for path in sorted(path for path in self.folder.rglob("*") if path.is_file()):
             name = path.relative_to(self.folder).as_posix()
-            files.append(
-                {"path": name, "role": role_of(name), "bytes": path.stat().st_size, "sha256": digest_of(path)}
-            )
+            files.append({"path": name, "role": role_of(name), "bytes": path.stat().st_size, "sha256": digest_of(path)})
         return files
 
 

@@ -318,11 +318,10 @@ def _folder_of_run(library: Path) -> Iterator[str]:
     """A folder that nobody else has, locked as long as its process lives."""
     name = f"run-{os.urandom(8).hex()}"
     folder = library / WORK / name
-    with _said(library):
-        with _locked(library / WORK / "lock"):  # else it would be swept before it is locked
-            folder.mkdir()
-            held = open(folder / "lock", "wb")  # noqa: SIM115 - held as long as the run
-            _lock(held.fileno(), wait=False)
+    with _said(library), _locked(library / WORK / "lock"):  # else it would be swept before it is locked
+        folder.mkdir()
+        held = open(folder / "lock", "wb")  # noqa: SIM115 - held as long as the run
+        _lock(held.fileno(), wait=False)
     try:
         yield name
     finally:

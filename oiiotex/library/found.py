@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from ..core.parameters import nearest
 from ..errors import Error, ParameterError
-from .naming import PACKED, PACKED_ROLES, Name, read_name
+from ..materials.naming import PACKED, PACKED_ROLES, Name, read_name
 from .recipe import Facts, Recipe, facts_beside
 
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}

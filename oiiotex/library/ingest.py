@@ -273,7 +273,8 @@ class _Run:
         self._count(sidecar["status"])
         self.catalogue.put(*_row(self.library, folder, sidecar, str(self.photos)))
         self.catalogue.release(name, self.name)
-        measures = ", ".join(f"{m} {sidecar['measures'][m]:.3g}" for m in ("seam", "repeat") if m in sidecar["measures"])
+        own = sidecar["measures"]
+        measures = ", ".join(f"{m} {own[m]:.3g}" for m in ("seam", "repeat") if m in own)
         reasons = f" ({'; '.join(sidecar['reasons'])})" if sidecar["reasons"] else ""
         self.say(
             f"{name}: {sidecar['status']}{reasons}, {len(sidecar['files'])} files, {outcome.seconds:.1f} s"
@@ -360,7 +361,7 @@ def _digests(photos: Path, found: Sequence[Material], catalogue: Catalogue | Fol
             new.append((path, *facts))
     with ThreadPoolExecutor(_READERS) as readers:
         made = list(readers.map(lambda row: digest_of(photos / row[0]), new))
-    rows = [(str(photos / path), size, changed, digest) for (path, size, changed), digest in zip(new, made, strict=True)]
-    if rows:
-        catalogue.remember_sources(rows)
+    if new:
+        pairs = zip(new, made, strict=True)
+        catalogue.remember_sources((str(photos / path), *facts, digest) for (path, *facts), digest in pairs)
     return digests | {row[0]: digest for row, digest in zip(new, made, strict=True)}

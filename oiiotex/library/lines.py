@@ -12,8 +12,8 @@ from typing import NamedTuple
 from ..cli.language import LANGUAGE
 from ..cli.parse import parse
 from ..errors import ParameterError
+from ..materials.naming import COLOURS, ROLES
 from .found import MapFile
-from .naming import COLOURS, ROLES
 from .recipe import Deliver, Recipe
 
 SOURCE = "source"  # the folder of a material's maps while lines run

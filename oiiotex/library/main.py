@@ -115,9 +115,9 @@ def _number(text: str) -> int:
 
 
 def _recipe(given: argparse.Namespace, words: list[str]) -> int:
-    from .recipe import TEXT
+    from .recipe import commented_recipe
 
-    print(TEXT, end="")
+    print(commented_recipe(), end="")
     return 0
 
 
@@ -205,9 +205,7 @@ def _write_template(given: argparse.Namespace, words: list[str]) -> int:
 def _search(given: argparse.Namespace) -> Search:
     from .upkeep import Search
 
-    return Search(
-        given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size
-    )
+    return Search(given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size)
 
 
 def _list(given: argparse.Namespace, words: list[str]) -> int:

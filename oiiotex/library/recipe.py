@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from ..core.parameters import nearest
 from ..errors import Error, ParameterError
-from .naming import COLOURS, ROLES
+from ..materials.naming import COLOURS, ROLES
 
 SCHEMA = 1
 _MOST_BYTES = 4 << 20
@@ -21,68 +21,6 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
 _LIMIT = re.compile(r"([a-z_]+)\s*([<>])\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
 _BEYOND = {">": operator.gt, "<": operator.lt}
 _HANDS = ("opengl", "directx")
-
-TEXT = """\
-# A recipe of oiiotex-library. What is commented out is what holds without it, or an offer.
-schema = 1
-
-[find]
-# licence = "CC0-1.0"           # of all materials; NAME.toml beside one says it for that one
-# author = ""
-# tags = []
-# photos = true                 # an image alone whose name says no role is a photo: the colour of a material
-# normals = "opengl"            # what maps of normals are whose names do not say it, or "directx"; else it is asked for
-# prefer = ["4k", "exr"]        # words of names or extensions by which one of several files of a role is taken
-
-# [roles.color]                 # color normal roughness gloss metal ao height opacity specular emission arm
-# words = ["kd"]                # what else says the role
-# space = "srgb_rec709_scene"   # of colours in files of whole numbers; "": as the file says
-# space_float = "lin_rec709_scene"   # the same of floats
-
-# Lines are those of oiiotex. $maps: all maps of a material; $outputs: writes each; $n, $kinds: their number and kinds;
-# $color, $normal ...: one map; $tile.color: one that the product "tile" has written; $folder: the product's own;
-# $output: an EXR in it; $report: the measures of a tile; $$: a dollar.
-[[product]]
-name = "tile"
-line = "$maps --texstationarize:n=$n:kinds=$kinds:report=$report $outputs"
-
-# [[product]]
-# name = "wang"
-# line = "$color --texstationarize:variants=16:size=256x256 -d half -o:all=0 $folder/wang_%02d.exr"
-#
-# [[product]]
-# name = "labels"
-# line = "$color --texlabel:keep=1:json=$folder/labels.json -o $output"
-#
-# [[product]]
-# name = "palette"
-# line = "$labels.labels --texpalette:json=$folder/palette.json -o $folder/palette.png"
-#
-# [[product]]
-# name = "dominant"
-# line = "$color --texdominant -d half -o $output"
-
-[deliver]
-# format = "exr"                # half (heights: float), or "tiff": 16 bits
-# colour = "lin_rec709_scene"   # the space of delivered colours; "": as they are
-# normals = "opengl"            # DirectX' are flipped; "": as they are
-# tx = true                     # MIP-mapped textures
-# shape = "sphere"              # of the lit preview, or "plane"
-# materialx = true
-# usd = false                   # wants usd-core
-
-[judge]                         # beyond a limit an asset goes to review/
-limits = ["seam>1.5", "loss>0.3", "normal_length>0.1", "height_steps>0.02"]
-
-# [assets.moss]                 # what is asked for, and what is known of one material
-# licence = "CC-BY-4.0"
-# author = "A. Nother"
-# tags = ["ground", "green"]
-# size_m = [2.0, 2.0]           # width and height in metres
-# normals = "directx"
-# maps = { color = "moss/a.png", ao = "scans.zip!moss_ao.png" }   # files by role, below the folder of photos
-# skip = true
-"""
 
 
 def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -224,6 +162,11 @@ class Recipe:
     def words(self) -> dict[str, tuple[str, ...]]:
         """What else says a role."""
         return {role: said.words for role, said in self.roles.items()}
+
+
+def commented_recipe() -> str:
+    """A recipe with all that one may say, commented."""
+    return (Path(__file__).parent / "recipe.toml").read_text()
 
 
 def load_recipe(path: Path) -> Recipe:

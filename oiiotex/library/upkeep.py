@@ -17,7 +17,7 @@ from typing import Any
 
 from ..errors import Error, ParameterError
 from ..io.atomic import temporary_beside
-from . import documents
+from ..materials import documents
 from .asset import SIDECAR, faults, read_sidecar
 from .catalogue import WORK, Asset, Catalogue
 from .recipe import Limit
@@ -218,7 +218,7 @@ def _lab(text: str) -> tuple[float, ...]:
     match = _HEX.fullmatch(text)
     if not match:
         raise ParameterError(f"--color {text}: allowed is RRGGBB")
-    from .pictures import lab_of_srgb
+    from ..materials.preview import lab_of_srgb
 
     return tuple(lab_of_srgb([int(match[1][n : n + 2], 16) / 255 for n in (0, 2, 4)]))
 

@@ -21,7 +21,8 @@ log = logging.getLogger("oiiotex")
 HEX = "_hextiled"  # behind the name of a material that is laid out so
 BLENDER = "blender_assets.cats.txt"
 _SPACES = {  # what MaterialX calls the spaces that most tiles are in
-    "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg", "lin_ap1_scene": "acescg",
+    "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg",
+    "lin_ap1_scene": "acescg",
 }  # fmt: skip
 _INPUTS = {  # of standard_surface, and their types
     "color": ("base_color", "color3"), "roughness": ("specular_roughness", "float"), "metal": ("metalness", "float"),
