@@ -106,9 +106,10 @@ def materials(photos: Path, recipe: Recipe) -> list[Material]:
         if not facts.maps:
             raise ParameterError(f"assets.{name}: no such material in {photos}{nearest(name, list(found))}")
         found[name] = _material(name, [], recipe.find.under(facts), recipe)
+    there = set(files)
     for material in found.values():
         for file in material.maps.values():
-            if file.path not in files:
+            if file.path not in there:
                 raise ParameterError(f"assets.{material.name}: {file}: no such file in {photos}")
     return [found[name] for name in sorted(found)]
 
