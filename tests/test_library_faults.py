@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ from oiiotex.library import catalogue as catalogues
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.upkeep import check
 from tests import pictures
-from tests.conftest import save
+from tests.conftest import load, save
 from tests.test_imports import LARGE
 
 PROGRAM = [sys.executable, "-m", "oiiotex.library.main"]
@@ -150,3 +151,34 @@ def test_a_job_template_is_run_by_open_job_descriptions_own_runner(folder):
     assert done.returncode == 0, done.stdout[-2000:]
     shown = json.loads(library("show", "library", "m0", cwd=folder).stdout)
     assert shown["status"] == "ok" and os.path.isdir(folder / shown["folder"])
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_studio_page_do_what_it_says(tmp_path):
+    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    programs = Path(sys.executable).parent
+    if not (programs / "oiiotex-library").exists():
+        pytest.skip("NOT RUN: the program is not installed")
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    save(pictures.pebbles(64, 64, 1), photos / "meadow.png")
+    with zipfile.ZipFile(photos / "Wall_1K.zip", "w") as archive:
+        for role, pixels in (
+            ("Color", pictures.bricks(64, 64, 2)),
+            ("Roughness", pictures.noise(64, 64, 3)[..., None]),
+        ):
+            archive.write(save(pixels, tmp_path / "map.png"), f"Wall_1K-PNG_{role}.png")
+    page = (Path(__file__).parents[1] / "docs" / "studio.md").read_text()
+    (tmp_path / "recipe.toml").write_text(page.split("```toml\n")[1].split("```")[0])
+    blocks = [block.split("```")[0].replace("3000x2000", "300x200") for block in page.split("```sh\n")[1:]]
+    environment = {**os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
+    for block in blocks:
+        done = subprocess.run(["sh", "-e", "-c", block], cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, (block, done.stdout, done.stderr)
+    assert (tmp_path / "shared/meadow/meadow.mtlx").is_file()
+    assert load(tmp_path / "ground.exr").shape == (200, 300, 3)
+    assert {"steps"} <= set(json.loads((tmp_path / "ground.json").read_text()))
+    with Catalogue(tmp_path / "library") as one, Catalogue(tmp_path / "farmed") as other:
+        assert sorted(one.assets()) == ["Wall", "meadow"]
+        assert [a[:4] for a in one.assets().values()] == [a[:4] for a in other.assets().values()]
+        assert list(check(other)) == []
