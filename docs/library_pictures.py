@@ -20,7 +20,7 @@ from tests.conftest import data_folder
 
 PICTURE = Path(__file__).parent / "pictures" / "library_report.jpg"
 PHOTOS, SIZE = 12, 512
-WIDTH, HEIGHT = 1500, 1010  # px of the window
+WIDTH, HEIGHT = 1720, 1040  # px of the window
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--hide-scrollbars")
 

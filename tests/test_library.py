@@ -175,6 +175,15 @@ def test_what_is_known_lies_beside_the_photo_or_in_the_recipe(tmp_path):
     assert (facts.licence, facts.author, facts.tags, facts.size_m) == ("CC-BY-4.0", "she", ("scan", "green"), (2, 2))
 
 
+def test_what_cannot_be_read_is_asked_for_and_a_library_is_no_photo(tmp_path):
+    touched(tmp_path, "a.png", "b.png", "lib/library.sqlite", "lib/assets/x/k/thumbnail.jpg", "other.toml")
+    (tmp_path / "bad.zip").write_bytes(b"no archive")
+    (tmp_path / "b.toml").write_text("licence = 3\n")
+    found = {material.name: material for material in materials(tmp_path, recipe())}
+    assert sorted(found) == ["a", "b", "bad"] and found["a"].questions == ()
+    assert "bad.zip" in found["bad"].questions[0] and "licence: allowed is a text" in found["b"].questions[0]
+
+
 # --- recipes and lines ---
 
 

@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 from ..core.parameters import nearest
 from ..errors import Error, ParameterError
 from ..materials.naming import PACKED, PACKED_ROLES, Name, read_name
+from . import catalogue as catalogues
 from .recipe import Facts, Recipe, facts_beside
 
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
@@ -72,7 +73,6 @@ class Material:
 class _Candidate:
     file: MapFile
     name: Name
-    folder: str  # with the archive's name, if it is in one
 
 
 def materials(photos: Path, recipe: Recipe) -> list[Material]:
@@ -84,22 +84,35 @@ def materials(photos: Path, recipe: Recipe) -> list[Material]:
         The folder cannot be read, or the recipe speaks of what is not there.
     """
     groups: dict[tuple[str, str], list[_Candidate]] = defaultdict(list)
-    said: dict[tuple[str, str], Facts] = {}
+    beside: dict[tuple[str, str], Path] = {}
+    broken: dict[tuple[str, str], str] = {}
     files = sorted(_files(photos))
     for path in files:
         if path.endswith(".toml"):
-            said[_key(path, recipe)] = facts_beside(photos / path)
+            beside[_key(path, recipe)] = photos / path
             continue
-        for file in _images(photos, path):
+        try:
+            images = _images(photos, path)
+        except Error as error:
+            images, inner = [], PurePosixPath(path).with_suffix("")
+            groups[str(inner), ""], broken[str(inner), ""] = [], str(error)
+        for file in images:
             inner = PurePosixPath(path).with_suffix("") / file.member if file.member else PurePosixPath(path)
             name = read_name(inner.stem, recipe.words)
-            groups[str(inner.parent), name.material].append(_Candidate(file, name, str(inner.parent)))
+            groups[str(inner.parent), name.material].append(_Candidate(file, name))
     names = _names(groups)
     found = {}
     for key, candidates in groups.items():
-        facts = recipe.find.under(said.get(key, Facts())).under(recipe.assets.get(names[key], Facts()))
+        said, wrong = Facts(), broken.get(key, "")
+        if key in beside:
+            try:
+                said = facts_beside(beside[key])
+            except Error as error:
+                wrong = str(error)
+        facts = recipe.find.under(said).under(recipe.assets.get(names[key], Facts()))
         if not facts.skip:
-            found[names[key]] = _material(names[key], candidates, facts, recipe)
+            material = _material(names[key], candidates, facts, recipe)
+            found[names[key]] = replace(material, questions=(wrong,)) if wrong else material
     for name, facts in recipe.assets.items():
         if name in found or facts.skip:
             continue
@@ -142,6 +155,9 @@ def _files(photos: Path) -> Iterable[str]:
         raise Error(f"{photos}: no such folder")
     wanted = _IMAGES | {".zip", ".toml"}
     for folder, folders, names in os.walk(photos):
+        if catalogues.FILE in names:  # a library is made of photos, and is none
+            folders.clear()
+            continue
         folders[:] = [name for name in folders if not name.startswith(".")]
         below = os.path.relpath(folder, photos).replace(os.sep, "/")
         for name in names:
