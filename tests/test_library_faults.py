@@ -8,6 +8,7 @@ import os
 import random
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -87,6 +88,26 @@ def test_a_killed_run_leaves_a_library_that_is_consistent_and_goes_on(folder):
 @pytest.mark.slow
 def test_fifty_killed_runs_leave_a_library_that_is_consistent(folder):
     assert killed_again_and_again(folder, rounds=50, seed=2) >= 25
+
+
+def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half(folder):
+    process = subprocess.Popen(
+        line("--workers", 1), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    assert re.match(r"m\d: ok", process.stdout.readline())
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert (process.returncode, said) == (130, "")
+    assert not list((folder / "library" / catalogues.WORK).glob("run-*"))
+    with Catalogue(folder / "library") as catalogue:
+        assert list(check(catalogue)) == [] and 1 <= len(catalogue.assets()) < MATERIALS
+    assert (folder / "library/ingest.log").read_text().count(": ok,") == len(catalogue_names(folder))
+
+
+def catalogue_names(folder: Path) -> list[str]:
+    with Catalogue(folder / "library") as catalogue:
+        return list(catalogue.assets())
 
 
 def test_two_runs_at_once_share_the_work(folder):

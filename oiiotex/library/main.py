@@ -147,14 +147,14 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
 
     def say(text: str) -> None:
         lines.append(one_line(text))
+        with contextlib.suppress(OSError), open(given.library / _LOG, "a") as log:
+            log.write(f"{lines[-1]}\n")  # at once: a run may be killed
         if not given.quiet:
-            display.print(one_line(text))
+            display.print(lines[-1])
+            sys.stdout.flush()
 
     with _display(given) as display:
         tally = ingest(given.photos, given.library, recipe, settings, say, display)
-    if lines:
-        with contextlib.suppress(OSError), open(given.library / _LOG, "a") as log:
-            log.write("".join(f"{line}\n" for line in lines))
     if share == (0, 0) and (tally.made or lines or not (given.library / "report.html").is_file()):
         with Catalogue(given.library) as catalogue:
             write_blender(catalogue, given.library)
