@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import heapq
-import os
 import random
 import tempfile
 import time
@@ -41,7 +40,7 @@ class Costs(NamedTuple):
     Attributes
     ----------
     tasks : list of float
-        s of each share, one thread.
+        s of CPU of each share, one thread: by the clock they would say what else the machine did.
     join : float
         s.
     dispatch : float
@@ -62,6 +61,13 @@ def nothing(job: int) -> int:
     return job
 
 
+def timed(job: Job) -> tuple[str, float, float]:
+    """Do a share: (its error, s by the clock, s of CPU)."""
+    start, cpu = time.perf_counter(), time.process_time()
+    _, error, _ = work(job)
+    return error, time.perf_counter() - start, time.process_time() - cpu
+
+
 def measured(folder: Path, size: str, count: int) -> Costs:
     """Every share alone, then the join."""
     line = ["photo.png", f"--texsynth:size={size}:seed=7", "-d", "half", "-o", "wall.exr"]
@@ -72,10 +78,9 @@ def measured(folder: Path, size: str, count: int) -> Costs:
     assert not work(job._replace(task=Task(Frame(None, small), task.steps)))[1]  # warms up
     times = []
     for n in range(1, count + 1):
-        start = time.perf_counter()
-        _, error, _ = work(job._replace(shares=Shares.of(words, n, count)))
+        error, _, cpu = timed(job._replace(shares=Shares.of(words, n, count)))
         assert not error, error
-        times.append(time.perf_counter() - start)
+        times.append(cpu)
     parts = [path.stat().st_size for path in (folder / "wall.exr.parts").iterdir()]
     start = time.perf_counter()
     _, error, _ = work(job._replace(shares=Shares.of(words), threads=0))
@@ -86,8 +91,16 @@ def measured(folder: Path, size: str, count: int) -> Costs:
     return Costs(times, join, 0.0, width * height, sum(parts), result)
 
 
-def on_dask(folder: Path, size: str, count: int, workers: int) -> tuple[float, float]:
-    """(s of all shares by so many workers that are warm, s of the scheduler for a task that does nothing)."""
+class OnDask(NamedTuple):
+    """Shares done by workers that were warm: s by the clock, s that all workers were at work, s of CPU in shares."""
+
+    wall: float
+    busy: float
+    cpu: float
+    dispatch: float  # s of a task that does nothing
+
+
+def on_dask(folder: Path, size: str, count: int, workers: int) -> OnDask:
     line = ["photo.png", f"--texsynth:size={size}:seed={7 + workers}", "-d", "half", "-o", f"wall{workers}.exr"]
     task = Task(Frame(None, tuple(line)), len(parse(line, LANGUAGE).steps))
     job = Job(task, 1 << 30, 1, folder=str(folder))
@@ -96,16 +109,18 @@ def on_dask(folder: Path, size: str, count: int, workers: int) -> tuple[float, f
     with cluster(f"local:{workers}") as client:
         client.run(work, job._replace(task=Task(Frame(None, small), task.steps)))  # each worker warms up
         start = time.perf_counter()
-        errors = [error for _, error, _ in results(client, work, shares)]
+        errors, clocks, cpus = zip(*results(client, timed, shares), strict=True)
         wall = time.perf_counter() - start
         assert not any(errors), errors
         start = time.perf_counter()
         for _ in results(client, nothing, list(range(NOTHINGS))):
             pass
-        return wall, (time.perf_counter() - start) / NOTHINGS
+        return OnDask(wall, sum(clocks), sum(cpus), (time.perf_counter() - start) / NOTHINGS)
 
 
-def simulated(costs: Costs, workers: int, tasks: int, scale: float, disk: float, seed: int = 1) -> tuple[float, str]:
+def simulated(
+    costs: Costs, workers: int, tasks: int, scale: float, disk: float, seed: int = 1
+) -> tuple[float, float, str]:
     """Replay measured tasks on so many workers.
 
     Parameters
@@ -121,12 +136,12 @@ def simulated(costs: Costs, workers: int, tasks: int, scale: float, disk: float,
 
     Returns
     -------
-    (seconds, what was waited for most)
+    (seconds, share of them that workers compute, what was waited for most)
     """
     draw = random.Random(seed)
     size = costs.written / len(costs.tasks) * scale
     free = [(0.0, n) for n in range(workers)]
-    scheduler = disk_free = ended = 0.0
+    scheduler = disk_free = ended = work_done = 0.0
     waited = {"scheduler": 0.0, "disk": 0.0}
     computed: list[tuple[float, int]] = []  # what is ready to be written, in the order of time
     left = tasks
@@ -136,7 +151,9 @@ def simulated(costs: Costs, workers: int, tasks: int, scale: float, disk: float,
             given = max(asked, scheduler) + costs.dispatch
             scheduler = given
             waited["scheduler"] += given - asked
-            heapq.heappush(computed, (given + scale * draw.choice(costs.tasks), worker))
+            takes = scale * draw.choice(costs.tasks)
+            work_done += takes
+            heapq.heappush(computed, (given + takes, worker))
             left -= 1
         else:
             ready, worker = heapq.heappop(computed)
@@ -144,7 +161,7 @@ def simulated(costs: Costs, workers: int, tasks: int, scale: float, disk: float,
             waited["disk"] += disk_free - ready
             heapq.heappush(free, (disk_free, worker))
             ended = max(ended, disk_free)
-    return ended, max(waited, key=lambda name: waited[name])
+    return ended, work_done / workers / ended, max(waited, key=lambda name: waited[name])
 
 
 def table(costs: Costs, disk: float) -> None:
@@ -154,8 +171,10 @@ def table(costs: Costs, disk: float) -> None:
     print("\n| workers | tasks | s | efficiency | waited for most |\n|---|---|---|---|---|")
     for workers in (1, 2, 10, 100, 300, 1000, 3000, 10000):
         tasks = 16 * workers
-        seconds, reason = simulated(costs, workers, tasks, scale, disk)
-        print(f"| {workers} | {tasks} | {seconds:.0f} | {tasks * mean * scale / workers / seconds:.2f} | {reason} |")
+        seconds, used, reason = simulated(costs, workers, tasks, scale, disk)
+        print(f"| {workers} | {tasks} | {seconds:.0f} | {used:.2f} | {reason} |")
+    rate = costs.written / len(costs.tasks) * scale / 30
+    print(f"the scheduler is full at {30 / costs.dispatch:.0f} workers, the disk at {disk / rate:.0f}")
 
 
 def plan(costs: Costs, disk: float) -> None:
@@ -169,8 +188,7 @@ def plan(costs: Costs, disk: float) -> None:
     shares, file = (count / costs.pixels * pixels / 1e12 for count in (costs.written, costs.result))
     print(f"bytes: {shares:.1f} TB of shares, {file:.1f} TB of file")
     for workers in (100, 1000):
-        seconds, reason = simulated(costs, workers, tasks, scale, disk)
-        used = tasks * a_task / rate / workers / seconds
+        seconds, used, reason = simulated(costs, workers, tasks, scale, disk)
         print(f"{workers} workers: {seconds / 3600:.1f} h, {used:.2f} of them used; most wait for the {reason}")
     join = pixels / (costs.pixels / costs.join)
     moved = (shares + file) * 1e12 / disk
@@ -180,7 +198,7 @@ def plan(costs: Costs, disk: float) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", default="3000x6000", help="of the image whose shares are timed")
-    parser.add_argument("--shares", type=int, default=8)
+    parser.add_argument("--shares", type=int, default=16)
     parser.add_argument("--disk", type=float, default=2000.0, help="MB/s of the shared disk in the model")
     given = parser.parse_args()
     disk = given.disk * 1e6
@@ -194,13 +212,14 @@ def main() -> None:
         )
         print(f"{total:.1f} s in all ({costs.pixels / total / 1e6:.2f} Mpix/s); the join {costs.join:.1f} s")
         print(f"{costs.written / 1e6:.0f} MB of shares, {costs.result / 1e6:.0f} MB of file")
-        walls = {}
         for workers in (1, 2):
-            walls[workers], dispatch = on_dask(folder, given.size, given.shares, workers)
-            costs = costs._replace(dispatch=dispatch)
-            print(f"dask=local:{workers}: {walls[workers]:.1f} s; a task that does nothing {1000 * dispatch:.1f} ms")
-        print(f"overhead of a task on one worker: {100 * (walls[1] / total - 1):.1f} % (goal 5 %)")
-        print(f"efficiency of two: {walls[1] / 2 / walls[2]:.2f} (goal .9), on {os.cpu_count()} cores")
+            dask = on_dask(folder, given.size, given.shares, workers)
+            costs = costs._replace(dispatch=dask.dispatch)
+            print(
+                f"dask=local:{workers}: {dask.wall:.1f} s, {1000 * dask.dispatch:.1f} ms for a task that does nothing"
+            )
+            print(f"  workers at work {dask.busy / workers / dask.wall:.3f} of the time (goal .9 of two);", end=" ")
+            print(f"CPU in shares {dask.cpu / total:.2f} of that alone (goal 1.05)")
     table(costs, disk)
     plan(costs, disk)
 
