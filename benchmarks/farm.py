@@ -24,11 +24,13 @@ from oiiotex.cli.parse import parse
 from oiiotex.cli.sequences import Frame
 from oiiotex.cli.shares import Shares, line_of
 from oiiotex.cli.tasks import Job, Task, work
+from oiiotex.core.demand import BAND_BYTES
 from oiiotex.farm.dask_cluster import cluster, results
 from tests import pictures
 from tests.conftest import save
 
 EXEMPLAR = 128  # px
+NO_CELL = 99_999  # shares, of which the first has no cell
 NOTHINGS = 400  # tasks that do nothing, by which the scheduler is timed
 PIECE_ROWS = 64  # of a cell of a wide image, at least (cli/shares)
 PLAN = 10**6  # px: side of the plane that is planned
@@ -40,7 +42,9 @@ class Costs(NamedTuple):
     Attributes
     ----------
     tasks : list of float
-        s of CPU of each share, one thread: by the clock they would say what else the machine did.
+        s of CPU of each share of one cell, one thread: by the clock they would say what else the machine did.
+    fixed : float
+        Of a share of no cell: what every task costs before it makes a pixel.
     join : float
         s.
     dispatch : float
@@ -50,6 +54,7 @@ class Costs(NamedTuple):
     """
 
     tasks: list[float]
+    fixed: float
     join: float
     dispatch: float
     pixels: int
@@ -68,6 +73,12 @@ def timed(job: Job) -> tuple[str, float, float]:
     return error, time.perf_counter() - start, time.process_time() - cpu
 
 
+def cells_of(size: str) -> int:
+    """How many cells an image of three channels is cut into."""
+    width, height = map(int, size.split("x"))
+    return -(-height // (max(1, BAND_BYTES // (width * 12) // PIECE_ROWS) * PIECE_ROWS))
+
+
 def measured(folder: Path, size: str, count: int) -> Costs:
     """Every share alone, then the join."""
     line = ["photo.png", f"--texsynth:size={size}:seed=7", "-d", "half", "-o", "wall.exr"]
@@ -76,6 +87,8 @@ def measured(folder: Path, size: str, count: int) -> Costs:
     job = Job(task, 1 << 30, 1, folder=str(folder))
     small = ("photo.png", "--texsynth:size=64x64", "-d", "half", "-o", "small.exr")
     assert not work(job._replace(task=Task(Frame(None, small), task.steps)))[1]  # warms up
+    error, _, fixed = min(timed(job._replace(shares=Shares.of(words, 1, NO_CELL))) for _ in range(5))
+    assert not error, error
     times = []
     for n in range(1, count + 1):
         error, _, cpu = timed(job._replace(shares=Shares.of(words, n, count)))
@@ -88,7 +101,7 @@ def measured(folder: Path, size: str, count: int) -> Costs:
     join = time.perf_counter() - start
     width, height = map(int, size.split("x"))
     result = (folder / "wall.exr").stat().st_size
-    return Costs(times, join, 0.0, width * height, sum(parts), result)
+    return Costs(times, fixed, join, 0.0, width * height, sum(parts), result)
 
 
 class OnDask(NamedTuple):
@@ -128,7 +141,7 @@ def simulated(
     costs : Costs
     workers, tasks : int
     scale : float
-        How much longer a task is than the measured ones, and how many more bytes it writes.
+        How many more pixels a task makes than the measured ones, and how many more bytes it writes.
     disk : float
         Bytes/s that the disk takes from all together.
     seed : int
@@ -151,7 +164,7 @@ def simulated(
             given = max(asked, scheduler) + costs.dispatch
             scheduler = given
             waited["scheduler"] += given - asked
-            takes = scale * draw.choice(costs.tasks)
+            takes = costs.fixed + scale * (draw.choice(costs.tasks) - costs.fixed)
             work_done += takes
             heapq.heappush(computed, (given + takes, worker))
             left -= 1
@@ -166,8 +179,7 @@ def simulated(
 
 def table(costs: Costs, disk: float) -> None:
     """What the model says of more workers, 16 tasks each of which takes 30 s."""
-    mean = sum(costs.tasks) / len(costs.tasks)
-    scale = 30 / mean
+    scale = 30 / (sum(costs.tasks) / len(costs.tasks) - costs.fixed)
     print("\n| workers | tasks | s | efficiency | waited for most |\n|---|---|---|---|---|")
     for workers in (1, 2, 10, 100, 300, 1000, 3000, 10000):
         tasks = 16 * workers
@@ -181,7 +193,7 @@ def plan(costs: Costs, disk: float) -> None:
     """1 Tpix: tasks, bytes, hours, and what breaks first."""
     pixels, tasks = PLAN**2, -(-PLAN // PIECE_ROWS)
     a_task = PLAN * PIECE_ROWS
-    rate = costs.pixels / sum(costs.tasks)  # of a thread
+    rate = costs.pixels / (sum(costs.tasks) - len(costs.tasks) * costs.fixed)  # of a thread
     scale = a_task / (costs.pixels / len(costs.tasks))
     print(f"\n1 Tpix, {PLAN} x {PLAN} px, half RGB")
     print(f"tasks: {tasks} of {a_task / 1e6:.0f} Mpix: {a_task / rate:.0f} s, {a_task * 12 / 1e9:.1f} GB as floats")
@@ -198,22 +210,20 @@ def plan(costs: Costs, disk: float) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", default="3000x6000", help="of the image whose shares are timed")
-    parser.add_argument("--shares", type=int, default=16)
     parser.add_argument("--disk", type=float, default=2000.0, help="MB/s of the shared disk in the model")
     given = parser.parse_args()
     disk = given.disk * 1e6
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         save(pictures.pebbles(EXEMPLAR, EXEMPLAR, 1), folder / "photo.png", space="srgb_rec709_scene")
-        costs = measured(folder, given.size, given.shares)
+        count = cells_of(given.size)
+        costs = measured(folder, given.size, count)
         total = sum(costs.tasks)
-        print(
-            f"{given.size}, {given.shares} shares, one thread: {min(costs.tasks):.2f} to {max(costs.tasks):.2f} s each,"
-        )
+        print(f"{given.size}, {count} shares, one thread: {min(costs.tasks):.2f} to {max(costs.tasks):.2f} s each,")
         print(f"{total:.1f} s in all ({costs.pixels / total / 1e6:.2f} Mpix/s); the join {costs.join:.1f} s")
         print(f"{costs.written / 1e6:.0f} MB of shares, {costs.result / 1e6:.0f} MB of file")
         for workers in (1, 2):
-            dask = on_dask(folder, given.size, given.shares, workers)
+            dask = on_dask(folder, given.size, count, workers)
             costs = costs._replace(dispatch=dask.dispatch)
             print(
                 f"dask=local:{workers}: {dask.wall:.1f} s, {1000 * dask.dispatch:.1f} ms for a task that does nothing"

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import subprocess
 import zipfile
 from pathlib import Path
 
@@ -448,6 +449,11 @@ def test_a_material_of_one_name_in_two_folders_is_asked_for(photos, tmp_path, he
     assert (tally.made, tally.status) == (0, 0)
 
 
+def test_photos_and_library_are_two_folders(photos):
+    with pytest.raises(errors.Error, match="photos and library are one folder"):
+        brought_in(photos, photos, recipe())
+
+
 def test_a_folder_that_is_there_is_taken_if_it_is_whole(photos, tmp_path, here):
     library = tmp_path / "library"
     brought_in(photos, library, recipe())
@@ -518,6 +524,25 @@ def test_the_report_is_one_page_that_asks_for_nothing(photos, tmp_path, here):
     assert "t &amp; co" in page and "a_b" in page and page.count("<tr><td") == 3
     assert not re.search(r'(src|href)="(?!data:|review/|assets/)', page) and "http" not in page
     assert page.index(">failed<") < page.index(">review<") < page.index(">ok<")
+
+
+@pytest.mark.slow
+def test_the_reports_columns_sort_in_a_browser(tmp_path):
+    browser = shutil.which("chromium") or pytest.skip("NOT RUN: no chromium")
+    with Catalogue(tmp_path, create=True) as catalogue:
+        for name, seam in (("a", 1.2), ("b", None), ("c", 0.9), ("d", 10.5)):
+            measures = {} if seam is None else {"seam": seam}
+            catalogue.put(catalogues.Asset(name, "k", "ok"), (), measures)
+        page = write_report(catalogue, "sorted").read_text()
+    for clicks, order in ((1, "cadb"), (2, "dacb")):
+        click = "<script>" + "heads.find(h=>h.textContent==='seam').click();" * clicks + "</script>"
+        (tmp_path / "clicked.html").write_text(page.replace("</html>", f"{click}</html>"))
+        flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        command = [browser, *flags, f"--user-data-dir={tmp_path}/profile", "--dump-dom"]
+        done = subprocess.run(
+            [*command, (tmp_path / "clicked.html").as_uri()], capture_output=True, text=True, timeout=100
+        )
+        assert "".join(re.findall(r'<tr><td data-v="(\w)"', done.stdout)) == order
 
 
 # --- spread ---

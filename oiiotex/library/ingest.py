@@ -25,7 +25,7 @@ from ..cli.parallel import without_interrupts, worker_processes
 from ..cli.progress import Display
 from ..cli.streams import loud
 from ..core.machine import memory, usable_threads
-from ..errors import Error
+from ..errors import Error, ParameterError
 from .asset import SIDECAR, Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
 from .catalogue import WORK, Asset, Catalogue, FoldersAlone
 from .found import Material, materials
@@ -85,6 +85,8 @@ def ingest(
     """
     start = time.perf_counter()
     require_lines(recipe)
+    if photos.resolve() == library.resolve():
+        raise ParameterError(f"{library}: photos and library are one folder: give the library one of its own")
     found = materials(photos, recipe)
     photos, library = photos.resolve(), library.resolve()
     number, count = settings.share
