@@ -98,8 +98,8 @@ def materials(photos: Path, recipe: Recipe) -> list[Material]:
             groups[str(inner), ""], broken[str(inner), ""] = [], str(error)
         for file in images:
             inner = PurePosixPath(path).with_suffix("") / file.member if file.member else PurePosixPath(path)
-            name = read_name(inner.stem, recipe.words)
-            groups[str(inner.parent), name.material].append(_Candidate(file, name))
+            said_by_name = read_name(inner.stem, recipe.words)
+            groups[str(inner.parent), said_by_name.material].append(_Candidate(file, said_by_name))
     names = _names(groups)
     found = {}
     for key, candidates in groups.items():

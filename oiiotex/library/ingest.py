@@ -267,8 +267,8 @@ class _Run:
         if sidecar is None:
             self._count("failed")
             self.say(f"{name}: failed: {outcome.error}")
-            reasons, root = (outcome.error,), str(self.photos)
-            self.catalogue.put(Asset(name, self._key(job), "failed", "", reasons, root, seconds=outcome.seconds))
+            why, root = (outcome.error,), str(self.photos)
+            self.catalogue.put(Asset(name, self._key(job), "failed", "", why, root, seconds=outcome.seconds))
             self.catalogue.release(name, self.name)
             return
         folder = self._published(job, sidecar)
