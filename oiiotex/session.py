@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
+SHORT_OF_MEMORY = "of memory; the budget is"  # stands in what `Session.require` raises, and in nothing else
+
 Progress = Callable[[int, int], bool | None]
 Look = Callable[["np.ndarray", bool], object]
 Piece = TypeVar("Piece")
@@ -292,8 +294,7 @@ class Session:
         """
         if need > self.budget:
             raise ImageError(
-                f"{task} needs {-(-need >> 20)} MB of memory; the budget is {self.budget >> 20} MB:"
-                f" raise --cache, or {advice}"
+                f"{task} needs {-(-need >> 20)} MB {SHORT_OF_MEMORY} {self.budget >> 20} MB: raise --cache, or {advice}"
             )
 
     def scratch(

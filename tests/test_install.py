@@ -41,6 +41,8 @@ def test_the_built_wheel_finds_its_config_and_kernels(tmp_path, photo):
         text=True,
     )
     assert where.stdout.startswith(str(tmp_path / "site"))
+    recipe = [sys.executable, "-m", "oiiotex.library.main", "recipe"]
+    assert "[[product]]" in subprocess.run(recipe, env=environment, cwd=tmp_path, capture_output=True, text=True).stdout
     line = "--texstationarize:size=64x64:iterations=2:measure=moments:order=4"  # which reads a table of the package
     done = oiiotex(photo, line, "-o", "tile.png", cwd=tmp_path, env=environment)
     assert done.returncode == 0, done.stderr

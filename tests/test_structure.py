@@ -35,6 +35,7 @@ patchmatch
 exemplar graphcut
 quilting multiscale
 charts
+materials
 python_types plugin
 python_api
 filters host
@@ -42,6 +43,7 @@ service
 live
 farm
 cli
+library
 """.strip().splitlines()
 RANK = {room: rank for rank, line in enumerate(ORDER) for room in line.split()}
 KINDS = [kind for kind in vars(access).values() if isinstance(kind, type) and "reach" in vars(kind)]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import gc
 import os
 import sys
+from collections.abc import Callable
 from typing import NoReturn
 
 from ..errors import Error, one_line
@@ -15,13 +16,20 @@ from .streams import drop, open_standard_streams, quiet_libraries
 
 def main(words: list[str] | None = None) -> NoReturn:
     """Run the command line and exit: 0 well, 1 an error, 3 a measure beyond a limit, 130, 143 after SIGINT, SIGTERM."""
-    words = sys.argv[1:] if words is None else words
+    exit_with(sys.argv[1:] if words is None else words, _line)
+
+
+def exit_with(words: list[str], work: Callable[[list[str]], int]) -> NoReturn:
+    """Do the work of a program of this package with its words, and exit with the code that it returns.
+
+    What goes wrong is one line on stderr, and exit 1; after a signal it is 128 and the signal's number.
+    """
     open_standard_streams()
     if not _debugging(words):
         quiet_libraries()
     try:
         stop_on_signals()
-        status = _run(words)
+        status = _run(words, work)
     except Stopped as stopped:
         status = 128 + stopped.number
         drop(1)
@@ -29,18 +37,22 @@ def main(words: list[str] | None = None) -> NoReturn:
     sys.exit(status)
 
 
-def _run(words: list[str]) -> int:
+def _line(words: list[str]) -> int:
+    gc.disable()  # of what is imported nothing is rubbish: looking for some takes a tenth of the start
+    from .running import run  # only now: a signal while much is imported is answered too
+
+    gc.freeze()
+    gc.enable()
+    return run(words)
+
+
+def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     try:
         if os.environ.get("OCIO"):  # OpenImageIO opens it, whatever it is, with the first image
             from ..io.documents import require_regular
 
             require_regular(os.environ["OCIO"])
-        gc.disable()  # of what is imported nothing is rubbish: looking for some takes a tenth of the start
-        from .running import run  # only now: a signal while much is imported is answered too
-
-        gc.freeze()
-        gc.enable()
-        status = run(words)
+        status = work(words)
     except Error as error:
         return _failed(words, str(error))
     except MemoryError:

@@ -30,8 +30,8 @@ def run_in_parallel(tasks: list[Task], workers: int, session: Session, display: 
     """Each frame in a process of its own, with its share of the memory; what they print comes in order."""
     jobs = [Job(task, budget=session.budget, threads=1) for task in tasks]
     status = 0
-    with _pool(workers, "--debug" in command.settings) as pool, session.stats.time("frames"):
-        with loud(), _without_interrupts():  # workers are born deaf to Ctrl-C: it is for the parent, who ends them
+    with worker_processes(workers, "--debug" in command.settings) as pool, session.stats.time("frames"):
+        with loud(), without_interrupts():  # workers are born deaf to Ctrl-C: it is for the parent, who ends them
             results = pool.map(work, jobs)
         for count, (printed, error, own) in enumerate(results, 1):
             display.advance(count, len(jobs))
@@ -44,7 +44,8 @@ def run_in_parallel(tasks: list[Task], workers: int, session: Session, display: 
 
 
 @contextlib.contextmanager
-def _pool(workers: int, debugging: bool) -> Iterator[ProcessPoolExecutor]:
+def worker_processes(workers: int, debugging: bool) -> Iterator[ProcessPoolExecutor]:
+    """Processes of this program that stay: quiet, deaf to Ctrl-C where they are born so, ended with their parent."""
     # Processes of every start method are `python -c`, which would look for modules in the current folder first.
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -68,7 +69,7 @@ def _pool(workers: int, debugging: bool) -> Iterator[ProcessPoolExecutor]:
 
 
 @contextlib.contextmanager
-def _without_interrupts() -> Iterator[None]:
+def without_interrupts() -> Iterator[None]:
     """SIGINT waits, for this thread and for processes that it starts."""
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -16,7 +16,9 @@ _IN_FOLDER = 'cd "$0" && exec "$@"'
 _TIMEOUT = 86_400  # s that a task may take
 
 
-def share_template(name: str, words: Sequence[str], shares: int, memory: int) -> dict[str, Any]:
+def share_template(
+    name: str, words: Sequence[str], shares: int, memory: int, program: str = "oiiotex"
+) -> dict[str, Any]:
     """A line as so many shares of what it writes, and a step that puts them together.
 
     Parameters
@@ -29,13 +31,15 @@ def share_template(name: str, words: Sequence[str], shares: int, memory: int) ->
         >= 1.
     memory : int
         MB that a task needs.
+    program : str
+        What is run on workers, where the job does not say another.
     """
     _require_sayable(words)
     share = _step("Shares", [*words, "--share", f"{{{{Task.Param.Share}}}}/{shares}"], memory)
     share["parameterSpace"] = _numbers("Share", f"1-{shares}")
     join = _step("Join", [*words, "--join"], memory)
     join["dependencies"] = [{"dependsOn": "Shares"}]
-    return _template(name, [share, join])
+    return _template(name, [share, join], program)
 
 
 def frame_template(name: str, words: Sequence[str], frames: Sequence[int], memory: int) -> dict[str, Any]:
@@ -54,7 +58,7 @@ def frame_template(name: str, words: Sequence[str], frames: Sequence[int], memor
     _require_sayable(words)
     step = _step("Frames", [*words, "--frames", "{{Task.Param.Frame}}"], memory)
     step["parameterSpace"] = _numbers("Frame", ",".join(map(str, frames)))
-    return _template(name, [step])
+    return _template(name, [step], "oiiotex")
 
 
 def _require_sayable(words: Sequence[str]) -> None:
@@ -77,7 +81,7 @@ def _numbers(name: str, range_of: str) -> dict[str, Any]:
     return {"taskParameterDefinitions": [{"name": name, "type": "INT", "range": range_of}]}
 
 
-def _template(name: str, steps: list[dict[str, Any]]) -> dict[str, Any]:
+def _template(name: str, steps: list[dict[str, Any]], program: str) -> dict[str, Any]:
     return {
         "specificationVersion": "jobtemplate-2023-09",
         "name": name,
@@ -90,7 +94,7 @@ def _template(name: str, steps: list[dict[str, Any]]) -> dict[str, Any]:
                 "default": ".",
                 "description": "where the line's names lie",
             },
-            {"name": "Program", "type": "STRING", "default": "oiiotex", "description": "the program on workers"},
+            {"name": "Program", "type": "STRING", "default": program, "description": "the program on workers"},
         ],
         "steps": steps,
     }

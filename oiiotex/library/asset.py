@@ -1,0 +1,349 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One material made an asset: its lines run, its files delivered, measured and judged, all of it in one new folder.
+
+A worker does this, here or on another machine. It writes into a folder of its run alone; whoever gave it the job
+renames that to where it belongs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import hashlib
+import json
+import os
+import shlex
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .. import __version__
+from ..cli.language import LANGUAGE
+from ..cli.parse import parse
+from ..cli.sequences import Frame
+from ..cli.tasks import Job as LineJob
+from ..cli.tasks import Task, work
+from ..core.attributes import TAG
+from ..core.image import Image
+from ..deferred import np, oiio
+from ..errors import Error, one_line
+from ..io.disk_cache import hash_of
+from ..io.reading import read
+from ..materials import documents, preview
+from ..session import SHORT_OF_MEMORY, Session
+from .found import Material, extract
+from .lines import SOURCE, Step, source_name, steps_of
+from .recipe import Recipe
+
+SCHEMA = "oiiotex.asset/1"
+SIDECAR = "asset.json"
+_STEP = 0.1  # of a height map's range, between neighbours
+
+
+class Job(NamedTuple):
+    """A material for a worker.
+
+    Attributes
+    ----------
+    photos, library : str
+        Absolute.
+    work : str
+        The folder that it makes, below the library.
+    before : str
+        The asset's folder of an earlier run, from which products are taken that would be the same; ''.
+    digests : tuple of (str, str)
+        Of the maps: role and SHA-256 of the file, or of the archive that it is in.
+    """
+
+    material: Material
+    recipe: Recipe
+    photos: str
+    library: str
+    work: str
+    before: str
+    digests: tuple[tuple[str, str], ...]
+    budget: int
+    threads: int
+    version: str = __version__
+
+
+class Outcome(NamedTuple):
+    """What has become of a job.
+
+    Attributes
+    ----------
+    name : str
+    sidecar : dict or None
+        What asset.json says; None where it failed.
+    error : str
+    seconds : float
+    """
+
+    name: str
+    sidecar: dict[str, Any] | None
+    error: str = ""
+    seconds: float = 0.0
+
+    @property
+    def short_of_memory(self) -> bool:
+        """Whether more memory would help."""
+        return SHORT_OF_MEMORY in self.error
+
+
+def key_of(material: Material, recipe: Recipe, digests: Mapping[str, str]) -> str:
+    """The hash of all that an asset follows from."""
+    known = material.facts
+    return hash_of(
+        SCHEMA, __version__, material.name, sorted(digests.items()), _maps(material),
+        known.licence, known.author, known.tags, known.size_m,
+        recipe.products, recipe.deliver, [str(limit) for limit in recipe.limits], sorted(recipe.roles.items()),
+    )[:16]  # fmt: skip
+
+
+def make(job: Job) -> Outcome:
+    """Do a job. What is wrong with a material is its outcome and no exception: others go on."""
+    start = time.perf_counter()
+    if job.version != __version__:
+        text = f"a worker has oiiotex {__version__}, the run is of {job.version}: they must be the same"
+        return Outcome(job.material.name, None, text)
+    folder = Path(job.work)
+    try:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        sidecar = _Making(job, folder).sidecar(start)
+        return Outcome(job.material.name, sidecar, seconds=time.perf_counter() - start)
+    except Exception as error:  # a fault of ours must not end a night's run either
+        shutil.rmtree(folder, ignore_errors=True)
+        kind = "" if isinstance(error, (Error, OSError)) else f"internal, {type(error).__name__}: "
+        return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start)
+
+
+def read_sidecar(folder: Path) -> dict[str, Any]:
+    """What a folder says it is.
+
+    Raises
+    ------
+    Error
+        It says nothing, or nothing that this version reads.
+    """
+    try:
+        sidecar = json.loads((folder / SIDECAR).read_bytes())
+    except (OSError, ValueError) as error:
+        raise Error(f"{folder / SIDECAR}: {error}") from error
+    if not isinstance(sidecar, dict) or sidecar.get("schema") != SCHEMA:
+        raise Error(f"{folder / SIDECAR}: not of schema {SCHEMA}")
+    return sidecar
+
+
+def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What is wrong with the files of a folder, by their bytes and hashes."""
+    wrong = []
+    for file in files:
+        path = folder / file["path"]
+        if not path.is_file():
+            wrong.append(f"{path}: is not there")
+        elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
+            wrong.append(f"{path}: is not what was written")
+    return wrong
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@dataclass
+class _Making:
+    """One job while it is done."""
+
+    job: Job
+    folder: Path
+
+    def sidecar(self, start: float) -> dict[str, Any]:
+        """Make everything, and say what was made."""
+        job, material, recipe = self.job, self.job.material, self.job.recipe
+        steps = steps_of(recipe, material.maps)
+        tile = next((step for step in steps if step.outputs), None)
+        if tile is None:
+            raise Error("the product that is delivered asks for a map that this material does not have")
+        keys, reasons = self._products(steps)
+        maps = {role: read(self.folder / path) for role, path in tile.outputs.items()}
+        measures = self._measures(tile.product, maps)
+        hand, lattice = self._hand(), "regular_photo" in measures
+        looks = preview.Looks.of(maps, _session(job), hand)
+        for name, picture in looks.pictures(recipe.deliver.shape, lattice).items():
+            preview.save(picture, self.folder / name)
+        if recipe.deliver.tx:
+            (self.folder / "tx").mkdir()
+            for role, path in tile.outputs.items():
+                _write_texture(self.folder / path, self.folder / "tx" / f"{role}.tx")
+        described = documents.Described(material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice)
+        if recipe.deliver.materialx:
+            documents.write_materialx(described, self.folder)
+        if recipe.deliver.usd:
+            documents.write_usd(described, self.folder)
+        reasons += [
+            f"{limit}: {measures[limit.measure]:.4g}"
+            for limit in recipe.limits
+            if limit.measure in measures and limit.passed_by(measures[limit.measure])
+        ]
+        if reasons:
+            (self.folder / "reason.txt").write_text("\n".join(reasons) + "\n")
+        shutil.rmtree(self.folder / SOURCE, ignore_errors=True)
+        facts, spec = material.facts, maps["color"].first.spec
+        sidecar = {
+            "schema": SCHEMA, "version": __version__, "name": material.name,
+            "key": key_of(material, recipe, dict(job.digests)), "status": "review" if reasons else "ok",
+            "reasons": reasons, "licence": facts.licence, "author": facts.author, "tags": list(facts.tags),
+            "size_m": list(facts.size_m), "width": spec.width, "height": spec.height,
+            "colour_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": lattice,
+            "normals": hand, "sources": self._sources(),
+            "lines": {step.product: shlex.join(["oiiotex", *step.words]) for step in steps},
+            "products": keys, "maps": dict(tile.outputs), "measures": measures, "files": self._files(),
+            "seconds": round(time.perf_counter() - start, 3),
+            "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        }  # fmt: skip
+        (self.folder / SIDECAR).write_text(json.dumps(sidecar, indent=1, ensure_ascii=False) + "\n")
+        return sidecar
+
+    # --- lines ---
+
+    def _products(self, steps: Sequence[Step]) -> tuple[dict[str, str], list[str]]:
+        """Run the lines, or take what they would make from before; gives their keys, and which failed a limit."""
+        keys: dict[str, str] = {}
+        reasons = []
+        before = self._before()
+        for step in steps:
+            keys[step.product] = hash_of(
+                __version__, step.words, self.job.digests, _maps(self.job.material), [keys[t] for t in step.takes]
+            )[:16]
+            if before.get("products", {}).get(step.product) == keys[step.product] and self._taken(step, before):
+                continue
+            (self.folder / step.product).mkdir(exist_ok=True)
+            self._lay_out_sources()
+            steps_in_line = len(parse(list(step.words), LANGUAGE).steps)
+            _, error, status = work(
+                LineJob(
+                    Task(Frame(None, step.words), steps_in_line), self.job.budget, self.job.threads,
+                    folder=str(self.folder),
+                )
+            )  # fmt: skip
+            if error:
+                raise Error(f"product {step.product}: {error}")
+            if status:
+                reasons.append(f"product {step.product}: beyond a limit of its line (exit {status})")
+        return keys, reasons
+
+    def _before(self) -> dict[str, Any]:
+        """What an earlier run made of this material."""
+        if self.job.before:
+            with contextlib.suppress(Error):
+                sidecar = read_sidecar(Path(self.job.before))
+                if not sidecar["reasons"] or not any("of its line" in text for text in sidecar["reasons"]):
+                    return sidecar
+        return {}
+
+    def _taken(self, step: Step, before: Mapping[str, Any]) -> bool:
+        """Take a product's files from before; False where they are no more what they were."""
+        old = Path(self.job.before)
+        files = [file for file in before["files"] if file["path"].startswith(f"{step.product}/")]
+        if not files or faults(old, files):
+            return False
+        for file in files:
+            target = self.folder / file["path"]
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                os.link(old / file["path"], target)
+            except OSError:  # a disk that has no hard links
+                shutil.copyfile(old / file["path"], target)
+        return True
+
+    def _lay_out_sources(self) -> None:
+        folder = self.folder / SOURCE
+        if folder.exists():
+            return
+        folder.mkdir()
+        for role, file in self.job.material.maps.items():
+            extract(Path(self.job.photos), file, self.folder / source_name(role, file))
+
+    # --- what is said of it ---
+
+    def _hand(self) -> str:
+        """Of the delivered normals: 'opengl', 'directx' or ''."""
+        normal = self.job.material.maps.get("normal")
+        if normal is None:
+            return ""
+        return self.job.recipe.deliver.normals or normal.hand
+
+    def _space(self, colour: Image) -> str:
+        return self.job.recipe.deliver.colour or colour.first.spec.get_string_attribute(TAG)
+
+    def _measures(self, product: str, maps: Mapping[str, Image]) -> dict[str, float]:
+        """What the tile's own report says, and what maps of normals and heights are like."""
+        measures: dict[str, float] = {}
+        report = self.folder / product / "report.json"
+        if report.is_file():
+            measures |= json.loads(report.read_text())["results"][0]["measures"]
+        if "normal" in maps:
+            lengths = np.linalg.norm(preview.vectors(maps["normal"]), axis=-1)
+            measures["normal_length"] = float(np.abs(lengths - 1).mean())
+        if "height" in maps:
+            measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
+        return measures
+
+    def _sources(self) -> list[dict[str, str]]:
+        digests = dict(self.job.digests)
+        return [
+            {"role": role, "file": str(file), "sha256": digests[role]}
+            | ({"channel": file.channel} if file.channel else {})
+            | ({"normals": file.hand} if file.hand else {})
+            for role, file in self.job.material.maps.items()
+        ]
+
+    def _files(self) -> list[dict[str, Any]]:
+        """Everything that was written, with its hash."""
+        files = []
+        for path in sorted(path for path in self.folder.rglob("*") if path.is_file()):
+            name = path.relative_to(self.folder).as_posix()
+            files.append({"path": name, "role": role_of(name), "bytes": path.stat().st_size, "sha256": digest_of(path)})
+        return files
+
+
+def role_of(path: str) -> str:
+    """What a file of an asset is, for the catalogue: its product, or what it is itself."""
+    return path.split("/")[0] if "/" in path else Path(path).stem if path.endswith(".jpg") else Path(path).suffix[1:]
+
+
+def _maps(material: Material) -> list[tuple[str, str, str, str]]:
+    """What of a material's maps shows in the result, beside their bytes."""
+    return [(role, file.suffix, file.channel, file.hand) for role, file in material.maps.items()]
+
+
+def _steps(heights: np.ndarray) -> float:
+    """Share of neighbours, around the borders of the tile, too, that differ by more than a tenth of the map's range."""
+    most = _STEP * max(float(np.ptp(heights)), 1e-9)
+    shares = [np.mean(np.abs(heights - np.roll(heights, 1, axis)) > most) for axis in (0, 1)]
+    return float(np.mean(shares))
+
+
+def _write_texture(source: Path, target: Path) -> None:
+    """A MIP-mapped texture that repeats."""
+    config = oiio.ImageSpec()
+    config.tile_width = config.tile_height = 64
+    config.tile_depth = 1
+    config.attribute("wrapmodes", "periodic,periodic")
+    if not oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, str(source), str(target), config):
+        raise Error(f"{target}: {oiio.geterror()}")
+
+
+_sessions: list[Session] = []  # the one that this process draws with: its colour config takes a while to load
+
+
+def _session(job: Job) -> Session:
+    if not _sessions:
+        _sessions.append(Session(threads=job.threads))
+    return _sessions[0]

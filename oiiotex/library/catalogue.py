@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a library holds, in a SQLite database: assets, files, measures, failures, and which run is at which asset.
+
+Folders are the truth: each says in its asset.json what it is. The catalogue is how they are found and searched, and it
+is written after them, in one transaction an asset. It lies on a disk of the machine that runs `ingest`: SQLite's
+write-ahead log wants shared memory. Workers on other machines write folders alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..errors import Error
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+FILE = "library.sqlite"
+WORK = ".making"  # folders of runs, each with what it works on
+_VERSION = 1
+_PATIENCE = 60.0  # s that one writer waits for another
+_TABLES = """
+CREATE TABLE assets (
+    name TEXT PRIMARY KEY, key TEXT NOT NULL, status TEXT NOT NULL, folder TEXT NOT NULL, reasons TEXT NOT NULL,
+    root TEXT NOT NULL, licence TEXT, author TEXT, width INTEGER, height INTEGER, size_m TEXT,
+    l REAL, a REAL, b REAL, seconds REAL, made TEXT NOT NULL);
+CREATE TABLE files (
+    asset TEXT NOT NULL REFERENCES assets ON DELETE CASCADE, path TEXT NOT NULL, role TEXT NOT NULL,
+    bytes INTEGER NOT NULL, sha256 TEXT NOT NULL, PRIMARY KEY (asset, path)) WITHOUT ROWID;
+CREATE TABLE measures (
+    asset TEXT NOT NULL REFERENCES assets ON DELETE CASCADE, name TEXT NOT NULL, value REAL NOT NULL,
+    PRIMARY KEY (asset, name)) WITHOUT ROWID;
+CREATE TABLE tags (
+    asset TEXT NOT NULL REFERENCES assets ON DELETE CASCADE, tag TEXT NOT NULL, PRIMARY KEY (asset, tag)) WITHOUT ROWID;
+CREATE TABLE sources (
+    path TEXT PRIMARY KEY, bytes INTEGER NOT NULL, changed INTEGER NOT NULL, sha256 TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE claims (asset TEXT PRIMARY KEY, run TEXT NOT NULL) WITHOUT ROWID;
+"""
+
+
+class Asset(NamedTuple):
+    """A row of the catalogue.
+
+    Attributes
+    ----------
+    status : str
+        ok; review: beyond a limit; failed: could not be made; asked: the recipe must say something.
+    folder : str
+        Below the library; '' where there is none.
+    reasons : tuple of str
+        Why it is not ok.
+    root : str
+        The folder of photos that it was found in.
+    lab : tuple of float
+        Its mean colour; () where there is none.
+    """
+
+    name: str
+    key: str
+    status: str
+    folder: str = ""
+    reasons: tuple[str, ...] = ()
+    root: str = ""
+    licence: str = ""
+    author: str = ""
+    width: int = 0
+    height: int = 0
+    size_m: tuple[float, ...] = ()
+    lab: tuple[float, ...] = ()
+    seconds: float = 0.0
+    made: str = ""
+
+
+class Catalogue:
+    """The catalogue of a library.
+
+    Parameters
+    ----------
+    library : Path
+    create : bool
+        Make library and catalogue where they are not.
+
+    Raises
+    ------
+    Error
+        There is none, it is of another version, or it is none.
+    """
+
+    def __init__(self, library: Path, create: bool = False):
+        self.library = library
+        path = library / FILE
+        if not create and not path.is_file():
+            raise Error(f"{library}: no library: oiiotex-library ingest PHOTOS {library} makes one")
+        with _said(library):
+            (library / WORK).mkdir(parents=True, exist_ok=True)
+            self._data = sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)
+            self._data.execute("PRAGMA journal_mode=WAL")
+            self._data.execute("PRAGMA synchronous=NORMAL")
+            self._data.execute("PRAGMA foreign_keys=ON")
+            self._prepare()
+
+    def _prepare(self) -> None:
+        with self._transaction():
+            (version,) = self._data.execute("PRAGMA user_version").fetchone()
+            if version == 0:
+                for statement in _TABLES.split(";"):
+                    self._data.execute(statement)
+                self._data.execute(f"PRAGMA user_version={_VERSION}")
+            elif version != _VERSION:
+                raise Error(f"{self.library}: a library of version {version}; this oiiotex reads {_VERSION}")
+
+    def __enter__(self) -> Catalogue:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._data.close()
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """All of the block or nothing of it, and no other writer in between."""
+        with _said(self.library):
+            self._data.execute("BEGIN IMMEDIATE")
+            try:
+                yield
+            except BaseException:
+                self._data.execute("ROLLBACK")
+                raise
+            self._data.execute("COMMIT")
+
+    # --- reading ---
+
+    def assets(self) -> dict[str, Asset]:
+        """All assets by name, in its order."""
+        query = (
+            "SELECT name, key, status, folder, reasons, root, licence, author, width, height, size_m, l, a, b,"
+            " seconds, made FROM assets ORDER BY name"
+        )
+        with _said(self.library):
+            return {row[0]: _asset(row) for row in self._data.execute(query)}
+
+    def measures(self) -> dict[str, dict[str, float]]:
+        """The measures of all assets."""
+        return self._gathered("SELECT asset, name, value FROM measures")
+
+    def tags(self) -> dict[str, dict[str, str]]:
+        """The tags of all assets, as keys."""
+        return self._gathered("SELECT asset, tag, tag FROM tags")
+
+    def _gathered(self, query: str) -> dict[str, dict[str, Any]]:
+        gathered: dict[str, dict[str, Any]] = {}
+        with _said(self.library):
+            for asset, name, value in self._data.execute(query):
+                gathered.setdefault(asset, {})[name] = value
+        return gathered
+
+    def files(self, asset: str) -> list[tuple[str, str, int, str]]:
+        """An asset's files: (path in its folder, role, bytes, SHA-256)."""
+        query = "SELECT path, role, bytes, sha256 FROM files WHERE asset = ? ORDER BY path"
+        with _said(self.library):
+            return list(self._data.execute(query, (asset,)))
+
+    def sources(self) -> dict[str, tuple[int, int, str]]:
+        """Files that were hashed: path -> (bytes, ns of the last change, SHA-256)."""
+        with _said(self.library):
+            rows = self._data.execute("SELECT path, bytes, changed, sha256 FROM sources")
+            return {path: (size, changed, digest) for path, size, changed, digest in rows}
+
+    def faults(self) -> list[str]:
+        """What SQLite finds wrong in its file."""
+        with _said(self.library):
+            rows = [text for (text,) in self._data.execute("PRAGMA integrity_check")]
+            rows += [f"a row of {row[0]} without its asset" for row in self._data.execute("PRAGMA foreign_key_check")]
+        return [text for text in rows if text != "ok"]
+
+    # --- writing ---
+
+    def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
+        """Keep the hashes of files."""
+        with self._transaction():
+            self._data.executemany("INSERT OR REPLACE INTO sources VALUES (?, ?, ?, ?)", rows)
+
+    def put(
+        self,
+        asset: Asset,
+        files: Sequence[tuple[str, str, int, str]] = (),
+        measures: Mapping[str, float] | None = None,
+        tags: Sequence[str] = (),
+    ) -> None:
+        """An asset as it is now, in place of what it was."""
+        self.put_all([(asset, files, measures or {}, tags)])
+
+    def put_all(self, rows: Iterable[tuple[Asset, Sequence[Any], Mapping[str, float], Sequence[str]]]) -> None:
+        """Many assets in one transaction: (asset, files, measures, tags)."""
+        with self._transaction():
+            for asset, files, measures, tags in rows:
+                self._data.execute("DELETE FROM assets WHERE name = ?", (asset.name,))
+                lab = asset.lab or (None,) * 3
+                values = (
+                    *asset[:4], json.dumps(asset.reasons), *asset[5:10], json.dumps(asset.size_m), *lab, *asset[12:],
+                )  # fmt: skip
+                self._data.execute(f"INSERT INTO assets VALUES ({', '.join('?' * len(values))})", values)
+                name = asset.name
+                self._data.executemany("INSERT INTO files VALUES (?, ?, ?, ?, ?)", [(name, *row) for row in files])
+                self._data.executemany("INSERT INTO measures VALUES (?, ?, ?)", [(name, *m) for m in measures.items()])
+                self._data.executemany("INSERT INTO tags VALUES (?, ?)", [(name, tag) for tag in dict.fromkeys(tags)])
+
+    # --- runs ---
+
+    @contextlib.contextmanager
+    def run(self) -> Iterator[str]:
+        """While this lasts, a run with a folder of its own below `WORK`; what dead runs have left is swept."""
+        with _locked(self.library / WORK / "lock"):
+            self._sweep()
+        with _folder_of_run(self.library) as name:
+            try:
+                yield name
+            finally:
+                with self._transaction():
+                    self._data.execute("DELETE FROM claims WHERE run = ?", (name,))
+
+    def _sweep(self) -> None:
+        """Remove folders and claims of runs that are no more: the system has let go of their locks."""
+        live = []
+        for folder in (self.library / WORK).glob("run-*"):
+            try:
+                with open(folder / "lock", "wb") as file:
+                    dead = _lock(file.fileno(), wait=False)
+            except OSError:
+                dead = True
+            if dead:
+                shutil.rmtree(folder, ignore_errors=True)
+            else:
+                live.append(folder.name)
+        with self._transaction():
+            marks = ", ".join("?" * len(live))
+            self._data.execute(f"DELETE FROM claims WHERE run NOT IN ({marks})", live)
+
+    def sweep(self) -> None:
+        """Remove what runs have left that were killed."""
+        with _locked(self.library / WORK / "lock"):
+            self._sweep()
+
+    def claim(self, asset: str, run: str) -> bool:
+        """Take an asset for a run; False where another one is at it."""
+        with self._transaction():
+            self._data.execute("INSERT OR IGNORE INTO claims VALUES (?, ?)", (asset, run))
+            (owner,) = self._data.execute("SELECT run FROM claims WHERE asset = ?", (asset,)).fetchone()
+        return bool(owner == run)
+
+    def release(self, asset: str, run: str) -> None:
+        """Let others take it."""
+        with self._transaction():
+            self._data.execute("DELETE FROM claims WHERE asset = ? AND run = ?", (asset, run))
+
+    def busy(self) -> bool:
+        """Whether a run is at work."""
+        self.sweep()
+        return any((self.library / WORK).glob("run-*"))
+
+
+class FoldersAlone:
+    """Stands for the catalogue on a machine of a farm: folders are written, and a later run records them."""
+
+    def __init__(self, library: Path):
+        self.library = library
+
+    def __enter__(self) -> FoldersAlone:
+        with _said(self.library):
+            (self.library / WORK).mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def assets(self) -> dict[str, Asset]:
+        """Nothing is known here."""
+        return {}
+
+    def sources(self) -> dict[str, tuple[int, int, str]]:
+        """Nothing is known here."""
+        return {}
+
+    def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
+        """Nothing is kept here."""
+
+    def put(self, *_: Any) -> None:
+        """Nothing is kept here."""
+
+    def put_all(self, *_: Any) -> None:
+        """Nothing is kept here."""
+
+    def run(self) -> contextlib.AbstractContextManager[str]:
+        """While this lasts, a run with a folder of its own."""
+        return _folder_of_run(self.library)
+
+    def sweep(self) -> None:
+        """It is for who has the catalogue."""
+
+    def claim(self, asset: str, run: str) -> bool:
+        """Shares do not overlap."""
+        return True
+
+    def release(self, asset: str, run: str) -> None:
+        """Nobody waits."""
+
+
+@contextlib.contextmanager
+def _folder_of_run(library: Path) -> Iterator[str]:
+    """A folder that nobody else has, locked as long as its process lives."""
+    name = f"run-{os.urandom(8).hex()}"
+    folder = library / WORK / name
+    with _said(library), _locked(library / WORK / "lock"):  # else it would be swept before it is locked
+        folder.mkdir()
+        held = open(folder / "lock", "wb")  # noqa: SIM115 - held as long as the run
+        _lock(held.fileno(), wait=False)
+    try:
+        yield name
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        held.close()
+
+
+def _asset(row: Sequence[Any]) -> Asset:
+    lab = tuple(row[11:14]) if row[11] is not None else ()
+    return Asset(
+        *row[:4], tuple(json.loads(row[4])), *row[5:10], tuple(json.loads(row[10])), lab, row[14] or 0.0, row[15]
+    )
+
+
+@contextlib.contextmanager
+def _said(library: Path) -> Iterator[None]:
+    """SQLite's errors as ours."""
+    try:
+        yield
+    except (sqlite3.Error, OSError) as error:
+        raise Error(f"{library}: {error}") from error
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    with open(path, "wb") as file:
+        _lock(file.fileno(), wait=True)
+        yield
+
+
+def _lock(file: int, wait: bool) -> bool:
+    """Lock an open file until it is closed, or its process has ended; False where another one has it."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        return False
+    return True

@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A folder of photos into a library: what has changed is made, by processes here or by a farm, and recorded.
+
+Who makes an asset claims it first, so two runs on one library share the work. An asset is a folder named by the hash of
+all that it follows from: made aside, renamed in one go, then recorded. Whatever kills a run, a folder that is there is
+whole, and what the catalogue says is there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import logging
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..cli.parallel import without_interrupts, worker_processes
+from ..cli.progress import Display
+from ..cli.streams import loud
+from ..core.machine import memory, usable_threads
+from ..errors import Error, ParameterError
+from .asset import SIDECAR, Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
+from .catalogue import WORK, Asset, Catalogue, FoldersAlone
+from .found import Material, materials
+from .lines import require_lines
+from .recipe import Recipe
+
+log = logging.getLogger("oiiotex")
+
+_POLL = 0.3  # s between looks at what another run has
+_READERS = 4  # threads that hash files
+
+
+class Settings(NamedTuple):
+    """How a run goes about it.
+
+    Attributes
+    ----------
+    workers : int
+        Processes; 0: as many as there are threads and materials.
+    budget : int
+        Bytes of memory for all of them; 0: a quarter of what there is.
+    farm : str
+        'dask=tcp://HOST:PORT', 'dask=local:N' or ''.
+    share : (int, int)
+        Make these of the materials and leave the catalogue alone: number and count; (0, 0): all.
+    """
+
+    workers: int = 0
+    budget: int = 0
+    farm: str = ""
+    share: tuple[int, int] = (0, 0)
+
+
+class Tally(NamedTuple):
+    """What has become of a run's materials."""
+
+    made: int
+    unchanged: int
+    counts: dict[str, int]
+    seconds: float
+
+    @property
+    def status(self) -> int:
+        """The exit code: 1 where something failed, 3 where something wants to be looked at."""
+        return 1 if self.counts.get("failed") else 3 if self.counts.get("review") or self.counts.get("asked") else 0
+
+
+def ingest(
+    photos: Path, library: Path, recipe: Recipe, settings: Settings, say: Callable[[str], object], display: Display
+) -> Tally:
+    """Bring a library up to date with a folder of photos.
+
+    Raises
+    ------
+    Error
+        The recipe is wrong, the folder cannot be read, or the library is none.
+    """
+    start = time.perf_counter()
+    require_lines(recipe)
+    if photos.resolve() == library.resolve():
+        raise ParameterError(f"{library}: photos and library are one folder: give the library one of its own")
+    found = materials(photos, recipe)
+    photos, library = photos.resolve(), library.resolve()
+    number, count = settings.share
+    if count:
+        found = found[number - 1 :: count]
+    with FoldersAlone(library) if count else Catalogue(library, create=True) as catalogue, catalogue.run() as run:
+        digests = _digests(photos, found, catalogue)
+        work = _Run(photos, library, recipe, settings, say, display, catalogue, run)
+        todo = work.plan(found, digests)
+        return work.carry_out(todo, len(found), start)
+
+
+@dataclass
+class _Run:
+    """One run at its work."""
+
+    photos: Path
+    library: Path
+    recipe: Recipe
+    settings: Settings
+    say: Callable[[str], object]
+    display: Display
+    catalogue: Catalogue | FoldersAlone
+    name: str
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def plan(self, found: Sequence[Material], digests: dict[str, str]) -> list[Job]:
+        """What is to be made; questions are recorded, and what is as it was is counted."""
+        old, asked, todo = self.catalogue.assets(), [], []
+        for material in found:
+            before = old.get(material.name)
+            own = {role: digests[file.path] for role, file in material.maps.items()}
+            key = key_of(material, self.recipe, own)
+            questions = material.questions or self._taken_by_another(before, key)
+            if questions:
+                self._count("asked")
+                if not before or before.reasons != questions:
+                    self.say(f"{material.name}: asked: {'; '.join(questions)}")
+                if not before or (not before.folder and before.reasons != questions):  # what is there stays there
+                    asked.append((Asset(material.name, key, "asked", "", questions, str(self.photos)), (), {}, ()))
+                continue
+            if before and before.key == key and before.status in ("ok", "review"):
+                self._count(before.status)
+                continue
+            folder = str(self.library / before.folder) if before and before.folder else ""
+            todo.append(
+                Job(
+                    material, self.recipe, str(self.photos), str(self.library), "", folder,
+                    tuple(sorted(own.items())), 0, 0,
+                )
+            )  # fmt: skip
+        if asked:
+            self.catalogue.put_all(asked)
+        return todo
+
+    def _taken_by_another(self, before: Asset | None, key: str) -> tuple[str, ...]:
+        """A material of that name from another folder: two of a name would replace each other again and again."""
+        if before is None or before.key == key or before.root in ("", str(self.photos)) or before.status == "asked":
+            return ()
+        if not os.path.isdir(before.root):  # the folder has moved
+            return ()
+        return (f"{before.root} has a material of that name, too: rename the files of one",)
+
+    def _count(self, status: str) -> None:
+        self.counts[status] = self.counts.get(status, 0) + 1
+
+    def carry_out(self, todo: list[Job], total: int, start: float) -> Tally:
+        """Do all jobs; those that another run is at are waited for."""
+        made, later = 0, list(todo)
+        unchanged = total - len(todo)
+        self.display.stage("ingest", True)
+        while later:
+            mine = self._claimed(later)
+            if not mine:
+                time.sleep(_POLL)
+            for outcome, job in self._outcomes(mine):
+                self._record(outcome, job)
+                made += 1
+                self.display.advance(made, len(todo))
+            names = {job.material.name for job in mine}
+            left = [job for job in later if job.material.name not in names]
+            later = self._still_to_do(left)
+            made += len(left) - len(later)
+        self.display.stage("ingest", False)
+        return Tally(made, unchanged, self.counts, time.perf_counter() - start)
+
+    def _claimed(self, jobs: Sequence[Job]) -> list[Job]:
+        """Those that this run may make, ready to be made; another run is at the others."""
+        self.catalogue.sweep()
+        return [job for job in jobs if self.catalogue.claim(job.material.name, self.name)]
+
+    def _still_to_do(self, jobs: Sequence[Job]) -> list[Job]:
+        """Those that another run has not finished meanwhile."""
+        if not jobs:
+            return []
+        assets, left = self.catalogue.assets(), []
+        for job in jobs:
+            asset = assets.get(job.material.name)
+            if asset and asset.key == self._key(job) and asset.status in ("ok", "review"):
+                self._count(asset.status)
+            else:
+                left.append(job)
+        return left
+
+    def _key(self, job: Job) -> str:
+        return key_of(job.material, self.recipe, dict(job.digests))
+
+    # --- making ---
+
+    def _outcomes(self, jobs: list[Job]) -> Iterator[tuple[Outcome, Job]]:
+        """What becomes of each job, as they end."""
+        todo = []
+        for job in jobs:
+            there = self._there(job)
+            if there is not None:
+                yield Outcome(job.material.name, there), job
+            else:
+                todo.append(job)
+        if not todo:
+            return
+        if self.settings.farm:
+            yield from self._on_farm(todo)
+            return
+        workers = min(len(todo), self.settings.workers or usable_threads())
+        budget = self.settings.budget or memory() // 4
+        threads = max(1, usable_threads() // workers)
+        ready = [self._placed(job)._replace(budget=budget // workers, threads=threads) for job in todo]
+        alone = []
+        for outcome, job in _in_processes(ready, workers):
+            if outcome is None or outcome.short_of_memory:
+                alone.append(job)
+            else:
+                yield outcome, job
+        for job in alone:  # what has not got through beside others is tried with all the memory there is
+            for outcome, again in _in_processes([job._replace(budget=budget, threads=usable_threads())], 1):
+                text = "its process has ended of itself: killed, or out of memory?"
+                yield outcome or Outcome(again.material.name, None, text), again
+
+    def _placed(self, job: Job) -> Job:
+        return job._replace(work=str(self.library / WORK / self.name / job.material.name))
+
+    def _on_farm(self, jobs: list[Job]) -> Iterator[tuple[Outcome, Job]]:
+        from ..farm.dask_cluster import cluster, results
+
+        engine, _, address = self.settings.farm.partition("=")
+        by_name = {job.material.name: self._placed(job) for job in jobs}
+        with cluster(address) as client:
+            workers = client.scheduler_info(n_workers=-1)["workers"]
+            if not workers:
+                raise Error(f"--farm {engine}={address}: the scheduler has no workers")
+            local = address.startswith("local:")
+            budget = (self.settings.budget or memory() // 4) // (len(workers) if local else 1)
+            ready = [job._replace(budget=budget, threads=int(local)) for job in by_name.values()]
+            for outcome in results(client, make, ready):
+                yield outcome, by_name[outcome.name]
+
+    # --- recording ---
+
+    def _there(self, job: Job) -> dict[str, Any] | None:
+        """What an earlier run, or a worker of a farm, has made and nobody recorded; broken folders go."""
+        key = self._key(job)
+        for place in ("assets", "review"):
+            folder = self.library / place / job.material.name / key
+            if not folder.is_dir():
+                continue
+            with contextlib.suppress(Error, KeyError, TypeError):
+                sidecar = read_sidecar(folder)
+                if sidecar["key"] == key and not faults(folder, sidecar["files"]):
+                    return sidecar
+            aside = self.library / WORK / self.name / f"broken-{key}"
+            folder.rename(aside)
+            shutil.rmtree(aside, ignore_errors=True)
+        return None
+
+    def _record(self, outcome: Outcome, job: Job) -> None:
+        """Put a made folder where it belongs, then say so."""
+        name, sidecar = outcome.name, outcome.sidecar
+        if sidecar is None:
+            self._count("failed")
+            self.say(f"{name}: failed: {outcome.error}")
+            why, root = (outcome.error,), str(self.photos)
+            self.catalogue.put(Asset(name, self._key(job), "failed", "", why, root, seconds=outcome.seconds))
+            self.catalogue.release(name, self.name)
+            return
+        folder = self._published(job, sidecar)
+        self._count(sidecar["status"])
+        self.catalogue.put(*_row(self.library, folder, sidecar, str(self.photos)))
+        self.catalogue.release(name, self.name)
+        own = sidecar["measures"]
+        measures = ", ".join(f"{m} {own[m]:.3g}" for m in ("seam", "repeat") if m in own)
+        reasons = f" ({'; '.join(sidecar['reasons'])})" if sidecar["reasons"] else ""
+        self.say(
+            f"{name}: {sidecar['status']}{reasons}, {len(sidecar['files'])} files, {outcome.seconds:.1f} s"
+            + (f", {measures}" if measures else "")
+        )
+
+    def _published(self, job: Job, sidecar: dict[str, Any]) -> str:
+        """The folder of an asset, below the library: renamed to there where it is not yet."""
+        place = "assets" if sidecar["status"] == "ok" else "review"
+        folder = Path(place) / sidecar["name"] / sidecar["key"]
+        made = self.library / WORK / self.name / job.material.name
+        if made.is_dir():
+            target = self.library / folder
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                made.rename(target)
+            except OSError:
+                if not (target / SIDECAR).is_file():
+                    raise
+                shutil.rmtree(made, ignore_errors=True)  # another run was there first
+        return folder.as_posix()
+
+
+def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tuple[Asset, list[Any], dict, list]:
+    """An asset as the catalogue has it."""
+    asset = Asset(
+        sidecar["name"], sidecar["key"], sidecar["status"], folder, tuple(sidecar["reasons"]), root,
+        sidecar["licence"], sidecar["author"], sidecar["width"], sidecar["height"], tuple(sidecar["size_m"]),
+        tuple(sidecar["colour_lab"]), sidecar["seconds"], sidecar["made"],
+    )  # fmt: skip
+    path = library / folder / SIDECAR
+    files = [(f["path"], f["role"], f["bytes"], f["sha256"]) for f in sidecar["files"]]
+    files.append((SIDECAR, role_of(SIDECAR), path.stat().st_size, digest_of(path)))
+    return asset, files, sidecar["measures"], sidecar["tags"]
+
+
+def _in_processes(jobs: list[Job], workers: int) -> Iterator[tuple[Outcome | None, Job]]:
+    """What becomes of jobs, as they end, in processes that stay; None where a process has died with it.
+
+    A process that dies takes those of the others with it, which are begun again.
+    """
+    left = list(jobs)
+    while left:
+        lost: list[Job] = []
+        with worker_processes(workers, debugging=False) as executor:
+            with loud(), without_interrupts():
+                begun = iter(left)
+                waiting = {executor.submit(make, job): job for job in itertools.islice(begun, workers)}
+            broken = False
+            while waiting and not broken:
+                done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in done:
+                    job = waiting.pop(future)
+                    try:
+                        outcome = future.result()
+                    except BrokenProcessPool:
+                        broken = True
+                        lost.append(job)
+                        continue
+                    yield outcome, job
+                    following = None if broken else next(begun, None)
+                    if following is not None:
+                        try:
+                            waiting[executor.submit(make, following)] = following
+                        except BrokenProcessPool:
+                            broken = True
+                            lost.append(following)
+            lost += waiting.values()
+        left = list(begun) if broken else []
+        for job in lost:  # which of them it was nobody knows: each is begun again alone
+            yield None, job
+
+
+def _digests(photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone) -> dict[str, str]:
+    """The SHA-256 of every file that is used; those that are as they were are not read again."""
+    known, digests, new = catalogue.sources(), {}, []
+    for path in sorted({file.path for material in found for file in material.maps.values()}):
+        status = os.stat(photos / path)
+        facts = status.st_size, status.st_mtime_ns
+        size, changed, digest = known.get(str(photos / path), (None, None, ""))
+        if facts == (size, changed):
+            digests[path] = digest
+        else:
+            new.append((path, *facts))
+    with ThreadPoolExecutor(_READERS) as readers:
+        made = list(readers.map(lambda row: digest_of(photos / row[0]), new))
+    if new:
+        pairs = zip(new, made, strict=True)
+        catalogue.remember_sources((str(photos / path), *facts, digest) for (path, *facts), digest in pairs)
+    return digests | {row[0]: digest for row, digest in zip(new, made, strict=True)}

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A recipe's lines with their placeholders filled in: what oiiotex is to do for one material, in its folder."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ..cli.language import LANGUAGE
+from ..cli.parse import parse
+from ..errors import ParameterError
+from ..materials.naming import COLOURS, ROLES
+from .found import MapFile
+from .recipe import Deliver, Recipe
+
+SOURCE = "source"  # the folder of a material's maps while lines run
+_HOLE = re.compile(r"\$(?:(\$)|\{([a-z_0-9.]+)\}|([a-z_0-9]+(?:\.[a-z_0-9]+)?))")
+_FLIP = ("--mulc", "1,-1,1", "--addc", "0,1,0")  # of normals in 0..1: what DirectX has downwards is upwards in OpenGL
+_KINDS = {"color": "colour", "normal": "normal", "height": "height"}
+
+
+class Step(NamedTuple):
+    """A product's line for one material.
+
+    Attributes
+    ----------
+    product : str
+    words : tuple of str
+        Of a command line that runs in the asset's folder.
+    takes : tuple of str
+        Products whose files it reads.
+    outputs : mapping of role to str
+        What `$outputs` writes, by role: below the asset's folder.
+    """
+
+    product: str
+    words: tuple[str, ...]
+    takes: tuple[str, ...] = ()
+    outputs: Mapping[str, str] = {}
+
+
+def steps_of(recipe: Recipe, maps: Mapping[str, MapFile]) -> list[Step]:
+    """The lines of a recipe for a material with these maps.
+
+    A line that asks for a map which the material does not have is left out, and what takes its files, too.
+
+    Raises
+    ------
+    ParameterError
+        A line asks for what no material can have.
+    """
+    steps: list[Step] = []
+    names = [product.name for product in recipe.products]
+    made: set[str] = set()
+    for number, product in enumerate(recipe.products):
+        filler = _Filler(product.name, recipe, maps, names[:number], made)
+        try:
+            words = [word for text in shlex.split(product.line) for word in filler.filled(text)]
+        except ParameterError as error:
+            raise ParameterError(f"product {product.name}: {error}") from error
+        except ValueError as error:  # of shlex
+            raise ParameterError(f"product {product.name}: {error}") from error
+        if not filler.lacking:
+            steps.append(Step(product.name, tuple(words), tuple(sorted(filler.takes)), filler.outputs))
+            made.add(product.name)
+    return steps
+
+
+def require_lines(recipe: Recipe) -> str:
+    """Refuse what a line alone can show to be wrong; returns the product that is delivered, whose line has `$outputs`.
+
+    Raises
+    ------
+    ParameterError
+        An option or a modifier is unknown, a placeholder is none, or not one line has `$outputs`.
+    """
+    every = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
+    steps = steps_of(recipe, every)
+    for step in steps:
+        try:
+            parse(list(step.words), LANGUAGE)
+        except ParameterError as error:
+            raise ParameterError(f"product {step.product}: {error}") from error
+    delivered = [step.product for step in steps if step.outputs]
+    if len(delivered) != 1:
+        raise ParameterError(f"{len(delivered)} products have $outputs: one must, whose files are delivered")
+    return delivered[0]
+
+
+@dataclass
+class _Filler:
+    """Fills in the words of one product's line."""
+
+    product: str
+    recipe: Recipe
+    maps: Mapping[str, MapFile]
+    before: Sequence[str]
+    made: set[str]
+
+    def __post_init__(self) -> None:
+        self.lacking = False
+        self.takes: set[str] = set()
+        self.outputs: dict[str, str] = {}
+        self._whole: dict[str, Callable[[], list[str]]] = {
+            "maps": lambda: [word for role in self.maps for word in self._read(role)],
+            "outputs": self._write,
+        }
+
+    def filled(self, text: str) -> list[str]:
+        """The words that a word of the line stands for."""
+        match = _HOLE.fullmatch(text)
+        name = match[2] or match[3] if match else None
+        if name in self._whole:
+            return self._whole[name]()
+        if name in ROLES:
+            return self._read(name)
+        return [_HOLE.sub(self._text, text)]
+
+    def _text(self, match: re.Match[str]) -> str:
+        if match[1]:
+            return "$"
+        name = match[2] or match[3]
+        own = {
+            "n": str(len(self.maps)),
+            "kinds": ",".join(_KINDS.get(role, "data") for role in self.maps),
+            "folder": self.product,
+            "output": f"{self.product}/{self.product}.exr",
+            "report": f"{self.product}/report.json",
+        }
+        if name in own:
+            return own[name]
+        product, dot, file = name.partition(".")
+        if dot and product in self.before:
+            self.lacking |= product not in self.made
+            self.takes.add(product)
+            tile = file in ROLES and f"{product}/{file}{_suffix(self.recipe.deliver)}"
+            return tile or f"{product}/{file}.exr"
+        if name in ROLES or name in self._whole:
+            raise ParameterError(f"${name} must be a word of its own, not part of '{match.string}'")
+        raise ParameterError(f"${name} is no placeholder: $$ is a dollar, `oiiotex-library recipe` lists them")
+
+    def _read(self, role: str) -> list[str]:
+        """The words that read a map."""
+        file = self.maps.get(role)
+        if file is None:
+            self.lacking = True
+            return []
+        space = self.recipe.space(role, file.floats)
+        words = [source_name(role, file)]
+        if space:
+            words += ["--iscolorspace", space]
+        if file.channel:
+            words += ["--ch", file.channel]
+        if file.hand == "directx" and self.recipe.deliver.normals == "opengl":
+            words += _FLIP
+        return words
+
+    def _write(self) -> list[str]:
+        """The words that write all maps, from the top of the stack down."""
+        deliver, words = self.recipe.deliver, list[str]()
+        for role in self.maps:
+            path = f"{self.product}/{role}{_suffix(deliver)}"
+            self.outputs[role] = path
+            kind = "uint16" if deliver.format == "tiff" else "float" if role == "height" else "half"
+            convert = ["--tocolorspace", deliver.colour] if role in COLOURS and deliver.colour else []
+            words = [*convert, "-d", kind, "-o", path, *(["--pop", *words] if words else [])]
+        return words
+
+
+def source_name(role: str, file: MapFile) -> str:
+    """Where a material's map lies while its lines run."""
+    return f"{SOURCE}/{role}{file.suffix}"
+
+
+def _suffix(deliver: Deliver) -> str:
+    return ".tif" if deliver.format == "tiff" else ".exr"

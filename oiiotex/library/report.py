@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A library as one page: pictures, measures and reasons in a table that sorts, without a server and without a network.
+
+The page holds its pictures itself. Those of more than `_MOST` assets would make it too large for a browser: then it
+shows what is not ok first, and says how many it leaves out.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import html
+import time
+from pathlib import Path
+
+from ..io.atomic import temporary_beside
+from .catalogue import Asset, Catalogue
+
+FILE = "report.html"
+_MOST = 1000
+_COLUMNS = ("seam", "repeat", "loss", "slow", "regular", "normal_length", "height_steps")
+_STYLE = """
+body{font:14px/1.4 system-ui,sans-serif;margin:24px;color:#222;background:#fafafa}
+h1{font-size:20px;margin:0 0 4px}p{margin:0 0 14px;color:#555}
+table{border-collapse:collapse;background:#fff}th,td{padding:6px 10px;border-bottom:1px solid #ddd;text-align:left}
+td.n{text-align:right;font-variant-numeric:tabular-nums}th{cursor:pointer;position:sticky;top:0;background:#eee}
+th[data-way="1"]::after{content:" \\25B2"}th[data-way="-1"]::after{content:" \\25BC"}
+img{height:120px;display:block;border-radius:3px}.ok{color:#16703a}.review,.asked{color:#a05a00}.failed{color:#b00020}
+td.why{max-width:22em}input{font:inherit;padding:4px 8px;margin-bottom:12px;width:24em}
+"""
+_SCRIPT = """
+const body=document.querySelector('tbody'),heads=[...document.querySelectorAll('th')];
+heads.forEach((head,n)=>head.addEventListener('click',()=>{
+ const way=head.dataset.way==='1'?-1:1;heads.forEach(h=>delete h.dataset.way);head.dataset.way=way;
+ const value=row=>row.cells[n].dataset.v??row.cells[n].textContent;
+ const number=t=>t===''?NaN:Number(t);
+ [...body.rows].sort((a,b)=>{const s=value(a),t=value(b),x=number(s),y=number(t);
+  if(!isNaN(x)||!isNaN(y))return isNaN(x)?1:isNaN(y)?-1:way*(x-y);return way*s.localeCompare(t);
+ }).forEach(row=>body.append(row));}));
+document.querySelector('input').addEventListener('input',e=>{const t=e.target.value.toLowerCase();
+ for(const row of body.rows)row.hidden=!row.textContent.toLowerCase().includes(t);});
+"""
+_ORDER = {"failed": 0, "asked": 1, "review": 2, "ok": 3}
+
+
+def write_report(catalogue: Catalogue, title: str) -> Path:
+    """Write the page of a library; returns where it lies."""
+    assets = sorted(catalogue.assets().values(), key=lambda asset: (_ORDER[asset.status], asset.name))
+    measures = catalogue.measures()
+    named = {name for own in measures.values() for name in own}
+    columns = [name for name in _COLUMNS if name in named]
+    counts = {status: sum(asset.status == status for asset in assets) for status in reversed(_ORDER)}
+    summary = ", ".join(f"{count} {status}" for status, count in counts.items() if count) or "nothing yet"
+    if len(assets) > _MOST:
+        summary += f"; the first {_MOST} are shown, what is not ok before the rest"
+    heads = ["picture: lit, 2 × 2, image | hextiledimage", "name", "status", "why", "size", *columns, "seconds"]
+    rows = [_row(catalogue.library, asset, measures.get(asset.name, {}), columns) for asset in assets[:_MOST]]
+    made = time.strftime("%Y-%m-%d %H:%M")
+    page = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1><p>{made}: {summary}</p>"
+        '<input placeholder="filter by name, status, reason">'
+        f"<table><thead><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table><script>{_SCRIPT}</script></html>\n"
+    )
+    path = catalogue.library / FILE
+    with temporary_beside(path) as temporary:
+        temporary.write_text(page)
+    return path
+
+
+def _row(library: Path, asset: Asset, measures: dict[str, float], columns: list[str]) -> str:
+    name, why = html.escape(asset.name), html.escape("; ".join(asset.reasons))
+    link = f'<a href="{html.escape(asset.folder)}/">{name}</a>' if asset.folder else name
+    size = f"{asset.width}×{asset.height}" if asset.width else ""
+    numbers = [(measures.get(column), ".3g") for column in columns] + [(asset.seconds or None, ".1f")]
+    cells = "".join(
+        '<td class="n" data-v=""></td>' if value is None else f'<td class="n" data-v="{value:.6g}">{value:{form}}</td>'
+        for value, form in numbers
+    )
+    return (
+        f'<tr><td data-v="{name}">{_picture(library, asset)}</td><td>{link}</td>'
+        f'<td class="{asset.status}">{asset.status}</td><td class="why">{why}</td>'
+        f'<td data-v="{asset.width * asset.height}">{size}</td>{cells}</tr>'
+    )
+
+
+def _picture(library: Path, asset: Asset) -> str:
+    with contextlib.suppress(OSError):
+        if asset.folder:
+            data = (library / asset.folder / "card.jpg").read_bytes()
+            return f'<img alt="" src="data:image/jpeg;base64,{base64.b64encode(data).decode()}">'
+    return ""

@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A material for other programs: a MaterialX document, a stage of USD, Blender's catalogue of assets."""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import Error
+from .naming import COLOURS
+
+if TYPE_CHECKING:
+    import MaterialX
+
+log = logging.getLogger("oiiotex")
+
+HEX = "_hextiled"  # behind the name of a material that is laid out so
+BLENDER = "blender_assets.cats.txt"
+_SPACES = {  # what MaterialX calls the spaces that most tiles are in
+    "srgb_rec709_scene": "srgb_texture", "lin_rec709_scene": "lin_rec709", "ACEScg": "acescg",
+    "lin_ap1_scene": "acescg",
+}  # fmt: skip
+_INPUTS = {  # of standard_surface, and their types
+    "color": ("base_color", "color3"), "roughness": ("specular_roughness", "float"), "metal": ("metalness", "float"),
+    "normal": ("normal", "vector3"), "opacity": ("opacity", "color3"), "emission": ("emission_color", "color3"),
+    "specular": ("specular_color", "color3"),
+}  # fmt: skip
+_PREVIEW = {  # of UsdPreviewSurface, and the type and channel that they are read as
+    "color": ("diffuseColor", "Color3f", "rgb"), "roughness": ("roughness", "Float", "r"),
+    "metal": ("metallic", "Float", "r"), "normal": ("normal", "Normal3f", "rgb"), "opacity": ("opacity", "Float", "r"),
+    "ao": ("occlusion", "Float", "r"), "emission": ("emissiveColor", "Color3f", "rgb"),
+}  # fmt: skip
+_NAMESPACE = uuid.UUID("6f1d8a52-0f0b-4c55-9d0a-0a7d3f0e5b11")  # of Blender's catalogues
+
+
+@dataclass(frozen=True)
+class Described:
+    """What documents say of an asset.
+
+    Attributes
+    ----------
+    name : str
+    maps : mapping of role to str
+        Files, below the asset's folder.
+    space : str
+        Of its colours.
+    hand : str
+        Of its normals: 'opengl', 'directx' or ''.
+    lattice : bool
+        The texture has one, so that hex-tiling is not offered.
+    """
+
+    name: str
+    maps: Mapping[str, str]
+    space: str
+    hand: str
+    lattice: bool
+
+    @property
+    def identifier(self) -> str:
+        """The name as documents allow it."""
+        name = "".join(c if c.isascii() and c.isalnum() else "_" for c in self.name)
+        return name if name[:1].isalpha() else f"m_{name}"
+
+
+# --- MaterialX ---
+
+
+def write_materialx(described: Described, folder: Path) -> None:
+    """NAME.mtlx: the tile by `image`, and where it has no lattice the same by `hextiledimage`, as a second material.
+
+    Raises
+    ------
+    Error
+        MaterialX is not installed, or finds the document wrong.
+    """
+    mx = _materialx()
+    document = mx.createDocument()
+    document.setColorSpace(_SPACES.get(described.space, described.space))
+    library = _libraries()
+    document.setDataLibrary(library)
+    _material(document, described, described.identifier, hex_tiled=False)
+    if not described.lattice:
+        _material(document, described, described.identifier + HEX, hex_tiled=True)
+    valid, text = document.validate()
+    if not valid:
+        raise Error(f"{described.name}.mtlx: {text}")
+    mx.writeToXmlFile(document, str(folder / f"{described.name}.mtlx"))
+
+
+def materialx_faults(path: Path) -> list[str]:
+    """What MaterialX' own validator finds wrong in a file, and files that it names and that are not there."""
+    mx = _materialx()
+    document = mx.createDocument()
+    try:
+        mx.readFromXmlFile(document, str(path))
+    except Exception as error:  # of its own kinds
+        return [f"{path}: {error}"]
+    document.setDataLibrary(_libraries())
+    valid, text = document.validate()
+    faults = [] if valid else [f"{path}: {text}"]
+    for element in document.traverseTree():
+        if element.isA(mx.Input) and element.getType() == "filename" and element.getValueString():
+            file = path.parent / element.getValueString()
+            faults += [] if file.is_file() else [f"{path}: {file} is not there"]
+    return faults
+
+
+def has_materialx() -> bool:
+    """Whether it is installed."""
+    try:
+        _materialx()
+    except Error:
+        return False
+    return True
+
+
+def _materialx() -> Any:
+    try:
+        import MaterialX
+    except ImportError as error:
+        raise Error("MaterialX is not installed: pip install oiiotex[library], or materialx = false") from error
+    return MaterialX
+
+
+_loaded: list[Any] = []
+
+
+def _libraries() -> Any:
+    """The standard nodes; loaded once."""
+    if not _loaded:
+        mx = _materialx()
+        library = mx.createDocument()
+        mx.loadLibraries(mx.getDefaultDataLibraryFolders(), mx.getDefaultDataSearchPath(), library)
+        _loaded.append(library)
+    return _loaded[0]
+
+
+def _material(document: MaterialX.Document, described: Described, name: str, hex_tiled: bool) -> None:
+    graph = document.addNodeGraph(f"maps_{name}")
+    surface = document.addNode("standard_surface", f"surface_{name}", "surfaceshader")
+    maps = dict(described.maps)
+    inverted = "gloss" in maps and "roughness" not in maps
+    if inverted:
+        maps["roughness"] = maps.pop("gloss")
+    for role, file in maps.items():
+        kind = _INPUTS[role][1] if role in _INPUTS else "float"
+        if role == "normal":
+            node = _normals(graph, file, described.hand, hex_tiled)
+        else:
+            node = _texture(graph, role, file, kind, described, hex_tiled)
+            if role == "roughness" and inverted:
+                node = _of(graph, "invert", "roughness_of_gloss", kind, {"in": node})
+        output = graph.addOutput(role, kind)
+        output.setConnectedNode(node)
+        if role in _INPUTS:
+            target = surface.addInput(_INPUTS[role][0], kind)
+            target.setNodeGraphString(graph.getName())
+            target.setOutputString(role)
+    if "emission" in maps:
+        surface.setInputValue("emission", 1.0)
+    document.addMaterialNode(name, surface)
+
+
+def _texture(graph: Any, role: str, file: str, kind: str, described: Described, hex_tiled: bool) -> Any:
+    """What reads a map. Hex-tiling is of colours alone, so of a gray map the first channel is taken."""
+    if not hex_tiled:
+        node = graph.addNode("image", f"{role}_image", kind)
+    else:
+        node = graph.addNode("hextiledimage", f"{role}_image", "color3")
+        node.setInputValue("scale", 0.0)  # stones have the size that they have
+        if role not in COLOURS:
+            node.setInputValue("falloffcontrast", 0.0)
+    source = node.addInput("file", "filename")
+    source.setValueString(file)
+    if role in COLOURS:
+        source.setColorSpace(_SPACES.get(described.space, described.space))
+    else:
+        source.setColorSpace("none")
+    if hex_tiled and kind == "float":
+        return _of(graph, "extract", f"{role}_gray", kind, {"in": node})
+    return node
+
+
+def _normals(graph: Any, file: str, hand: str, hex_tiled: bool) -> Any:
+    """What reads a map of normals; MaterialX' are OpenGL's."""
+    if hex_tiled:
+        node = graph.addNode("hextilednormalmap", "normal_image", "vector3")
+        source = node.addInput("file", "filename")
+        node.setInputValue("scale", 0.0)
+        if hand == "directx":
+            node.setInputValue("flip_g", True)
+        source.setValueString(file)
+        source.setColorSpace("none")
+        return node
+    image = graph.addNode("image", "normal_image", "vector3")
+    source = image.addInput("file", "filename")
+    source.setValueString(file)
+    source.setColorSpace("none")
+    if hand == "directx":
+        import MaterialX as mx
+
+        turned = _of(graph, "multiply", "normal_turned", "vector3", {"in1": image})
+        turned.setInputValue("in2", mx.Vector3(1, -1, 1))
+        image = _of(graph, "add", "normal_upwards", "vector3", {"in1": turned})
+        image.setInputValue("in2", mx.Vector3(0, 1, 0))
+    return _of(graph, "normalmap", "normal_bumps", "vector3", {"in": image})
+
+
+def _of(graph: Any, category: str, name: str, kind: str, inputs: Mapping[str, Any]) -> Any:
+    node = graph.addNode(category, name, kind)
+    for input_name, source in inputs.items():
+        node.addInput(input_name, source.getType()).setConnectedNode(source)
+    return node
+
+
+# --- USD ---
+
+
+def write_usd(described: Described, folder: Path) -> None:
+    """NAME.usda: UsdPreviewSurface, and in the other variant of 'shading' the MaterialX document by UsdMtlx.
+
+    usd-core from PyPI lacks the plug-in that reads MaterialX: the variant is for programs that have it.
+
+    Raises
+    ------
+    Error
+        usd-core is not installed.
+    """
+    try:
+        from pxr import Gf, Sdf, Usd, UsdShade
+    except ImportError as error:
+        raise Error("usd-core is not installed: pip install usd-core, or usd = false") from error
+    path = folder / f"{described.name}.usda"
+    stage = Usd.Stage.CreateNew(str(path))
+    root = f"/{described.identifier}"
+    material = UsdShade.Material.Define(stage, root)
+    stage.SetDefaultPrim(material.GetPrim())
+    variants = material.GetPrim().GetVariantSets().AddVariantSet("shading")
+    for name in ("materialx", "preview"):
+        variants.AddVariant(name)
+    if (folder / f"{described.name}.mtlx").is_file():
+        variants.SetVariantSelection("materialx")
+        with variants.GetVariantEditContext():
+            source = f"/MaterialX/Materials/{described.identifier}"
+            material.GetPrim().GetReferences().AddReference(f"./{described.name}.mtlx", source)
+    variants.SetVariantSelection("preview")
+    with variants.GetVariantEditContext():
+        shader = UsdShade.Shader.Define(stage, f"{root}/preview")
+        shader.CreateIdAttr("UsdPreviewSurface")
+        reader = UsdShade.Shader.Define(stage, f"{root}/st")
+        reader.CreateIdAttr("UsdPrimvarReader_float2")
+        reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
+        st = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+        for role, file in described.maps.items():
+            inverted = role == "gloss" and "roughness" not in described.maps
+            role = "roughness" if inverted else role
+            if role not in _PREVIEW:
+                continue
+            name, kind, channels = _PREVIEW[role]
+            texture = UsdShade.Shader.Define(stage, f"{root}/{role}")
+            texture.CreateIdAttr("UsdUVTexture")
+            texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(f"./{file}")
+            texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
+            space = "sRGB" if role in COLOURS and described.space.startswith("srgb") else "raw"
+            texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set(space)
+            for wrap in ("wrapS", "wrapT"):
+                texture.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("repeat")
+            scale, bias = _range(role, described.hand, inverted)
+            if scale is not None:
+                texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*scale))
+                texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*bias))
+            kinds = {"rgb": Sdf.ValueTypeNames.Float3, "r": Sdf.ValueTypeNames.Float}
+            output = texture.CreateOutput(channels, kinds[channels])
+            shader.CreateInput(name, getattr(Sdf.ValueTypeNames, kind)).ConnectToSource(output)
+        surface = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
+        material.CreateSurfaceOutput().ConnectToSource(surface)
+    stage.GetRootLayer().Save()
+
+
+def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+    """What texels are multiplied by, and what is added."""
+    if role == "normal":  # UsdPreviewSurface wants -1..1, y up
+        y = -1 if hand == "directx" else 1
+        return (2, 2 * y, 2, 1), (-1, -y, -1, 0)
+    if inverted:
+        return (-1, -1, -1, 1), (1, 1, 1, 0)
+    return None, ()
+
+
+# --- Blender ---
+
+
+def blender_catalogue(paths: Iterable[str]) -> str:
+    """Blender's list of catalogues: a line for each path, with an id that is the same in every run."""
+    lines = ["# Catalogues of assets for Blender's asset browser.", "VERSION 1", ""]
+    lines += [f"{catalogue_id(path)}:{path}:{path.replace('/', '-')}" for path in sorted(set(paths))]
+    return "\n".join(lines) + "\n"
+
+
+def catalogue_id(path: str) -> str:
+    """The id of a catalogue."""
+    return str(uuid.uuid5(_NAMESPACE, path))

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a file's name says of the map in it: the conventions of Poly Haven, ambientCG, Megascans and Substance.
+
+`aerial_rocks_02_nor_gl_2k.exr`, `Rock053_2K-JPG_NormalGL.jpg`, `tlzxbbr_2K_Albedo.jpg`, `Wall_Base_Color.png`: a name
+of the material, then what the map is, with size and format before or behind. What is not said so is not guessed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+COLOURS = ("color", "specular", "emission")  # roles that are colours; all others are data
+PACKED = "arm"  # ambient occlusion, roughness and metalness as red, green and blue
+PACKED_ROLES = ("ao", "roughness", "metal")
+ROLES: dict[str, tuple[str, ...]] = {
+    "color": ("diff", "diffuse", "col", "color", "colour", "albedo", "base color", "base colour", "basecolor"),
+    "normal": ("nor", "nrm", "norm", "normal", "normals", "nml"),
+    "roughness": ("rough", "roughness", "rgh"),
+    "gloss": ("gloss", "glossiness"),
+    "metal": ("metal", "metallic", "metalness"),
+    "ao": ("ao", "ambient occlusion", "ambientocclusion", "occlusion"),
+    "height": ("disp", "displacement", "height"),
+    "opacity": ("opacity", "alpha"),
+    "specular": ("spec", "specular"),
+    "emission": ("emission", "emissive"),
+    PACKED: ("arm", "orm"),
+}
+HANDS: dict[str, tuple[str, ...]] = {
+    "opengl": ("gl", "ogl", "opengl", "open gl"),
+    "directx": ("dx", "directx", "direct x"),
+}
+_WORDS = re.compile(r"\d+x\d+|\d+[A-Za-z]*|[A-Z]+(?![a-z])\d*|[A-Z]?[a-z]+\d*")
+_MARK = re.compile(r"\d{1,2}k|\d+x\d+|(8|16|32)bit|jpe?g|png|exr|tiff?", re.IGNORECASE)
+
+
+class Name(NamedTuple):
+    """A file's name, read.
+
+    Attributes
+    ----------
+    material : str
+        What is left of the stem; '' where the name is a role alone.
+    role : str
+        One of `ROLES`; '' where the name says none.
+    hand : str
+        'opengl', 'directx' or '', of a map of normals.
+    marks : tuple of str
+        Words of size and format, in lower case.
+    """
+
+    material: str
+    role: str = ""
+    hand: str = ""
+    marks: tuple[str, ...] = ()
+
+
+def read_name(stem: str, further: Mapping[str, Sequence[str]] | None = None) -> Name:
+    """Read the stem of a file's name.
+
+    Parameters
+    ----------
+    stem : str
+        Without folder and extension.
+    further : mapping of role to words, optional
+        What else says a role, in lower case.
+    """
+    found = list(_WORDS.finditer(stem))
+    words = [match[0].lower() for match in found]
+    marks = _drop_marks(words)
+    hand = _drop_last(words, HANDS)
+    phrases = {role: (*own, *(further or {}).get(role, ())) for role, own in ROLES.items()}
+    role = _drop_last(words, phrases)
+    if hand and role != "normal":  # then it was no word about normals
+        words = [match[0].lower() for match in found]
+        marks, hand, role = _drop_marks(words), "", ""
+    if role:
+        marks += _drop_marks(words)
+    end = found[len(words)].start() if len(words) < len(found) else len(stem)
+    return Name(stem[:end].rstrip("_-. ") if end < len(stem) else stem, role, hand, tuple(marks))
+
+
+def _drop_marks(words: list[str]) -> list[str]:
+    """Take words of size and format off the end."""
+    marks = []
+    while words and _MARK.fullmatch(words[-1]):
+        marks.append(words.pop())
+    return marks
+
+
+def _drop_last(words: list[str], phrases: Mapping[str, Sequence[str]]) -> str:
+    """Take the longest phrase off the end, and say whose it is; '' where there is none."""
+    for length in (2, 1):
+        last = " ".join(words[-length:])
+        for name, own in phrases.items():
+            if len(words) >= length and last in own:
+                del words[-length:]
+                return name
+    return ""

@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a material: as it is, repeated, lit on a sphere or a plane, and beside its rival, hex-tiling.
+
+Light is one lobe of GGX (Walter, Marschner, Li, Torrance, Microfacet Models for Refraction, EGSR 2007) over Lambert.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..charts.drawing import shown_pixels
+from ..charts.tile_preview import area_means, plane_in_perspective, repeated
+from ..color.config import as_float
+from ..core.image import Image, channels_of
+from ..deferred import np, oiio
+from ..errors import Error
+from ..session import Session
+
+CARD = 160  # px: height of a card, which the report shows
+_MOST = 512  # px of a map that is looked at
+_THUMBNAIL, _REPEATED, _LIT, _RIVALS = 256, 512, 320, 256  # px
+_ACROSS = 4  # tiles beside each other where two ways to repeat them are compared
+_PAPER = 0.93
+_LIGHTS = (((-0.55, 0.65, 0.55), 3.6), ((0.8, 0.15, 0.35), 0.8))  # towards it, and how bright; x right, y up, z near
+_SKY, _GROUND = 0.7, 0.25  # of what comes from all around
+_QUALITY = 85  # of JPEG
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Maps of a tile as they are drawn, all of one size.
+
+    Attributes
+    ----------
+    colour : (h, w, 3) float32
+        Linear Rec. 709.
+    normal : (h, w, 3) float32
+        Of length 1, y up.
+    roughness, metal, ao : (h, w, 1) float32
+    """
+
+    colour: np.ndarray
+    normal: np.ndarray
+    roughness: np.ndarray
+    metal: np.ndarray
+    ao: np.ndarray
+
+    @classmethod
+    def of(cls, maps: Mapping[str, Image], session: Session, hand: str) -> Looks:
+        """Of delivered maps; what there is none of is plain. `hand`: of their normals, 'opengl' or 'directx'."""
+        part = maps["color"].first
+        colour = _reduced(_linear(shown_pixels(part.pixels(), part, session)))
+        size = colour.shape[:2]
+
+        def scalar(role: str, plain: float) -> np.ndarray:
+            if role not in maps:
+                return np.full((*size, 1), plain, np.float32)
+            return np.clip(_fitted(values(maps[role])[..., :1], size), 0, 1)
+
+        rough = 1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", 0.7)
+        normal = np.zeros((*size, 3), np.float32)
+        normal[..., 2] = 1
+        if "normal" in maps:
+            normal = _fitted(vectors(maps["normal"]), size) * np.float32([1, -1 if hand == "directx" else 1, 1])
+            normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+        return cls(colour, normal, rough, scalar("metal", 0.0), scalar("ao", 1.0))
+
+    def mean_lab(self) -> np.ndarray:
+        """The mean colour, in CIE Lab D65."""
+        return lab_of(self.colour.reshape(-1, 3).mean(axis=0))
+
+    def pictures(self, shape: str, lattice: bool) -> dict[str, np.ndarray]:
+        """All pictures of an asset by file name, sRGB (h, w, 3).
+
+        Parameters
+        ----------
+        shape : str
+            'sphere' or 'plane': what is lit.
+        lattice : bool
+            The tile has one, which hex-tiling would break.
+        """
+        lit = self.sphere(_LIT) if shape == "sphere" else self.plane(_LIT)
+        twice = repeated(self.colour, 2, _REPEATED)
+        made = {
+            "thumbnail.jpg": _srgb(_reduced(self.colour, _THUMBNAIL)),
+            "preview_2x2.jpg": _srgb(twice),
+            "lit.jpg": _srgb(lit),
+        }
+        card = [lit, twice]
+        if not lattice:
+            rivals = [repeated(self.colour, _ACROSS, _RIVALS), hex_tiled(self.colour, _ACROSS, _RIVALS)]
+            made["image_and_hextiled.jpg"] = _srgb(_beside(rivals, _RIVALS))
+            card += rivals
+        made["card.jpg"] = _srgb(_beside(card, CARD))
+        return made
+
+    def sphere(self, side: int) -> np.ndarray:
+        """On a sphere, seen from afar: linear, (side, side, 3)."""
+        fine = 2 * side  # twice as fine, then halved
+        at = (np.arange(fine, dtype=np.float32) + 0.5) / fine * 2.1 - 1.05
+        x, y = np.meshgrid(at, -at)
+        inside = x * x + y * y < 1
+        z = np.sqrt(np.maximum(1 - x * x - y * y, 1e-6))
+        bulge = np.stack([x, y, z], axis=-1)
+        round_axis = np.stack([z, np.zeros_like(x), -x], axis=-1)  # the way on which longitude grows
+        round_axis /= np.maximum(np.linalg.norm(round_axis, axis=-1, keepdims=True), 1e-6)
+        upwards = np.cross(bulge, round_axis)
+        # one tile is as wide as a quarter of the equator is long
+        u, v = np.arctan2(x, z) * (2 / np.pi), np.arccos(np.clip(y, -1, 1)) * (2 / np.pi)
+        bumps = _bilinear(self.normal, u, v)
+        normal = bumps[..., :1] * round_axis + bumps[..., 1:2] * upwards + bumps[..., 2:] * bulge
+        picture = self._lit(u, v, normal, (0.0, 0.0, 1.0))
+        picture[~inside] = _linear(np.float32(_PAPER))
+        return repeated(picture, 1, side)
+
+    def plane(self, side: int) -> np.ndarray:
+        """On a plane to the horizon, lit from behind the viewer's left: linear, (side, side, 3)."""
+        height, width = self.colour.shape[:2]
+        v, u = np.meshgrid(
+            (np.arange(height, dtype=np.float32) + 0.5) / height, (np.arange(width, dtype=np.float32) + 0.5) / width,
+            indexing="ij",
+        )  # fmt: skip
+        lit = self._lit(u, v, _bilinear(self.normal, u, v), (0.0, -0.4, 0.9))
+        return plane_in_perspective(lit, side, side)
+
+    def _lit(self, u: np.ndarray, v: np.ndarray, normal: np.ndarray, eye: tuple[float, float, float]) -> np.ndarray:
+        """What the eye sees of places of the tile whose normals stand so."""
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
+        view = np.float32(eye) / np.linalg.norm(eye)
+        base, rough, metal, ao = (_bilinear(m, u, v) for m in (self.colour, self.roughness, self.metal, self.ao))
+        alpha = np.maximum(rough, 0.05) ** 2
+        reflected = 0.04 * (1 - metal) + base * metal  # at normal incidence
+        n_v = np.maximum((normal @ view)[..., None], 1e-3)
+        from_all = _GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[..., 1:2])
+        seen = from_all * ao * (base * (1 - metal) + reflected)
+        for towards, strength in _LIGHTS:
+            light = np.float32(towards) / np.linalg.norm(towards)
+            half = (light + view) / np.linalg.norm(light + view)
+            n_l, n_h = (np.maximum((normal @ d)[..., None], 0) for d in (light, half))
+            fresnel = reflected + (1 - reflected) * (1 - float(half @ view)) ** 5
+            spread = alpha**2 / np.maximum(np.pi * (n_h**2 * (alpha**2 - 1) + 1) ** 2, 1e-9)
+            shadowed = _smith(n_l, alpha) * _smith(n_v, alpha)
+            glance = fresnel * spread * shadowed / np.maximum(4 * n_l * n_v, 1e-4)
+            seen = seen + strength * n_l * (base * (1 - metal) * (1 - fresnel) / np.pi + glance)
+        return seen
+
+
+def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
+    """A tile laid out by hex-tiling, as MaterialX' `hextiledimage` does with rotation 1 and scale 0.
+
+    The plane is a grid of triangles; at each corner lies a hexagon that shows the tile turned and moved at random, and
+    a place blends the three around it by the seventh powers of its barycentric coordinates (M. S. Mikkelsen, Practical
+    Real-Time Hex-Tiling, JCGT 11(2), 2022).
+
+    Parameters
+    ----------
+    texels : (h, w, c) float
+    across, side : int
+        Tiles along a side of the picture, and its px.
+
+    Returns
+    -------
+    (side, side, c) float32
+    """
+    fine = _fitted(texels, (max(8, side // across),) * 2)
+    at = (np.arange(side, dtype=np.float64) + 0.5) / side * across
+    u, v = np.meshgrid(at, at)
+    scale = 2 * np.sqrt(3)
+    skewed = np.stack([u - v / np.sqrt(3), 2 * v / np.sqrt(3)], axis=-1) * scale
+    corner = np.floor(skewed)
+    x, y = np.moveaxis(skewed - corner, -1, 0)
+    far = x + y > 1  # the upper triangle of a cell
+    ids = np.stack([corner + far[..., None], corner + np.stack([far, ~far], -1), corner + np.stack([~far, far], -1)])
+    weights = np.stack([np.abs(1 - x - y), np.where(far, 1 - y, y), np.where(far, 1 - x, x)]) ** 7
+    weights /= weights.sum(axis=0)
+    shown = np.zeros((side, side, texels.shape[2]))
+    for at_corner, weight in zip(ids, weights, strict=True):
+        first, second = _hashes(at_corner)
+        turn = 2 * np.pi * first
+        centre_u = (at_corner[..., 0] + 0.5 * at_corner[..., 1]) / scale
+        centre_v = at_corner[..., 1] * np.sqrt(3) / 2 / scale
+        right, down = u - centre_u, v - centre_v
+        place_u = np.cos(turn) * right + np.sin(turn) * down + centre_u + first
+        place_v = -np.sin(turn) * right + np.cos(turn) * down + centre_v + second
+        shown += weight[..., None] * _bilinear(fine, place_u, place_v)
+    return shown.astype(np.float32)
+
+
+def values(image: Image) -> np.ndarray:
+    """The colour channels of an image's first part as floats, whole numbers in 0 to 1: (h, w, c)."""
+    pixels = image.first.pixels()[..., list(channels_of(image.first.spec).colour)]
+    return as_float(pixels)
+
+
+def vectors(normals: Image) -> np.ndarray:
+    """A map of normals as vectors: decoded from 0..1 where none is negative."""
+    decoded = values(normals)
+    return decoded if decoded.min() < 0 else 2 * decoded - 1
+
+
+def lab_of(linear: np.ndarray) -> np.ndarray:
+    """Linear Rec. 709 as CIE Lab D65: (..., 3)."""
+    xyz = linear @ np.array([[0.4124564, 0.2126729, 0.0193339],
+                             [0.3575761, 0.7151522, 0.1191920],
+                             [0.1804375, 0.0721750, 0.9503041]]) / [0.95047, 1.0, 1.08883]  # fmt: skip
+    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
+
+
+def lab_of_srgb(code: Sequence[float]) -> np.ndarray:
+    """A colour of sRGB, 0 to 1, as CIE Lab D65."""
+    return lab_of(_linear(np.asarray(code, np.float64)))
+
+
+def save(picture: np.ndarray, path: Path) -> None:
+    """Write an sRGB picture (h, w, 3), 0 to 1, as a JPEG."""
+    spec = oiio.ImageSpec(picture.shape[1], picture.shape[0], 3, oiio.UINT8)
+    spec.attribute("Compression", f"jpeg:{_QUALITY}")
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    out = oiio.ImageOutput.create(str(path))
+    pixels = np.ascontiguousarray(np.clip(picture * 255 + 0.5, 0, 255).astype(np.uint8))
+    if out is None or not out.open(str(path), spec) or not out.write_image(pixels) or not out.close():
+        raise Error(f"{path}: {out.geterror() if out else oiio.geterror()}")
+
+
+def _hashes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two numbers from 0 to 1 for every pair of whole ones."""
+    a, b = ids[..., 0].astype(np.int64).astype(np.uint32), ids[..., 1].astype(np.int64).astype(np.uint32)
+    mixed = a * np.uint32(0x9E3779B1) ^ b * np.uint32(0x85EBCA77)
+    for shift, factor in ((15, 0x2C1B3C6D), (12, 0x297A2D39)):
+        mixed = (mixed ^ mixed >> np.uint32(shift)) * np.uint32(factor)
+    mixed ^= mixed >> np.uint32(15)
+    return (mixed & np.uint32(0xFFFF)) / 65536, (mixed >> np.uint32(16)) / 65536
+
+
+def _bilinear(texels: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Texels of a tile at places whose whole numbers are its corners."""
+    height, width = texels.shape[:2]
+    x, y = u * width - 0.5, v * height - 0.5
+    left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    right, down = (x - left)[..., None], (y - top)[..., None]
+    columns, rows = (left % width, (left + 1) % width), (top % height, (top + 1) % height)
+    above = texels[rows[0], columns[0]] * (1 - right) + texels[rows[0], columns[1]] * right
+    below = texels[rows[1], columns[0]] * (1 - right) + texels[rows[1], columns[1]] * right
+    return above * (1 - down) + below * down
+
+
+def _smith(cosine: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """How much of a direction the facets leave free (Walter et al. eq. 34)."""
+    return 2 * cosine / np.maximum(cosine + np.sqrt(alpha**2 + (1 - alpha**2) * cosine**2), 1e-6)
+
+
+def _reduced(texels: np.ndarray, most: int = _MOST) -> np.ndarray:
+    longer = max(texels.shape[:2])
+    height, width = (max(1, round(n * min(1, most / longer))) for n in texels.shape[:2])
+    return _fitted(texels, (height, width))
+
+
+def _fitted(texels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Texels as means over so many cells: (height, width, c) float32."""
+    if texels.shape[:2] == size:
+        return texels.astype(np.float32)
+    for axis, count in enumerate(size):
+        borders = np.linspace(0, texels.shape[axis], count + 1)
+        texels = np.moveaxis(area_means(np.moveaxis(texels, axis, 0), borders[:-1], borders[1:]), 0, axis)
+    return texels.astype(np.float32)
+
+
+def _beside(panels: list[np.ndarray], height: int, gap: int = 6) -> np.ndarray:
+    """Panels of one height in a row."""
+    paper = np.full((height, gap, 3), _linear(np.float32(_PAPER)))
+    row = [piece for panel in panels for piece in (repeated(panel, 1, height), paper)]
+    return np.concatenate(row[:-1], axis=1)
+
+
+def _srgb(linear: np.ndarray) -> np.ndarray:
+    linear = np.clip(linear, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def _linear(code: np.ndarray) -> np.ndarray:
+    return np.where(code <= 0.04045, code / 12.92, ((np.maximum(code, 0) + 0.055) / 1.055) ** 2.4).astype(np.float32)
