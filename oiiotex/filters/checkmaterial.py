@@ -13,6 +13,7 @@ from ..core.access import ScanThenMap
 from ..core.image import Image
 from ..core.op import Kind, Output, Space
 from ..core.parameters import Words, image, param
+from ..deferred import oiio
 from ..errors import ParameterError
 from ..exemplar.materials import KINDS_HELP, kinds_of
 from ..session import Session
@@ -26,6 +27,11 @@ def _lines(report: dict[str, Any]) -> Iterator[str]:
         yield f"{finding['level']}: {finding['map']}: {finding['text']}"
     levels = [finding["level"] for finding in report["findings"]]
     yield f"{len(report['maps'])} maps: {levels.count('error')} errors, {levels.count('warning')} warnings"
+
+
+def _without_hash(spec: oiio.ImageSpec) -> None:
+    """Nobody has looked whether it is that of these pixels."""
+    spec.erase_attribute("oiio:SHA-1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +74,7 @@ class CheckMaterial(ScanThenMap):
         if self.n != len(images):
             raise ParameterError(f"n={self.n}: there are {len(images)} maps")
         kinds = kinds_of(self.kinds, len(images), data=False)
-        first, *others = ({"map": one.first} for one in images)
+        first, *others = ({"map": one.first.respecced(_without_hash)} for one in images)
         return ({**first, "report": lambda: self._report(images, kinds, session)}, *others)
 
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:

@@ -58,7 +58,8 @@ class EstimateAO(Gather):
         def look(heights: np.ndarray) -> np.ndarray:
             from ..capture.occlusion import visible_sky  # what a line alone says needs none of it
 
-            return visible_sky(heights, self.radius)[..., None]
+            with np.errstate(invalid="ignore"):  # around NaN and Inf is NaN
+                return visible_sky(heights, self.radius)[..., None]
 
         def fetch(window: Window) -> np.ndarray:
             around = as_float(_around(near, window, self.radius, wraps)[..., channel]) * np.float32(scale)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..color.config import colour_space
 from ..color.lab import working_values
 from ..core.access import Whole
 from ..core.attributes import ESTIMATE, HEIGHT_PX
@@ -78,8 +79,9 @@ class EstimateHeight(Whole):
         session.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
         values, opaque = working_values(self.source, session, self.working_space)
         session.advance(1, 2)
+        is_data = self.data or colour_space(self.source, session.color, session.autocc) is None
         found = relief(
-            _luminance(values[..., 0], self.working_space is Space.LAB), opaque, sigma, self.light, self.overcast,
+            _luminance(values[..., 0], not is_data), opaque, sigma, self.light, self.overcast,
             self.elevation, wraps,
         )  # fmt: skip
         session.advance(2, 2)
