@@ -9,6 +9,7 @@ up; which way green points follows from their own slopes, which have no curl the
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -21,6 +22,7 @@ from ..core.image import Image, channels_of
 from ..core.window import Window
 from ..deferred import np
 from ..errors import BrokenValues, ColorError, ImageError
+from ..io.description import is_tagged
 from ..scan import scan
 from ..session import Session
 from ..stationarity.grid_statistics import MARGIN
@@ -28,16 +30,18 @@ from ..stationarity.local_moments import drift_of
 
 # CIE L of the darkest and the brightest sRGB values of what is no metal, 30 and 240 (Allegorithmic, The PBR guide,
 # part 2: charcoal and fresh snow), and of a surface that reflects more light than it gets
-DARKEST, BRIGHTEST, IMPOSSIBLE = 10.0, 94.8, 100.5
+DARKEST, BRIGHTEST, IMPOSSIBLE = 11.3, 94.8, 100.5
 _FEW = 0.01  # of the pixels: holes and glints
-DRIFT = 4.0  # L: standard deviation of local means; of albedo maps in shared/data at most 3.3
+DRIFT = (
+    4.0  # L: standard deviation of local means; of two albedo maps 0.8 and 2.9, of photos with uneven light 4.1 to 7.1
+)
 _DRIFT_SCALE = 1 / 8  # of the longer side
 _LIT, _OCCLUDED = 0.1, 0.25  # of the variance of lightness, explained by normals and by heights
 _LENGTH = 0.05  # by which a normal may be off 1; 8 bits are off by 0.007
 _LEAN = 5.0  # degrees
-_SURE = 1.2  # one curl over the other
-_AGREE = 0.1  # correlation of slopes
+_AGREE = 0.1  # correlation from which slopes agree; of two scans by curl 0.22 and 0.49, by their heights 0.4 to 0.7
 _STEEPEST = 8.0  # a slope beyond is taken as this
+_FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff"}
 _GRID = 1024.0  # whole numbers of this many steps add up in any order
 
 ERROR, WARNING = "error", "warning"
@@ -159,10 +163,13 @@ def _broken(one: _Map) -> Iterator[Finding]:
 
 
 def _tagged(one: _Map, session: Session) -> Iterator[Finding]:
-    tag = one.image.first.spec.get_string_attribute(TAG)
-    if tag and not session.color.is_data(tag):
+    """A colour space that a map of data says; not what readers of JPEG and PNG assume of files that say none."""
+    spec, path = one.image.first.spec, one.image.source
+    tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
+    assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
+    if tag and not assumed and not session.color.is_data(tag):
         text = f"says '{tag}': a renderer that believes it decodes what is no colour: --iscolorspace data"
-        yield Finding(WARNING, one.image.source, "colourspace", text)
+        yield Finding(WARNING, path, "colourspace", text)
 
 
 # --- albedo ---
@@ -308,40 +315,42 @@ def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Finding]:
     """Which way green points, by the curl of slopes and by heights."""
-    part, vectors = normal.image.first, _decoder(normal)
+    part, vectors, measures = normal.image.first, _decoder(normal), normal.measures
     channel = None if height is None else channels_of(height.image.first.spec).colour[0]
     low, high = (0.0, 1.0) if height is None else _limits(height)
-    curls, along = np.zeros(2), np.zeros((2, 3))
+    sums = np.zeros((3, 3), np.int64)
     for band in bands(part):
         around = band.grown(0, 1) & part.window
+        if min(around.size) < 3:
+            continue
         right, down = _slopes(vectors(part.read(around)))
-        right_down, down_right = np.diff(right, axis=0)[:, :-1], np.diff(down, axis=1)[:-1]
-        curls += [float(((right_down - sign * down_right) ** 2).sum()) for sign in (1, -1)]
+        pairs = [(_along(right, 0), _along(down, 1))]  # of a surface both are its second derivative across
         if height is not None:
             raised = (as_float(height.image.first.read(around)[..., channel]) - low) / max(high - low, 1e-12)
-            steps = np.rint(raised * 2**20).astype(np.int64)
-            for n, (slope, step) in enumerate(
-                ((right[:, :-1], np.diff(steps, axis=1)), (down[:-1], np.diff(steps, axis=0)))
-            ):
-                products = slope * step, slope**2, step**2
-                along[n] += [float(each.sum()) for each in products]
-    opengl, directx = (curls / max(float(curls.sum()), 1e-12)).tolist()
-    agree = (along[:, 0] / np.sqrt(np.maximum(along[:, 1] * along[:, 2], 1e-12))).tolist()
-    normal.measures["curl_opengl"], normal.measures["curl_directx"] = opengl, directx
-    found, by = None, ""
-    if max(opengl, directx) > _SURE * min(opengl, directx):
-        found, by = ("opengl" if opengl < directx else "directx"), "their slopes"
+            steps = np.rint(raised * 2**16).astype(np.int64)
+            pairs += [(right[1:-1, 1:-1], _along(steps, 1)), (down[1:-1, 1:-1], _along(steps, 0))]
+        for n, (one, other) in enumerate(pairs):
+            sums[n] += [each.sum() for each in (one * other, one * one, other * other)]
+    alike = sums[:, 0] / np.sqrt(np.maximum(sums[:, 1].astype(float) * sums[:, 2], 1.0))
+    measures["no_curl"], found, by = float(alike[0]), None, ""
+    if abs(alike[0]) > _AGREE:
+        found, by = ("opengl" if alike[0] > 0 else "directx"), "their slopes"
     if height is not None:
-        normal.measures["agrees_x"], normal.measures["agrees_y"] = agree
-        if agree[0] < -_AGREE:
+        measures["agrees_x"], measures["agrees_y"] = alike[1:].tolist()
+        if alike[1] < -_AGREE:
             yield Finding(ERROR, normal.image.source, "inverted", "its slopes to the right go down where heights go up")
-        if abs(agree[1]) > _AGREE:  # heights that are upside down turn both axes
-            found, by = ("opengl" if (agree[1] > 0) == (agree[0] >= -_AGREE) else "directx"), "the heights"
-    normal.measures["convention"] = found
+        if abs(alike[2]) > _AGREE:  # heights that are upside down turn both axes
+            found, by = ("opengl" if (alike[2] > 0) == (alike[1] >= -_AGREE) else "directx"), "the heights"
+    measures["convention"] = found
     if found not in (None, convention):
         points = "down (DirectX)" if found == "directx" else "up (OpenGL)"
         text = f"green points {points}, by {by}: --mulc 1,-1,1 --addc 0,1,0 turns it over"
         yield Finding(ERROR, normal.image.source, "handedness", text)
+
+
+def _along(values: np.ndarray, axis: int) -> np.ndarray:
+    """Central differences along an axis, times two, of all pixels but those at the border."""
+    return (values[2:, 1:-1] - values[:-2, 1:-1]) if axis == 0 else (values[1:-1, 2:] - values[1:-1, :-2])
 
 
 def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, session: Session) -> Iterator[Finding]:

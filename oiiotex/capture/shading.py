@@ -172,6 +172,12 @@ def _shading(
     return shading
 
 
+def luminance(lightness: np.ndarray) -> np.ndarray:
+    """Linear luminance, 1 of white, of CIE L; float32."""
+    root = (lightness + np.float32(16)) / np.float32(116)
+    return np.where(lightness > 8, root * root * root, lightness * np.float32(27 / 24389))
+
+
 def normals_of(heights: np.ndarray, wraps: tuple[bool, bool]) -> np.ndarray:
     """Unit normals of heights in px: (height, width, 3) float32; x right, y up (OpenGL), z towards who looks.
 

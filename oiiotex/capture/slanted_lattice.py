@@ -19,7 +19,8 @@ from ..deferred import np
 from ..regularity.autocorrelation import autocorrelation, high_passed
 from ..regularity.lattice import find_lattice
 
-_SIDE = 256  # px; longer side of the photo while l is looked for
+_OPAQUE = 0.99  # of a pixel that counts
+_SIDE = 192  # px; longer side of the photo while l is looked for
 _STEEPEST, _STEP = 0.8, 0.2  # of l, times the photo's sides: at a corner 1 + l x is 0.2 at least
 _FINEST = 0.2 / 16
 _SAME = 6  # px; offsets nearer than that are alike whatever repeats
@@ -76,8 +77,7 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
     small = [max(1, round(n * factor)) for n in (width, height)]
     usable = np.ones((height, width, 1), np.float32) if opaque is None else opaque[..., None].astype(np.float32)
     values = values[..., :3] * (usable > 0)
-    looked = resized(values, *small).astype(np.float64), resized(usable, *small)[..., 0]
-    vanishing = _most_alike(*looked) / size
+    vanishing = _most_alike(resized(values, *small), resized(usable, *small)[..., 0]) / size
     rest, of_parts = _still_slanted(*_from_the_front(values, usable[..., 0], vanishing))
     vanishing = vanishing + rest
     lattice = find_lattice(*_from_the_front(values, usable[..., 0], vanishing))
@@ -94,7 +94,7 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
 
 
 def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (height, width, 3) with that l straightened about the middle, and which of them count."""
+    """Values (height, width, n) with that l straightened about the middle, and which of them count."""
     from scipy.ndimage import map_coordinates  # scipy is not loaded before it is needed
 
     height, width = usable.shape
@@ -104,18 +104,21 @@ def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarra
     x = plane / depth[..., None] + half
     within = (x >= 0).all(-1) & (x <= [width - 1, height - 1]).all(-1)
     at = np.where(within[..., None], x, 0)[..., ::-1].transpose(2, 0, 1)
-    front = np.stack([map_coordinates(values[..., c], at, order=1) for c in range(3)], -1)
-    return front, within & (map_coordinates(usable, at, order=1) > 0.99)
+    front = np.stack([map_coordinates(values[..., c], at, order=1) for c in range(values.shape[2])], -1)
+    return front, within & (map_coordinates(usable, at, order=1) > _OPAQUE)
 
 
 def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """l times the photo's sides, from a grid, then from ever finer ones around the best."""
+    # the direction of Lab in which it varies most is enough here
+    texture = high_passed(values.astype(np.float64), usable > _OPAQUE)
+    texture = texture @ np.linalg.eigh(np.einsum("ijk,ijl->kl", texture, texture))[1][:, -1:]
     size = np.array(usable.shape[::-1])
     known: dict[tuple[int, int], float] = {}
 
     def likeness(at: tuple[int, int]) -> float:
         if at not in known:
-            front, within = _from_the_front(values, usable, np.array(at) * _FINEST / size)
+            front, within = _from_the_front(texture, usable, np.array(at) * _FINEST / size)
             known[at] = _self_likeness(front, within) if within.mean() > _LEAST * usable.mean() else 0.0
         return known[at]
 
@@ -131,7 +134,7 @@ def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
 
 def _self_likeness(values: np.ndarray, usable: np.ndarray) -> float:
     """The mean square of the autocorrelation."""
-    alike = autocorrelation(high_passed(values, usable), usable)
+    alike = autocorrelation(values * usable[..., None], usable)
     x, y = alike.offsets()
     weight = ((x * x + y * y >= _SAME**2) & (alike.weight > 0)).astype(float)
     return float((alike.ncc**2 * weight).sum() / max(float(weight.sum()), 1e-12))

@@ -1028,18 +1028,18 @@ def estimateroughness(
 ) -> ImageBuf:
     """Guess how rough a surface is from its photo's local contrast.
 
-    Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections, and the contrast of lightness
-    is high; where it is rough, light is spread and contrast low. Roughness is `middle` where contrast, the standard
-    deviation of L through a Gaussian of sigma, is that of the whole photo, and at most `amount` more or less.
-    Paint that is patterned looks smooth to it, and a photo under an overcast sky says next to nothing: where a scan has
-    roughness, use that. It needs no more memory for a large photo than for a small one.
+    Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections. What is looked at is the
+    contrast of the finest detail, in linear light, over a Gaussian of sigma. Roughness is `middle` where that is as in
+    the whole photo, and at most `amount` more or less. It is a weak guess (docs/texestimateroughness.md has figures):
+    fine paint looks smooth to it, and a photo under an overcast sky says next to nothing. Where a scan has roughness,
+    use that. It needs no more memory for a large photo than for a small one.
 
     Parameters
     ----------
     source : ImageLike
         the photo
     sigma : float | None, default None
-        scale at which contrast is seen; longer side / 64, 2 at least, when left out; a number >= 1 and <= 1000000 px
+        scale of the contrast; longer side / 16, 2 at least, when left out; a number >= 1 and <= 1000000 px
     middle : float, default 0.6
         roughness where contrast is as everywhere; a number >= 0 and <= 1
     amount : float, default 0.3

@@ -69,7 +69,13 @@ class EstimateHeight(Whole):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """Heights, and normals where they are asked for."""
-        from ..capture.shading import BYTES, normals_of, padded_size, relief  # what a line alone says needs none of it
+        from ..capture.shading import (  # what a line alone says needs none of it
+            BYTES,
+            luminance,
+            normals_of,
+            padded_size,
+            relief,
+        )
 
         if self.overcast and self.light is not None:
             raise ParameterError(f"{self.name}: light={self.light:g} and overcast=1 exclude each other")
@@ -80,10 +86,8 @@ class EstimateHeight(Whole):
         values, opaque = working_values(self.source, session, self.working_space)
         session.advance(1, 2)
         is_data = self.data or colour_space(self.source, session.color, session.autocc) is None
-        found = relief(
-            _luminance(values[..., 0], not is_data), opaque, sigma, self.light, self.overcast,
-            self.elevation, wraps,
-        )  # fmt: skip
+        seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])
+        found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
         session.advance(2, 2)
         side = "an overcast sky" if found.light is None else f"{found.light:.0f} degrees"
         low = float(found.heights.min())
@@ -104,11 +108,3 @@ class EstimateHeight(Whole):
         if self.convention == "directx":
             normals = normals * np.array([1, -1, 1], np.float32)
         return from_pixels("normal", 0.5 + 0.5 * normals, spec)
-
-
-def _luminance(lightness: np.ndarray, colour: bool) -> np.ndarray:
-    """Linear luminance of CIE L, (height, width) float32; data are luminance."""
-    if not colour:
-        return lightness / np.float32(100)
-    root = (lightness + np.float32(16)) / np.float32(116)
-    return np.where(lightness > 8, root**3, lightness * np.float32(27 / 24389))

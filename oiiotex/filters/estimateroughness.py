@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..color.lab import lens_of
+from ..color.lab import Lens, lens_of
 from ..core.access import ScanThenMap
 from ..core.attributes import ESTIMATE
-from ..core.image import Image, Part, measure_spec
+from ..core.image import Image, Part, channels_of, measure_spec
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..core.window import Window
@@ -19,18 +18,16 @@ from ..session import Session
 from ..stationarity.grid_statistics import Surface
 from ..stationarity.local_moments import drift_of
 
-log = logging.getLogger("oiiotex")
-
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRoughness(ScanThenMap):
     """Guess how rough a surface is from its photo's local contrast.
 
-    Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections, and the contrast of lightness
-    is high; where it is rough, light is spread and contrast low. Roughness is `middle` where contrast, the standard
-    deviation of L through a Gaussian of sigma, is that of the whole photo, and at most `amount` more or less.
-    Paint that is patterned looks smooth to it, and a photo under an overcast sky says next to nothing: where a scan has
-    roughness, use that. It needs no more memory for a large photo than for a small one.
+    Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections. What is looked at is the
+    contrast of the finest detail, in linear light, over a Gaussian of sigma. Roughness is `middle` where that is as in
+    the whole photo, and at most `amount` more or less. It is a weak guess (docs/texestimateroughness.md has figures):
+    fine paint looks smooth to it, and a photo under an overcast sky says next to nothing. Where a scan has roughness,
+    use that. It needs no more memory for a large photo than for a small one.
     """
 
     name: ClassVar[str] = "estimateroughness"
@@ -45,7 +42,7 @@ class EstimateRoughness(ScanThenMap):
         ge=1,
         le=1e6,
         unit="px",
-        help="scale at which contrast is seen; longer side / 64, 2 at least, when left out",
+        help="scale of the contrast; longer side / 16, 2 at least, when left out",
     )
     middle: float = param(0.6, ge=0, le=1, help="roughness where contrast is as everywhere")
     amount: float = param(0.3, ge=0, le=1, help="by how much it is more or less at most")
@@ -53,22 +50,24 @@ class EstimateRoughness(ScanThenMap):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""
+        from ..capture.fine_detail import fine_detail  # what a line alone says needs none of it
+
         part = self.source.first
         lens = lens_of(self.source, session, self.working_space)
-        sigma = self.sigma or max(2.0, max(part.spec.width, part.spec.height) / 64)
-        drift = drift_of(self.source, lens, sigma, session)
+        sigma = self.sigma or max(2.0, max(part.spec.width, part.spec.height) / 16)
+        fine = Image((fine_detail(part, lens),), self.source.source)
+        drift = drift_of(fine, Lens(fine.source, channels_of(fine.first.spec)), sigma, session)
         spec = measure_spec(part.spec)
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.amount)
-        if drift is None or drift.overall_deviation[0] == 0:  # nothing to be seen, or no contrast anywhere
+        overall = np.float32(0 if drift is None else drift.overall_mean[0])
+        if overall == 0:  # nothing to be seen, or no detail anywhere
 
             def even(window: Window) -> np.ndarray:
                 return np.full((window.height, window.width, 1), middle)
 
             return {"roughness": Part(part.name, spec, even, ready=True)}
-        overall = np.float32(drift.overall_deviation[0])
-        log.info("%s: contrast is %.1f L at sigma %g px", self.flag(), overall, sigma)
-        contrast = Surface(drift.deviation[..., :1], drift.cells)
+        contrast = Surface(drift.mean[..., :1], drift.cells)
 
         def fetch(window: Window) -> np.ndarray:
             seen = np.maximum(contrast.values(window), np.float32(0))

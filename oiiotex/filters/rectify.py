@@ -27,6 +27,7 @@ from ..session import Session
 log = logging.getLogger("oiiotex")
 
 FILTERS = {"lanczos3": 6, "mitchell": 4, "triangle": 2}  # and their widths, px
+_INCH = 0.0254  # m
 _CELL = 512  # px, side of what is made at once
 _LATTICE_BYTES = 120  # of a pixel of the photo, while its lattice is looked for
 _LARGEST = 65536  # px; what follows from corners alone is no larger
@@ -34,7 +35,7 @@ _LARGEST = 65536  # px; what follows from corners alone is no larger
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:
     """What was taken for the rectangle, in words that can be said for the next map."""
-    corners = ",".join(f"{value:.2f}" for value in facts["corners"])
+    corners = ",".join(f"{value:.10g}" for value in facts["corners"])
     yield f"corners={corners}:size={facts['width']}x{facts['height']}"
     if facts["cells"]:
         yield f"{facts['cells'][0]} x {facts['cells'][1]} cells of the lattice"
@@ -98,9 +99,9 @@ class Rectify(Gather):
         matrix = homography(corners, width, height)
         spec = derived_spec(part.spec, width, height)
         if metres is not None:
-            spec.attribute("XResolution", width / (100 * metres[0]))
-            spec.attribute("YResolution", height / (100 * metres[1]))
-            spec.attribute("ResolutionUnit", "cm")
+            spec.attribute("XResolution", width * _INCH / metres[0])
+            spec.attribute("YResolution", height * _INCH / metres[1])
+            spec.attribute("ResolutionUnit", "in")  # EXR knows no other
         geometry = {
             "corners": corners.ravel().tolist(), "width": width, "height": height, "cells": cells, "metres": metres,
             "matrix": matrix.tolist(),
@@ -129,7 +130,8 @@ class Rectify(Gather):
                 " say corners=x,y,x,y,x,y,x,y of a rectangle"
             )
         corners, cells = largest_rectangle(lattice, (spec.width, spec.height))
-        return corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y]), cells
+        corners = corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
+        return np.round(corners, 2), cells  # as they are said for the next map
 
     def _metres(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
         """Width and height of the result in the world."""
