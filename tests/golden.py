@@ -89,6 +89,20 @@ CASES = {
     ),
     "stationarize_steerable_hole": Case(_with_hole, ("--texstationarize:measure=steerable:seed=2",)),
     "stationarize_alpha_hole": Case(_with_hole, ("--texstationarize:seed=4:tile=x",)),
+    "rectify_bricks_hdr": Case(
+        lambda: 8 * pictures.stained(pictures.bricks(96, 128, 1)),
+        ("--texrectify:corners=9,4,120,16,110,90,2,80",),
+        "lin_rec709_scene",
+    ),
+    "estimateheight_pebbles": Case(lambda: pictures.pebbles(96, 128, 1), ("--texestimateheight:overcast=1",)),
+    "estimateheight_alpha_hole": Case(_with_hole, ("--texestimateheight:light=90:sigma=9",)),
+    "estimateao_heights": Case(
+        lambda: pictures.smooth_noise(96, 128, 12, 3)[..., None], ("--texestimateao:radius=12:scale=8:tile=x",), "data"
+    ),
+    "estimateroughness_alpha_hole": Case(_with_hole, ("--texestimateroughness:sigma=6",)),
+    "checkmaterial_bricks": Case(
+        lambda: pictures.stained(pictures.bricks(48, 64, 1)), ("--texcheckmaterial:fail=none",)
+    ),
     "flatten_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texflatten",)),
     "flatten_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),

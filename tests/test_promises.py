@@ -14,6 +14,7 @@ from oiiotex import errors, filters
 from oiiotex.core.access import Gather, Neighbourhood, Pointwise, ScanThenMap, Whole
 from oiiotex.core.image import Image, Part, from_buffer
 from oiiotex.core.op import Kind, Op, Space
+from oiiotex.core.parameters import Numbers
 from oiiotex.core.window import Window
 from oiiotex.io.reading import read
 from oiiotex.run import run
@@ -30,6 +31,8 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     names = {p.name for p in op.parameters()}
     found = {name: value for name, value in {**SMALL, **more}.items() if name in names}
     found |= {"n": 3} if op.name == "sigmas" else {"filter": "quilt", "seeds": 2} if op.name == "variants" else {}
+    found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
+    found |= {"fail": "none"} if op.name == "checkmaterial" else {}
     return {**found, "labels": quarters()} if op.name in LABELLED else found
 
 

@@ -33,7 +33,7 @@ stationarity
 regularity projections
 patchmatch
 exemplar graphcut
-quilting multiscale
+quilting multiscale capture
 charts
 materials
 python_types plugin

@@ -18,6 +18,8 @@ RHO, PARENTS = "oiiotex:rho", "oiiotex:parents"  # its scale, px; of each label 
 NAMES = "oiiotex:names"  # what its labels are called, a JSON list in order
 SUPERPIXELS, SIGMA = "oiiotex:superpixels", "oiiotex:sigma"  # of superpixels: how many, and their scale, px
 EDGES = "oiiotex:edges"  # of a Wang tile: the colours of its edges
+ESTIMATE = "oiiotex:estimate"  # of what was guessed and not measured: how
+HEIGHT_PX = "oiiotex:heightpx"  # of a height map: how many px a height of 1 rises above one of 0
 WINDOW = "oiiotex:window"  # of a plane without end, of which the image is a part
 
 _OF_COLOURS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # nothing of data

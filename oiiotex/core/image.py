@@ -258,6 +258,15 @@ def spec_beside(spec: oiio.ImageSpec, channels: tuple[str, ...]) -> oiio.ImageSp
     return new
 
 
+def measure_spec(spec: oiio.ImageSpec, channels: tuple[str, ...] = ("Y",)) -> oiio.ImageSpec:
+    """Of floats measured on an image with that spec: its windows and metadata, other channels."""
+    new = derived_spec(spec)
+    new.set_format(oiio.TypeDesc(oiio.FLOAT))
+    new.channelformats = ()
+    new.nchannels, new.channelnames, new.alpha_channel, new.z_channel = len(channels), channels, -1, -1
+    return new
+
+
 # --- the Python edge ---
 
 

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
-from ..deferred import oiio
+from ..deferred import np, oiio
 
 
 class Window(NamedTuple):
@@ -111,6 +112,44 @@ class Window(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.width}x{self.height}{self.left:+d}{self.top:+d}"
+
+
+def warp_needs(matrix: np.ndarray, window: Window, width: float, data: Window) -> Window:
+    """What a warp looks at for a window.
+
+    Parameters
+    ----------
+    matrix : array of shape (3, 3)
+        From the result to the source, for row vectors (x, y, 1).
+    window : Window
+        Of the result.
+    width : float
+        Of the filter, in pixels.
+    data : Window
+        What there is of the source: all of it is needed where the window crosses the horizon.
+    """
+    xs, ys = (window.left + 0.5, window.right - 0.5), (window.top + 0.5, window.bottom - 0.5)
+    corners = np.array([(x, y, 1.0) for x in xs for y in ys]) @ matrix
+    w = corners[:, 2]
+    if not (np.all(w > 0) or np.all(w < 0)):
+        return data
+    # The derivative (a / w)' = (a' w - a w') / w^2: along x its numerator does not change with x, so that all
+    # extremes lie at corners.
+    at = corners[:, :2] / w[:, None]
+    least = np.min(np.abs(w)) ** 2
+    reach = [1.0, 1.0]
+    for axis in (0, 1):
+        for along in (0, 1):
+            slope = np.abs(matrix[along, axis] * w - corners[:, axis] * matrix[along, 2]).max() / least
+            reach[axis] = max(reach[axis], slope)
+    low, high = at.min(axis=0), at.max(axis=0)
+    edges = []
+    for axis, (begin, end) in enumerate(((data.left, data.right), (data.top, data.bottom))):
+        halo = 0.5 * width * reach[axis] * 1.001 + 3
+        # far outside it makes no difference how far; ints must not overflow
+        edges.append(math.floor(min(max(low[axis] - halo, begin - 8), end + 7)))
+        edges.append(math.ceil(max(min(high[axis] + halo, end + 8), begin - 7)))
+    return Window(edges[0], edges[2], edges[1], edges[3])
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,11 @@ SHELVES = tuple(
         ("content", "content", "Content"),
         ("lab", "lab", "Lab"),
         ("warp", "warp", "Warp"),
+        ("rectify", "rectify", "Rectify"),
+        ("estimateheight", "estimateheight", "EstimateHeight"),
+        ("estimateao", "estimateao", "EstimateAO"),
+        ("estimateroughness", "estimateroughness", "EstimateRoughness"),
+        ("checkmaterial", "checkmaterial", "CheckMaterial"),
         ("preview", "preview", "Preview"),
         ("variants", "variants", "Variants"),
     )

@@ -15,6 +15,86 @@ OURS: tuple[type[Op], ...]
 FILTERS: tuple[type[Op], ...]
 
 @overload
+def checkmaterial(
+    source: ImageLike,
+    /,
+    *,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    fail: Literal['errors', 'warnings', 'none'] = 'errors',
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf:
+    """Find what a renderer will not like about the maps of a material; the maps go on as they are.
+
+    Of all maps: sizes that differ, NaN and Inf, a colour space that is wrong for what they hold. Of albedo: values that
+    no surface has, and baked light: slow drift of lightness, lightness that follows the normals (light from one side)
+    or the heights (occlusion). Of normals: vectors that are not of length 1 or point down, a mean that leans, and green
+    that points the wrong way (OpenGL up, DirectX down), by the heights where there are any, else because slopes of a
+    surface have no curl. Of heights: none at all, and 8 bits. Of other data: values outside of 0 to 1.
+    Each finding is printed on a line, and json= keeps them with all measures. An error renders wrong, a warning may;
+    with fail=errors, as it is, the run goes to its end and its exit code is 3 where there is an error.
+
+    Parameters
+    ----------
+    source : ImageLike
+        the map; of n maps of a material, the first
+    maps : Sequence[ImageLike], default ()
+        the other maps of the material
+    n : int, default 1
+        how many maps are looked at together, the last images of the stack; a whole number >= 1 and <= 16
+    kinds : Sequence[str] | None, default None
+        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+    convention : Literal['opengl', 'directx'], default 'opengl'
+        green of normals shall point up or down
+    fail : Literal['errors', 'warnings', 'none'], default 'errors'
+        what makes the exit code 3
+    json : FileName | None, default None
+        findings and measures go to this file
+    colorspace : str | None, default None
+        colour space of the images that come first; their own tag where it is None
+    roi : ROI | None, default None
+        compute only this region of the result
+    nthreads : int, default 0
+        CPU threads, where no session says it; 0: as many as the process may use
+    session : Session | None, default None
+        device, memory budget, colour config, progress
+
+    Returns
+    -------
+    ImageBuf | list[ImageBuf] | list[dict[str, ImageBuf]]
+        a dict where more than one part was asked for
+        a list of these where there are several images
+        map: the maps as they came [pixels]
+        report: findings, and measures of every map [JSON; with json]
+
+    Raises
+    ------
+    oiiotex.Error
+        with one line that says what is wrong and what is allowed
+    """
+@overload
+def checkmaterial(
+    source: ImageLike,
+    /,
+    *,
+    maps: Sequence[ImageLike] = (),
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    fail: Literal['errors', 'warnings', 'none'] = 'errors',
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
+
+@overload
 def composite(
     exemplar: ImageLike,
     /,
@@ -773,6 +853,218 @@ def dominant(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf | dict[str, ImageBuf]: ...
+
+def estimateao(
+    source: ImageLike,
+    /,
+    *,
+    radius: int = 32,
+    scale: float | None = None,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf:
+    """Work out how much of an even sky every place of a height map sees.
+
+    1 is a place that nothing stands around. Of sixteen directions the steepest horizon within the radius is taken, and
+    the light between horizons in closed form (Jimenez and others 2016, eq. 10). It is right for the heights that it is
+    given, to 0.01 of what rays say; what is guessed is how high they are, where neither scale= nor the attribute
+    oiiotex:heightpx says it, and that what is farther away than the radius hides nothing.
+
+    Parameters
+    ----------
+    source : ImageLike
+        heights, the first channel; larger is nearer
+    radius : int, default 32
+        how far away something may stand and hide the sky; a whole number >= 2 and <= 1024 px
+    scale : float | None, default None
+        how high 1 is; as the attribute oiiotex:heightpx says when left out, else longer side / 32; a number >= 1e-06 and <= 1000000 px
+    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+        along which axes the heights tile
+    colorspace : str | None, default None
+        colour space of the images that come first; their own tag where it is None
+    roi : ROI | None, default None
+        compute only this region of the result
+    nthreads : int, default 0
+        CPU threads, where no session says it; 0: as many as the process may use
+    session : Session | None, default None
+        device, memory budget, colour config, progress
+
+    Returns
+    -------
+    ImageBuf
+        ao: one channel, 0 (nothing reaches it) to 1 (all of the sky does) [32-bit float values]
+
+    Raises
+    ------
+    oiiotex.Error
+        with one line that says what is wrong and what is allowed
+    """
+
+@overload
+def estimateheight(
+    source: ImageLike,
+    /,
+    *,
+    normal: FileName | Literal[False] = False,
+    light: float | None = None,
+    overcast: bool = False,
+    elevation: float = 45.0,
+    sigma: float | None = None,
+    strength: float = 1.0,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf:
+    """Guess heights, and normals, from how one photo is shaded.
+
+    The surface is taken for matt, of one colour but for what is larger than sigma, and lit from one side (Pentland
+    1990) or by an overcast sky, under which what is deep is dark (Langer and Zucker 1994); heights are the integrable
+    surface nearest to the slopes that this says (Frankot and Chellappa 1988, by FFT). Paint is taken for relief: where
+    a scan has heights, use these. From which end of its direction light comes no photo of relief says: above is
+    assumed, left of two sides; light= says it, and turns what is raised into what is sunken where it was wrong.
+    Heights go from 0 to 1; the attribute oiiotex:heightpx says how many pixels that is.
+
+    Parameters
+    ----------
+    source : ImageLike
+        the photo
+    normal : bool | FileName, default False
+        True: normals as part 'normal' of the result; a file name: there
+    light : float | None, default None
+        where light comes from, counterclockwise from the right: 90 is from above; when left out as the shading says, overcast where no direction stands out; a number >= -360 and <= 360 degrees
+    overcast : bool, default False
+        light has no direction: dark is deep
+    elevation : float, default 45.0
+        of the light above the surface: low light shades small relief as much; a number >= 1 and <= 89 degrees
+    sigma : float | None, default None
+        what is larger is colour or uneven light and no relief; longer side / 8 when left out; a number >= 1 and <= 1000000 px
+    strength : float, default 1.0
+        by how much slopes of the normals are steeper; a number >= 0.01 and <= 100
+    convention : Literal['opengl', 'directx'], default 'opengl'
+        where green of the normals points: up (opengl) or down
+    tile : Literal['none', 'x', 'y', 'xy'], default 'none'
+        along which axes the photo tiles
+    data : bool, default False
+        the channels are no colours: the first is luminance
+    colorspace : str | None, default None
+        colour space of the images that come first; their own tag where it is None
+    roi : ROI | None, default None
+        compute only this region of the result
+    nthreads : int, default 0
+        CPU threads, where no session says it; 0: as many as the process may use
+    session : Session | None, default None
+        device, memory budget, colour config, progress
+
+    Returns
+    -------
+    ImageBuf | dict[str, ImageBuf]
+        a dict where more than one part was asked for
+        height: one channel, 0 to 1, larger is nearer [32-bit float values]
+        normal: normals of these heights, as colours from 0 to 1 [32-bit float values; with normal]
+
+    Raises
+    ------
+    oiiotex.Error
+        with one line that says what is wrong and what is allowed
+    """
+@overload
+def estimateheight(
+    source: ImageLike,
+    /,
+    *,
+    normal: Literal[True],
+    light: float | None = None,
+    overcast: bool = False,
+    elevation: float = 45.0,
+    sigma: float | None = None,
+    strength: float = 1.0,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> dict[str, ImageBuf]: ...
+@overload
+def estimateheight(
+    source: ImageLike,
+    /,
+    *,
+    normal: bool | FileName = False,
+    light: float | None = None,
+    overcast: bool = False,
+    elevation: float = 45.0,
+    sigma: float | None = None,
+    strength: float = 1.0,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf | dict[str, ImageBuf]: ...
+
+def estimateroughness(
+    source: ImageLike,
+    /,
+    *,
+    sigma: float | None = None,
+    middle: float = 0.6,
+    amount: float = 0.3,
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf:
+    """Guess how rough a surface is from its photo's local contrast.
+
+    Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections. What is looked at is the
+    contrast of the finest detail, in linear light, over a Gaussian of sigma. Roughness is `middle` where that is as in
+    the whole photo, and at most `amount` more or less. It is a weak guess (docs/texestimateroughness.md has figures):
+    fine paint looks smooth to it, and a photo under an overcast sky says next to nothing. Where a scan has roughness,
+    use that. It needs no more memory for a large photo than for a small one.
+
+    Parameters
+    ----------
+    source : ImageLike
+        the photo
+    sigma : float | None, default None
+        scale of the contrast; longer side / 16, 2 at least, when left out; a number >= 1 and <= 1000000 px
+    middle : float, default 0.6
+        roughness where contrast is as everywhere; a number >= 0 and <= 1
+    amount : float, default 0.3
+        by how much it is more or less at most; a number >= 0 and <= 1
+    data : bool, default False
+        the channels are no colours: the first is lightness
+    colorspace : str | None, default None
+        colour space of the images that come first; their own tag where it is None
+    roi : ROI | None, default None
+        compute only this region of the result
+    nthreads : int, default 0
+        CPU threads, where no session says it; 0: as many as the process may use
+    session : Session | None, default None
+        device, memory budget, colour config, progress
+
+    Returns
+    -------
+    ImageBuf
+        roughness: one channel, 0 (a mirror) to 1 (matt) [32-bit float values]
+
+    Raises
+    ------
+    oiiotex.Error
+        with one line that says what is wrong and what is allowed
+    """
 
 @overload
 def flatten(
@@ -1951,6 +2243,102 @@ def quilt(
     seed: int = 0,
     stmap: bool | FileName = False,
     structure: float = 0.5,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf | dict[str, ImageBuf]: ...
+
+@overload
+def rectify(
+    source: ImageLike,
+    /,
+    *,
+    corners: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    physical: float | Sequence[float] | None = None,
+    filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
+    stmap: FileName | Literal[False] = False,
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf:
+    """Show a flat surface from the front that was photographed at a slant.
+
+    Four corners of what is a rectangle in the world become those of the result; width over height follows from the
+    perspective itself (Zhang and He 2007: square pixels, the photo not cropped), or from physical=. Without corners a
+    photo of what repeats at equal distances in two directions (tiles, bricks, a weave) is straightened by its lattice,
+    and the result has as many whole cells of it as fit into the photo, so that it closes on itself along both axes.
+    With physical= the size of a pixel goes into the metadata (XResolution, YResolution, ResolutionUnit), which
+    all filters hand on. Values are filtered as they are stored; normals and displacements keep their directions.
+
+    Parameters
+    ----------
+    source : ImageLike
+        the photo
+    corners : float | Sequence[float] | None, default None
+        x,y of top left, top right, bottom right, bottom left, from the display window's corner; by the photo's lattice when left out; a number or a sequence of them px
+    size : tuple[int, int] | None, default None
+        width x height of the result; as large as the longer sides are seen when left out; (width, height) >= 1 and <= 65536
+    physical : float | Sequence[float] | None, default None
+        width,height in metres of what the corners span; of the lattice, of a cell; a number or a sequence of them >= 1e-09 and <= 1000000000 m
+    filter : Literal['lanczos3', 'mitchell', 'triangle'], default 'lanczos3'
+        what pixels are resampled by
+    stmap : bool | FileName, default False
+        True: source coordinates as part 'st' of the result; a file name: there
+    json : FileName | None, default None
+        corners, size, cells, metres and the matrix go to this file
+    colorspace : str | None, default None
+        colour space of the images that come first; their own tag where it is None
+    roi : ROI | None, default None
+        compute only this region of the result
+    nthreads : int, default 0
+        CPU threads, where no session says it; 0: as many as the process may use
+    session : Session | None, default None
+        device, memory budget, colour config, progress
+
+    Returns
+    -------
+    ImageBuf | dict[str, ImageBuf]
+        a dict where more than one part was asked for
+        rectified: the surface from the front, in the photo's own colour space and type [pixels]
+        st: where every pixel comes from, between pixels, as OpenImageIO.ImageBufAlgo.st_warp reads it [32-bit float coordinates; with stmap]
+        geometry: corners, size, cells, metres, matrix [JSON; with json]
+
+    Raises
+    ------
+    oiiotex.Error
+        with one line that says what is wrong and what is allowed
+    """
+@overload
+def rectify(
+    source: ImageLike,
+    /,
+    *,
+    corners: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    physical: float | Sequence[float] | None = None,
+    filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
+    stmap: Literal[True],
+    json: FileName | None = None,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> dict[str, ImageBuf]: ...
+@overload
+def rectify(
+    source: ImageLike,
+    /,
+    *,
+    corners: float | Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    physical: float | Sequence[float] | None = None,
+    filter: Literal['lanczos3', 'mitchell', 'triangle'] = 'lanczos3',
+    stmap: bool | FileName = False,
+    json: FileName | None = None,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,

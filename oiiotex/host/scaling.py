@@ -13,13 +13,13 @@ from ..core.access import Gather
 from ..core.image import Image, Part, cropped, in_memory
 from ..core.op import Op
 from ..core.parameters import argument, image, param
-from ..core.window import Window
+from ..core.window import Window, warp_needs
 from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..session import Session
 from .geometry_text import Box, box_of, parse_box
 from .kinds import Hosted, HostOp, Remap, checked, remapped, worked
-from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter, warp_needs
+from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter
 
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 

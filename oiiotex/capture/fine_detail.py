@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The finest detail of a photo, in linear light: where a surface glitters it is large."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..color.lab import Lens
+from ..core.demand import rows_for
+from ..core.image import Part, spec_beside
+from ..core.window import Window
+from ..deferred import np
+from .shading import luminance
+
+STEPS = 2000.0  # of detail to white: sums are of whole 64ths of them
+_TAPS = (1, 4, 6, 4, 1)  # a Gaussian of sigma 1
+_REACH = 2
+
+
+def fine_detail(part: Part, lens: Lens) -> Part:
+    """How far the luminance of each pixel is from what is around it, in `STEPS` of white; with alpha 0 or 1.
+
+    Parameters
+    ----------
+    part : Part
+        The photo, which is read in bands of full rows.
+    lens : Lens
+        How it is seen.
+    """
+    whole = part.window
+
+    def fetch(window: Window) -> np.ndarray:
+        around = window.grown(_REACH) & whole
+        seen = [lens.values(part.read(band)) for band in around.cells(around.width, rows_for(part))]
+        values = np.concatenate([v[..., 0] for v, _ in seen])
+        opaque = np.concatenate([np.ones(v.shape[:2], bool) if there is None else there for v, there in seen])
+        light = values / np.float32(100) if lens.space is None else luminance(values)
+        weight = opaque.astype(np.float32)
+        mean = _blurred(light * weight) / np.maximum(_blurred(weight), np.float32(1e-6))
+        detail = np.abs(light - mean) * weight * np.float32(STEPS)
+        return np.stack([detail, weight], -1)[window.inside(around)]
+
+    spec = spec_beside(part.spec, ("Y", "A"))
+    spec.alpha_channel = 1
+    return replace(part, spec=spec, fetch=fetch, stored=None, ready=False, levels=())
+
+
+def _blurred(values: np.ndarray) -> np.ndarray:
+    """(height, width) through the taps along both axes; 0 lies beyond the border."""
+    for axis in (0, 1):
+        wide = np.pad(values, [(_REACH, _REACH) if a == axis else (0, 0) for a in (0, 1)])
+        size = values.shape[axis]
+        values = sum(np.take(wide, range(n, n + size), axis) * np.float32(tap / 16) for n, tap in enumerate(_TAPS))
+    return values

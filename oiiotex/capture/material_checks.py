@@ -1,0 +1,391 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a renderer will not like about the maps of a material, as findings and the measures behind them.
+
+Albedo: values that nothing has which is lit by daylight, and light that is baked in: slow drift of lightness, lightness
+that goes with the normals (lit from one side) or with the heights (occlusion). Normals: vectors of length 1 that point
+up; which way green points follows from their own slopes, which have no curl the right way round, and from heights.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..color.config import as_float, colour_space
+from ..color.lab import count_broken, lens_for
+from ..core.attributes import TAG
+from ..core.demand import bands
+from ..core.image import Image, channels_of
+from ..core.window import Window
+from ..deferred import np
+from ..errors import BrokenValues, ColorError, ImageError
+from ..io.description import is_tagged
+from ..scan import scan
+from ..session import Session
+from ..stationarity.grid_statistics import MARGIN
+from ..stationarity.local_moments import drift_of
+
+# CIE L of the darkest and the brightest sRGB values of what is no metal, 30 and 240 (Allegorithmic, The PBR guide,
+# part 2: charcoal and fresh snow), and of a surface that reflects more light than it gets
+DARKEST, BRIGHTEST, IMPOSSIBLE = 11.3, 94.8, 100.5
+_FEW = 0.01  # of the pixels: holes and glints
+DRIFT = (
+    4.0  # L: standard deviation of local means; of two albedo maps 0.8 and 2.9, of photos with uneven light 4.1 to 7.1
+)
+_DRIFT_SCALE = 1 / 8  # of the longer side
+_LIT, _OCCLUDED = 0.1, 0.25  # of the variance of lightness, explained by normals and by heights
+_LENGTH = 0.05  # by which a normal may be off 1; 8 bits are off by 0.007
+_LEAN = 5.0  # degrees
+_AGREE = 0.1  # correlation from which slopes agree; of two scans by curl 0.22 and 0.49, by their heights 0.4 to 0.7
+_STEEPEST = 8.0  # a slope beyond is taken as this
+_FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff"}
+_GRID = 1024.0  # whole numbers of this many steps add up in any order
+
+ERROR, WARNING = "error", "warning"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is wrong with a map.
+
+    Attributes
+    ----------
+    level : str
+        `ERROR`: it renders wrong; `WARNING`: it may.
+    map : str
+        The map's name.
+    check : str
+        One word for machines.
+    text : str
+        What is wrong and what helps, for people.
+    """
+
+    level: str
+    map: str
+    check: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.level}: {self.map}: {self.text}"
+
+
+@dataclass
+class _Map:
+    """A map, what it is, and what has been measured of it."""
+
+    image: Image
+    kind: str
+    measures: dict[str, Any]
+    usable: bool = True
+
+
+def check_material(
+    images: tuple[Image, ...], kinds: list[str], convention: str, session: Session
+) -> tuple[list[dict[str, Any]], list[Finding]]:
+    """Look at the maps of a material, each in bands.
+
+    Parameters
+    ----------
+    images : tuple of Image
+    kinds : list of str
+        What each is: colour, data, normal or height.
+    convention : str
+        Which way green of normals shall point: opengl (up) or directx (down).
+    session : Session
+
+    Returns
+    -------
+    maps : list of dict
+        Name, kind, size and measures of each map.
+    findings : list of Finding
+    """
+    maps = [_Map(image, kind, {}) for image, kind in zip(images, kinds, strict=True)]
+    findings = list(_sizes(maps))
+    by_kind = {one.kind: one for one in reversed(maps)}
+    for one in maps:
+        findings += _broken(one)
+        if one.usable:
+            findings += {"colour": _albedo, "normal": _normals, "height": _heights, "data": _data}[one.kind](
+                one, session
+            )
+        if one.kind != "colour":
+            findings += _tagged(one, session)
+    together = [one for one in by_kind.values() if one.usable and one.image.first.window == maps[0].image.first.window]
+    usable = {one.kind: one for one in together}
+    if "normal" in usable:
+        findings += _handedness(usable["normal"], usable.get("height"), convention)
+    if "colour" in usable and len(usable) > 1:
+        findings += _baked(usable["colour"], usable.get("normal"), usable.get("height"), session)
+    facts = [
+        {
+            "name": one.image.source,
+            "kind": one.kind,
+            "width": spec.width,
+            "height": spec.height,
+            "measures": one.measures,
+        }
+        for one in maps
+        for spec in (one.image.first.spec,)
+    ]
+    return facts, findings
+
+
+def document(maps: list[dict[str, Any]], findings: list[Finding]) -> dict[str, Any]:
+    """Maps and findings as JSON can hold them."""
+    return {"maps": maps, "findings": [asdict(finding) for finding in findings]}
+
+
+# --- what any map may be ---
+
+
+def _sizes(maps: list[_Map]) -> Iterator[Finding]:
+    first = maps[0].image
+    for one in maps[1:]:
+        if one.image.first.window != first.first.window:
+            sizes = f"{one.image.first.window}, {first.source} is {first.first.window}"
+            yield Finding(ERROR, one.image.source, "size", f"is {sizes}: --resize makes them alike")
+        densities = [image.first.spec.getattribute("XResolution") for image in (one.image, first)]
+        if None not in densities and not math.isclose(*densities, rel_tol=0.01):
+            text = f"has {densities[0]:g} pixels a unit, {first.source} {densities[1]:g}: their physical sizes differ"
+            yield Finding(WARNING, one.image.source, "density", text)
+
+
+def _broken(one: _Map) -> Iterator[Finding]:
+    channels, counts = list(channels_of(one.image.first.spec).colour), np.zeros(2, np.int64)
+    for band in bands(one.image.first):
+        counts += count_broken(as_float(one.image.first.read(band)[..., channels]))
+    if counts.any():
+        one.usable = False
+        yield Finding(ERROR, one.image.source, "broken", f"{counts[0]} NaN and {counts[1]} Inf values")
+
+
+def _tagged(one: _Map, session: Session) -> Iterator[Finding]:
+    """A colour space that a map of data says; not what readers of JPEG and PNG assume of files that say none."""
+    spec, path = one.image.first.spec, one.image.source
+    tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
+    assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
+    if tag and not assumed and not session.color.is_data(tag):
+        text = f"says '{tag}': a renderer that believes it decodes what is no colour: --iscolorspace data"
+        yield Finding(WARNING, path, "colourspace", text)
+
+
+# --- albedo ---
+
+
+def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
+    name, part = one.image.source, one.image.first
+    try:
+        space = colour_space(one.image, session.color, session.autocc)
+    except (ColorError, ImageError) as error:
+        one.usable = False
+        yield Finding(ERROR, name, "colourspace", str(error))
+        return
+    if space is None:
+        one.usable = False
+        yield Finding(ERROR, name, "colourspace", "is tagged as data: --iscolorspace NAME says its space")
+        return
+    counts = np.zeros(4, np.int64)
+
+    def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> np.ndarray:
+        seen = values[..., 0] if opaque is None else values[opaque][:, 0]
+        beyond = (seen < DARKEST, seen > BRIGHTEST, (seen > IMPOSSIBLE) | (seen < 0))
+        return np.array([seen.size, *(np.count_nonzero(each) for each in beyond)], np.int64)
+
+    def keep(_: Window, found: np.ndarray) -> None:
+        counts[:] += found
+
+    lens = lens_for(one.image, session, space)
+    try:
+        scan(part, lens, session, look, keep)
+    except BrokenValues as error:  # of alpha
+        one.usable = False
+        yield Finding(ERROR, name, "broken", str(error))
+        return
+    dark, bright, impossible = (counts[1:] / max(1, counts[0])).tolist()
+    one.measures |= {"dark": dark, "bright": bright, "impossible": impossible}
+    if impossible > 0:
+        text = f"{_percent(impossible)} of its pixels reflect more light than they get, or less than none"
+        yield Finding(ERROR, name, "range", text)
+    if dark > _FEW:
+        text = f"{_percent(dark)} of its pixels are darker than charcoal (sRGB 30): shadow, or metal"
+        yield Finding(WARNING, name, "range", text)
+    if bright > max(_FEW, impossible):
+        text = f"{_percent(bright)} of its pixels are brighter than fresh snow (sRGB 240): highlights, or metal"
+        yield Finding(WARNING, name, "range", text)
+    drift = drift_of(one.image, lens, max(1.0, max(part.window.size) * _DRIFT_SCALE), session)
+    if drift is not None:
+        spread = one.measures["drift"] = float(drift.mean[MARGIN:-MARGIN, MARGIN:-MARGIN, 0].std())
+        if spread > DRIFT:
+            text = f"its lightness drifts by {spread:.1f} L over the map: baked light; --texflatten takes it out"
+            yield Finding(WARNING, name, "drift", text)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
+
+
+# --- normals, heights, data ---
+
+
+def _decoder(one: _Map) -> Callable[[np.ndarray], np.ndarray]:
+    """What makes vectors (height, width, 2 or 3) of pixels: from 0 .. 1 where none of their values is negative."""
+    part = one.image.first
+    channels = list(channels_of(part.spec).colour)
+
+    def plain(rows: np.ndarray) -> np.ndarray:
+        return as_float(rows[..., channels])
+
+    encoded = all(float(plain(part.read(band)).min()) >= 0 for band in bands(part))
+    return (lambda rows: 2 * plain(rows) - 1) if encoded else plain
+
+
+def _normals(one: _Map, _: Session) -> Iterator[Finding]:
+    part, name = one.image.first, one.image.source
+    count = len(channels_of(part.spec).colour)
+    if count not in (2, 3):
+        one.usable = False
+        yield Finding(ERROR, name, "channels", f"has {count} channels beside alpha: normals have two or three")
+        return
+    vectors, off, below, mean, total = _decoder(one), 0, 0, np.zeros(3, np.int64), 0
+    for band in bands(part):
+        seen = vectors(part.read(band))
+        squared = (seen**2).sum(-1)
+        if count == 3:
+            off += np.count_nonzero(np.abs(np.sqrt(squared) - 1) > _LENGTH)
+            below += np.count_nonzero(seen[..., 2] <= 0)
+        else:
+            off += np.count_nonzero(squared > (1 + _LENGTH) ** 2)
+        mean[:count] += np.rint(seen * _GRID).astype(np.int64).sum((0, 1))
+        total += squared.size
+    if count == 2:
+        mean[2] = round(_GRID * total)
+    lean = math.degrees(math.atan2(math.hypot(*mean[:2].tolist()), float(mean[2])))
+    one.measures |= {"not_unit": off / total, "below": below / total, "lean": lean}
+    if off / total > _FEW:
+        text = f"{_percent(off / total)} of its vectors are longer or shorter than 1 by more than {_LENGTH:g}"
+        yield Finding(ERROR, name, "length", text)
+    if below / total > _FEW:
+        yield Finding(ERROR, name, "below", f"{_percent(below / total)} of its vectors point into the surface")
+    if lean > _LEAN:
+        yield Finding(WARNING, name, "lean", f"leans by {lean:.1f} degrees on the average: it was not level")
+
+
+def _heights(one: _Map, _: Session) -> Iterator[Finding]:
+    part, name = one.image.first, one.image.source
+    low, high = _limits(one)
+    one.measures |= {"least": low, "largest": high}
+    if low == high:
+        yield Finding(WARNING, name, "flat", f"all its heights are {low:g}")
+    elif part.spec.format.size() == 1:
+        yield Finding(WARNING, name, "steps", "has 8 bits: displaced it shows steps; 16 bits or floats hold slopes")
+
+
+def _data(one: _Map, _: Session) -> Iterator[Finding]:
+    low, high = _limits(one)
+    one.measures |= {"least": low, "largest": high}
+    if low < 0 or high > 1:
+        yield Finding(ERROR, one.image.source, "range", f"holds values from {low:g} to {high:g}: 0 to 1 mean something")
+
+
+def _limits(one: _Map) -> tuple[float, float]:
+    """The least and the largest value."""
+    part, channels = one.image.first, list(channels_of(one.image.first.spec).colour)
+    limits = [
+        (float(seen.min()), float(seen.max()))
+        for seen in (as_float(part.read(band)[..., channels]) for band in bands(part))
+    ]
+    return min(low for low, _ in limits), max(high for _, high in limits)
+
+
+# --- maps together ---
+
+
+def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Heights gained per px to the right and down, of OpenGL normals, in steps of 1 / `_GRID`: int64."""
+    z = vectors[..., 2] if vectors.shape[2] == 3 else np.sqrt(np.maximum(0, 1 - (vectors**2).sum(-1)))
+    over = np.maximum(z, np.float32(0.05))
+    return tuple(
+        np.rint(np.clip(each / over, -_STEEPEST, _STEEPEST) * _GRID).astype(np.int64)
+        for each in (-vectors[..., 0], vectors[..., 1])
+    )
+
+
+def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Finding]:
+    """Which way green points, by the curl of slopes and by heights."""
+    part, vectors, measures = normal.image.first, _decoder(normal), normal.measures
+    channel = None if height is None else channels_of(height.image.first.spec).colour[0]
+    low, high = (0.0, 1.0) if height is None else _limits(height)
+    sums = np.zeros((3, 3), np.int64)
+    for band in bands(part):
+        around = band.grown(0, 1) & part.window
+        if min(around.size) < 3:
+            continue
+        right, down = _slopes(vectors(part.read(around)))
+        pairs = [(_along(right, 0), _along(down, 1))]  # of a surface both are its second derivative across
+        if height is not None:
+            raised = (as_float(height.image.first.read(around)[..., channel]) - low) / max(high - low, 1e-12)
+            steps = np.rint(raised * 2**16).astype(np.int64)
+            pairs += [(right[1:-1, 1:-1], _along(steps, 1)), (down[1:-1, 1:-1], _along(steps, 0))]
+        for n, (one, other) in enumerate(pairs):
+            sums[n] += [each.sum() for each in (one * other, one * one, other * other)]
+    alike = sums[:, 0] / np.sqrt(np.maximum(sums[:, 1].astype(float) * sums[:, 2], 1.0))
+    measures["no_curl"], found, by = float(alike[0]), None, ""
+    if abs(alike[0]) > _AGREE:
+        found, by = ("opengl" if alike[0] > 0 else "directx"), "their slopes"
+    if height is not None:
+        measures["agrees_x"], measures["agrees_y"] = alike[1:].tolist()
+        if alike[1] < -_AGREE:
+            yield Finding(ERROR, normal.image.source, "inverted", "its slopes to the right go down where heights go up")
+        if abs(alike[2]) > _AGREE:  # heights that are upside down turn both axes
+            found, by = ("opengl" if (alike[2] > 0) == (alike[1] >= -_AGREE) else "directx"), "the heights"
+    measures["convention"] = found
+    if found not in (None, convention):
+        points = "down (DirectX)" if found == "directx" else "up (OpenGL)"
+        text = f"green points {points}, by {by}: --mulc 1,-1,1 --addc 0,1,0 turns it over"
+        yield Finding(ERROR, normal.image.source, "handedness", text)
+
+
+def _along(values: np.ndarray, axis: int) -> np.ndarray:
+    """Central differences along an axis, times two, of all pixels but those at the border."""
+    return (values[2:, 1:-1] - values[:-2, 1:-1]) if axis == 0 else (values[1:-1, 2:] - values[1:-1, :-2])
+
+
+def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, session: Session) -> Iterator[Finding]:
+    """How much of the lightness follows from normals, and from heights."""
+    part, name = albedo.image.first, albedo.image.source
+    lens = lens_for(albedo.image, session, colour_space(albedo.image, session.color, session.autocc))
+    vectors = None if normal is None else _decoder(normal)
+    # products of 1, L, normal x and y, height: whole numbers, which add up in any order
+    sums, steps = np.zeros((5, 5)), np.array([1, 64, 4096, 4096, 4096])[:, None]
+    for band in bands(part):
+        lab, opaque = lens.values(part.read(band))
+        layers = np.zeros((5, band.height, band.width))
+        layers[0], layers[1] = 1, lab[..., 0]
+        if normal is not None:
+            layers[2:4] = np.moveaxis(vectors(normal.image.first.read(band))[..., :2], -1, 0)
+        if height is not None:
+            layers[4] = as_float(height.image.first.read(band)[..., channels_of(height.image.first.spec).colour[0]])
+        values = np.rint((layers.reshape(5, -1) if opaque is None else layers[:, opaque]) * steps)
+        sums += values @ values.T
+    count = max(sums[0, 0], 1.0)
+    covariance = sums[1:, 1:] / count - np.outer(sums[0, 1:], sums[0, 1:]) / count**2
+    own = max(float(covariance[0, 0]), 1e-12)
+    if normal is not None:
+        gain = np.linalg.lstsq(covariance[1:3, 1:3], covariance[1:3, 0], rcond=1e-6)[0]
+        lit = albedo.measures["lit"] = float(gain @ covariance[1:3, 0]) / own
+        if lit > _LIT:
+            up = -1 if normal.measures["convention"] == "directx" else 1
+            toward = math.degrees(math.atan2(up * gain[1], gain[0])) % 360
+            text = f"{_percent(lit)} of its lightness follows the normals: light from {toward:.0f} degrees is baked in"
+            yield Finding(WARNING, name, "lit", text)
+    if height is not None and covariance[3, 3] > 0:
+        share = albedo.measures["occluded"] = float(covariance[0, 3] ** 2 / covariance[3, 3]) / own
+        if share > _OCCLUDED and covariance[0, 3] > 0:
+            text = f"{_percent(share)} of its lightness follows the heights: baked occlusion, or what is deep is dark"
+            yield Finding(WARNING, name, "occluded", text)
+
+
+_LOOKS = {"colour": _albedo, "normal": _normals, "height": _heights, "data": _data}

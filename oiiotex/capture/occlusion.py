@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How much of the sky each place of a height map sees: by horizons, as far as a radius."""
+
+from __future__ import annotations
+
+import math
+
+from ..deferred import np
+
+SLICES = 8  # half as many as directions
+_STEPS = 12  # horizons are looked for at so many places along each direction, closer together near by
+
+
+def visible_sky(heights: np.ndarray, radius: int) -> np.ndarray:
+    """The share of an even sky's light that reaches each place, over that of a place without anything around.
+
+    Of each slice through the vertical the integral of the cosine between two horizons, in closed form (Jimenez, Wu,
+    Pesce and Jarabo, Practical real-time strategies for accurate indirect occlusion, 2016, eq. 10); no light comes from
+    below the surface itself, nor from below the horizon of the plane.
+
+    Parameters
+    ----------
+    heights : (height + 2 radius, width + 2 radius) float32
+        px, with a margin.
+    radius : int
+        px; what is farther away hides nothing.
+
+    Returns
+    -------
+    (height, width) float32
+        0 to 1.
+    """
+    inner = heights[radius:-radius, radius:-radius]
+    size = inner.shape
+
+    def beside(x: int, y: int) -> np.ndarray:
+        return heights[radius + y : radius + y + size[0], radius + x : radius + x + size[1]]
+
+    right, down = (beside(1, 0) - beside(-1, 0)) / 2, (beside(0, 1) - beside(0, -1)) / 2
+    length = np.sqrt(1 + right**2 + down**2)
+    total = np.zeros(size, np.float32)
+    for n in range(SLICES):
+        angle = math.pi * n / SLICES
+        x, y = math.cos(angle), math.sin(angle)
+        slope = np.float32(x) * right + np.float32(y) * down  # of the surface along the slice
+        # the normal in the slice leans from the vertical by gamma, and is there so long
+        gamma = -np.arctan(slope)
+        share = np.sqrt(1 + slope**2) / length
+        for ahead in (1, -1):
+            steepest = ahead * slope  # the tangent plane hides what lies below it
+            np.maximum(steepest, 0, out=steepest)
+            for at in _places(ahead * x, ahead * y, radius):
+                np.maximum(steepest, (beside(*at) - inner) / np.float32(math.hypot(*at)), out=steepest)
+            horizon = np.float32(ahead) * (np.float32(math.pi / 2) - np.arctan(steepest))
+            total += share * (np.cos(gamma) + 2 * horizon * np.sin(gamma) - np.cos(2 * horizon - gamma))
+    return np.clip(total * np.float32(1 / (4 * SLICES)), 0, 1)
+
+
+def _places(x: float, y: float, radius: int) -> list[tuple[int, int]]:
+    """Whole offsets along a direction, px, none twice."""
+    away = [radius ** (n / (_STEPS - 1)) for n in range(_STEPS)]
+    return list(dict.fromkeys((round(x * r), round(y * r)) for r in away))

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lattice of a plane that is seen at a slant.
+
+A plane seen through a lens is x / (1 + l x) of the photo's point x, but for a matrix of two by two: l says where it
+would vanish. With the right l a photo of what repeats is most like itself at a distance, so l is where the mean square
+of the autocorrelation is largest, far above what any other l gives; that is coarse. Seen that way parts of the photo
+have lattices which `regularity` finds, and how these still change from part to part says the rest of l: the phase of
+what repeats is linear in x / (1 + l x), and a frequency is the phase's derivative. Whether there is a lattice at all is
+asked of the whole photo in the end.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..core.image import resized
+from ..deferred import np
+from ..regularity.autocorrelation import autocorrelation, high_passed
+from ..regularity.lattice import find_lattice
+
+_OPAQUE = 0.99  # of a pixel that counts
+_SIDE = 192  # px; longer side of the photo while l is looked for
+_STEEPEST, _STEP = 0.8, 0.2  # of l, times the photo's sides: at a corner 1 + l x is 0.2 at least
+_FINEST = 0.2 / 16
+_SAME = 6  # px; offsets nearer than that are alike whatever repeats
+_LEAST = 0.5  # of the photo must be seen from the front
+_PARTS, _SHARE = 4, 0.45  # parts along each side, and the share of the side that each has
+_FEWEST = 4  # parts with a lattice: less say nothing of perspective
+_ALIKE = 0.25  # of a cell, by which frequencies of parts may be off whole combinations of their neighbours'
+_UPRIGHT = math.radians(35)  # a side of the cell is at most so far from the photo's own
+_STEPS = 64  # places along each side of the lattice where a rectangle may begin
+
+
+@dataclass(frozen=True)
+class SlantedLattice:
+    """A lattice in perspective.
+
+    Attributes
+    ----------
+    vanishing : (2,) float64
+        l, per px.
+    middle : (2,) float64
+        The photo's middle, px, where x is 0.
+    cell : (2, 2) float64
+        Its sides at the middle, px: to the right, down.
+    """
+
+    vanishing: np.ndarray
+    middle: np.ndarray
+    cell: np.ndarray
+
+    def cells_at(self, points: np.ndarray) -> np.ndarray:
+        """Points of the photo (n, 2), px, in cells along its two sides."""
+        x = points - self.middle
+        return x / (1 + x @ self.vanishing)[:, None] @ np.linalg.inv(self.cell)
+
+    def points_at(self, cells: np.ndarray) -> np.ndarray:
+        """The inverse of `cells_at`."""
+        plane = cells @ self.cell
+        return plane / (1 - plane @ self.vanishing)[:, None] + self.middle
+
+
+def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> SlantedLattice | None:
+    """The lattice of a photo in perspective; None where there is none, or one along a single direction.
+
+    Parameters
+    ----------
+    values : (height, width, 3 or more) float32
+        CIE Lab.
+    opaque : (height, width) bool or None
+        Pixels that count; None: all.
+    """
+    height, width = values.shape[:2]
+    size = np.array([width, height])
+    factor = min(1.0, _SIDE / max(width, height))
+    small = [max(1, round(n * factor)) for n in (width, height)]
+    usable = np.ones((height, width, 1), np.float32) if opaque is None else opaque[..., None].astype(np.float32)
+    values = values[..., :3] * (usable > 0)
+    vanishing = _most_alike(resized(values, *small), resized(usable, *small)[..., 0]) / size
+    rest, of_parts = _still_slanted(*_from_the_front(values, usable[..., 0], vanishing))
+    vanishing = vanishing + rest
+    lattice = find_lattice(*_from_the_front(values, usable[..., 0], vanishing))
+    if lattice is None or lattice.rank != 2:
+        return None
+    frequencies = lattice.frequencies
+    if of_parts is not None:  # far apart chance may favour some of the cells, whose lattice is then found
+        combination = of_parts @ np.linalg.inv(frequencies)
+        whole = np.rint(combination)
+        if abs(np.linalg.det(whole)) > 0.5 and np.abs(combination - whole).max() < _ALIKE:
+            frequencies = whole @ frequencies
+    cell = _upright(np.linalg.inv(frequencies).T)
+    return None if cell is None else SlantedLattice(vanishing, size / 2, cell)
+
+
+def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (height, width, n) with that l straightened about the middle, and which of them count."""
+    from scipy.ndimage import map_coordinates  # scipy is not loaded before it is needed
+
+    height, width = usable.shape
+    half = np.array([width, height]) / 2 - 0.5
+    plane = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1) - half
+    depth = np.maximum(1 - plane @ vanishing, 1e-3)
+    x = plane / depth[..., None] + half
+    within = (x >= 0).all(-1) & (x <= [width - 1, height - 1]).all(-1)
+    at = np.where(within[..., None], x, 0)[..., ::-1].transpose(2, 0, 1)
+    front = np.stack([map_coordinates(values[..., c], at, order=1) for c in range(values.shape[2])], -1)
+    return front, within & (map_coordinates(usable, at, order=1) > _OPAQUE)
+
+
+def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """l times the photo's sides, from a grid, then from ever finer ones around the best."""
+    # the direction of Lab in which it varies most is enough here
+    texture = high_passed(values.astype(np.float64), usable > _OPAQUE)
+    texture = texture @ np.linalg.eigh(np.einsum("ijk,ijl->kl", texture, texture))[1][:, -1:]
+    size = np.array(usable.shape[::-1])
+    known: dict[tuple[int, int], float] = {}
+
+    def likeness(at: tuple[int, int]) -> float:
+        if at not in known:
+            front, within = _from_the_front(texture, usable, np.array(at) * _FINEST / size)
+            known[at] = _self_likeness(front, within) if within.mean() > _LEAST * usable.mean() else 0.0
+        return known[at]
+
+    step, most = round(_STEP / _FINEST), round(_STEEPEST / _FINEST)
+    grid = range(-most, most + 1, step)
+    best = max(((i, j) for i in grid for j in grid), key=likeness)
+    while step > 1:
+        step //= 2
+        around = [(best[0] + i, best[1] + j) for i in (0, -step, step) for j in (0, -step, step)]
+        best = max((at for at in around if max(map(abs, at)) <= most), key=likeness)
+    return np.array(best) * _FINEST
+
+
+def _self_likeness(values: np.ndarray, usable: np.ndarray) -> float:
+    """The mean square of the autocorrelation."""
+    alike = autocorrelation(values * usable[..., None], usable)
+    x, y = alike.offsets()
+    weight = ((x * x + y * y >= _SAME**2) & (alike.weight > 0)).astype(float)
+    return float((alike.ncc**2 * weight).sum() / max(float(weight.sum()), 1e-12))
+
+
+# --- the rest of l ---
+
+
+def _still_slanted(values: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """l of what is nearly seen from the front, per px, and the frequencies at its middle, (2, 2) cycles per px.
+
+    0 and None where too few parts have a lattice.
+    """
+    size = np.array(usable.shape[::-1])
+    places, frequencies = _local_frequencies(values, usable)
+    if len(places) >= _FEWEST:
+        x, frequencies = _named_alike(places - size / 2, frequencies)
+        if len(x) >= _FEWEST:
+            return _fitted(x, frequencies, size)
+    return np.zeros(2), None
+
+
+def _local_frequencies(values: np.ndarray, usable: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Middles of parts that have a lattice of rank 2, (n, 2) px, and its frequencies, (n, 2, 2) cycles per px."""
+    height, width = usable.shape
+    high, wide = round(_SHARE * height), round(_SHARE * width)
+    places, frequencies = [], []
+    for top in np.linspace(0, height - high, _PARTS).astype(int):
+        for left in np.linspace(0, width - wide, _PARTS).astype(int):
+            at = np.s_[top : top + high, left : left + wide]
+            lattice = find_lattice(values[at], usable[at]) if usable[at].mean() > 0.5 else None
+            if lattice is not None and lattice.rank == 2:
+                y, x = np.nonzero(usable[at])
+                places.append((left + x.mean() + 0.5, top + y.mean() + 0.5))
+                frequencies.append(lattice.frequencies)
+    return np.array(places).reshape(-1, 2), np.array(frequencies).reshape(-1, 2, 2)
+
+
+def _named_alike(x: np.ndarray, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Those parts that have the same lattice, each with the same pair of frequencies: reduced pairs are not the same.
+
+    From the part nearest to the middle outwards, each in the whole combinations that are nearest to those of its
+    nearest neighbour.
+    """
+    order = np.argsort((x**2).sum(1), kind="stable")
+    kept, named = [order[0]], [frequencies[order[0]]]
+    for n in order[1:]:
+        near = int(np.argmin(((x[kept] - x[n]) ** 2).sum(1)))
+        combination = named[near] @ np.linalg.inv(frequencies[n])
+        whole = np.rint(combination)
+        if round(abs(np.linalg.det(whole))) == 1 and np.abs(combination - whole).max() < _ALIKE:
+            kept.append(n)
+            named.append(whole @ frequencies[n])
+    return x[kept], np.array(named)
+
+
+def _fitted(x: np.ndarray, frequencies: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """l and the middle's frequencies for those that are seen at x; parts that say something else hardly count."""
+    from scipy.optimize import least_squares
+
+    scale = np.abs(frequencies).max()
+
+    def away(unknown: np.ndarray) -> np.ndarray:
+        vanishing, middles = unknown[:2] / size, unknown[2:].reshape(2, 2)
+        depth = (1 + x @ vanishing)[:, None, None]
+        seen = middles / depth - (x @ middles.T)[:, :, None] * vanishing / depth**2  # derivatives of the phases
+        return (seen - frequencies / scale).ravel()
+
+    start = np.concatenate([[0, 0], np.median(frequencies, 0).ravel() / scale])
+    bounds = np.array([_STEP, _STEP, *[np.inf] * 4])
+    found = least_squares(away, start, bounds=(-bounds, bounds), loss="soft_l1", f_scale=0.01).x
+    return found[:2] / size, found[2:].reshape(2, 2) * scale
+
+
+# --- its cells ---
+
+
+def _upright(vectors: np.ndarray) -> np.ndarray | None:
+    """The sides of a cell that go to the right and down: the shortest of all steps of the lattice that nearly do.
+
+    The least cell of bricks in a running bond has a slanted side; the one over two courses is a rectangle.
+    """
+    steps = np.array([[i, j] for i in range(-4, 5) for j in range(-4, 5) if i or j]) @ vectors
+    length = np.linalg.norm(steps, axis=1)
+    sides = []
+    for axis in (0, 1):
+        lean = np.arccos(np.clip(steps[:, axis] / length, -1, 1))
+        near = lean < _UPRIGHT
+        if not near.any():
+            return None
+        sides.append(steps[near][np.argmin((length * (1 + lean**2))[near])])
+    return np.array(sides)
+
+
+def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[np.ndarray, tuple[int, int]]:
+    """The most whole cells in a rectangle that lies in the photo.
+
+    Parameters
+    ----------
+    lattice : SlantedLattice
+    size : (width, height)
+        Of the photo, px.
+
+    Returns
+    -------
+    corners : (4, 2) float64
+        Top left, top right, bottom right, bottom left, px.
+    cells : (int, int)
+        Across and down; 1 at least, which may lie partly outside the photo.
+    """
+    frame = np.array([[0, 0], [size[0], 0], size, [0, size[1]]], float)
+    seen = lattice.cells_at(frame)
+    low, high = seen.min(0), seen.max(0)
+    # along each side places a whole part of a cell apart, or whole cells
+    spans = [max(1, math.floor(_STEPS / (high[a] - low[a]))) for a in (0, 1)]
+    steps = [1 / n if n > 1 else max(1, math.ceil((high[a] - low[a]) / _STEPS)) for a, n in enumerate(spans)]
+    across, down = (np.arange(low[a], high[a], steps[a]) for a in (0, 1))
+    grid = np.stack(np.meshgrid(across, down), -1)
+    points = lattice.points_at(grid.reshape(-1, 2)).reshape(grid.shape)
+    inside = ((points >= 0) & (points <= size)).all(-1)
+    best, corners = 0.0, None
+    for left in range(len(across)):
+        for right in range(left + spans[0], len(across), spans[0]):
+            rows = np.flatnonzero(inside[:, left] & inside[:, right])  # the photo is convex, so all between lie inside
+            if len(rows) and (high_rows := (rows[-1] - rows[0]) // spans[1] * spans[1]) > 0:
+                area = (across[right] - across[left]) * high_rows * steps[1]
+                if area > best + 1e-9:
+                    best, corners = area, (across[left], down[rows[0]], across[right], down[rows[0] + high_rows])
+    if corners is None:  # less than a cell
+        corners = (-0.5, -0.5, 0.5, 0.5)
+    left, top, right, bottom = corners
+    sides = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+    return lattice.points_at(sides), (round(right - left), round(bottom - top))

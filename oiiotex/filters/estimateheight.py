@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texestimateheight: heights and normals where a material has none, from one photo's shading."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..color.config import colour_space
+from ..color.lab import working_values
+from ..core.access import Whole
+from ..core.attributes import ESTIMATE, HEIGHT_PX
+from ..core.image import Image, Part, from_pixels, measure_spec
+from ..core.op import Kind, Output, Space
+from ..core.parameters import image, param
+from ..deferred import np
+from ..errors import ParameterError
+from ..session import Session
+
+log = logging.getLogger("oiiotex")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateHeight(Whole):
+    """Guess heights, and normals, from how one photo is shaded.
+
+    The surface is taken for matt, of one colour but for what is larger than sigma, and lit from one side (Pentland
+    1990) or by an overcast sky, under which what is deep is dark (Langer and Zucker 1994); heights are the integrable
+    surface nearest to the slopes that this says (Frankot and Chellappa 1988, by FFT). Paint is taken for relief: where
+    a scan has heights, use these. From which end of its direction light comes no photo of relief says: above is
+    assumed, left of two sides; light= says it, and turns what is raised into what is sunken where it was wrong.
+    Heights go from 0 to 1; the attribute oiiotex:heightpx says how many pixels that is.
+    """
+
+    name: ClassVar[str] = "estimateheight"
+    space: ClassVar[Space] = Space.LAB
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("height", Kind.MEASURE, "one channel, 0 to 1, larger is nearer"),
+        Output("normal", Kind.MEASURE, "normals of these heights, as colours from 0 to 1", asked_by="normal"),
+    )
+
+    source: Image = image(help="the photo")
+    normal: bool | Path = param(False, help="1: normals as part 'normal' of the result; a file name: there")
+    light: float | None = param(
+        None, ge=-360, le=360, unit="degrees", help="where light comes from, counterclockwise from the right: 90 is"
+        " from above; when left out as the shading says, overcast where no direction stands out",
+    )  # fmt: skip
+    overcast: bool = param(False, help="light has no direction: dark is deep")
+    elevation: float = param(
+        45.0,
+        ge=1,
+        le=89,
+        unit="degrees",
+        help="of the light above the surface: low light shades small relief as much",
+    )
+    sigma: float | None = param(
+        None, ge=1, le=1e6, unit="px", help="what is larger is colour or uneven light and no relief; longer side / 8"
+        " when left out",
+    )  # fmt: skip
+    strength: float = param(1.0, ge=0.01, le=100, help="by how much slopes of the normals are steeper")
+    convention: str = param(
+        "opengl", choices=("opengl", "directx"), help="where green of the normals points: up (opengl) or down"
+    )
+    tile: str = param("none", choices=("none", "x", "y", "xy"), help="along which axes the photo tiles")
+    data: bool = param(False, help="the channels are no colours: the first is luminance")
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """Heights, and normals where they are asked for."""
+        from ..capture.shading import (  # what a line alone says needs none of it
+            BYTES,
+            luminance,
+            normals_of,
+            padded_size,
+            relief,
+        )
+
+        if self.overcast and self.light is not None:
+            raise ParameterError(f"{self.name}: light={self.light:g} and overcast=1 exclude each other")
+        part, wraps = self.source.first, ("y" in self.tile, "x" in self.tile)
+        width, height = part.spec.width, part.spec.height
+        sigma = self.sigma or max(1.0, max(width, height) / 8)
+        session.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
+        values, opaque = working_values(self.source, session, self.working_space)
+        session.advance(1, 2)
+        is_data = self.data or colour_space(self.source, session.color, session.autocc) is None
+        seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])
+        found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
+        session.advance(2, 2)
+        side = "an overcast sky" if found.light is None else f"{found.light:.0f} degrees"
+        low = float(found.heights.min())
+        most = max(float(found.heights.max()) - low, 1e-6)
+        log.info("%s: light from %s; heights of %.1f px", self.flag(), side, most)
+        spec = measure_spec(part.spec)
+        spec.attribute(HEIGHT_PX, most)
+        spec.attribute(ESTIMATE, f"height from shading, light from {side}")
+        heights = ((found.heights - np.float32(low)) / np.float32(most))[..., None]
+        return {
+            "height": from_pixels(part.name, heights, spec),
+            "normal": lambda: self._normals(normals_of(found.heights * np.float32(self.strength), wraps), part, side),
+        }
+
+    def _normals(self, normals: np.ndarray, part: Part, side: str) -> Part:
+        spec = measure_spec(part.spec, ("R", "G", "B"))
+        spec.attribute(ESTIMATE, f"normal from shading, light from {side}")
+        if self.convention == "directx":
+            normals = normals * np.array([1, -1, 1], np.float32)
+        return from_pixels("normal", 0.5 + 0.5 * normals, spec)

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texrectify: a flat surface that was photographed at a slant, seen from the front."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..capture.homography import aspect_of, homography, require_quadrangle, sides_of
+from ..color.config import as_float
+from ..color.lab import in_type, working_values
+from ..core.access import Gather
+from ..core.demand import materialized
+from ..core.image import Image, Part, derived_spec, dtype_of, spec_beside
+from ..core.op import Kind, Output, Space
+from ..core.parameters import Numbers, Size, image, param
+from ..core.source_map import STMAP
+from ..core.window import Window, warp_needs
+from ..deferred import np, oiio
+from ..errors import ImageError, ParameterError
+from ..session import Session
+
+log = logging.getLogger("oiiotex")
+
+FILTERS = {"lanczos3": 6, "mitchell": 4, "triangle": 2}  # and their widths, px
+_INCH = 0.0254  # m
+_CELL = 512  # px, side of what is made at once
+_LATTICE_BYTES = 120  # of a pixel of the photo, while its lattice is looked for
+_LARGEST = 65536  # px; what follows from corners alone is no larger
+
+
+def _lines(facts: dict[str, Any]) -> Iterator[str]:
+    """What was taken for the rectangle, in words that can be said for the next map."""
+    corners = ",".join(f"{value:.10g}" for value in facts["corners"])
+    yield f"corners={corners}:size={facts['width']}x{facts['height']}"
+    if facts["cells"]:
+        yield f"{facts['cells'][0]} x {facts['cells'][1]} cells of the lattice"
+    if facts["metres"]:
+        yield f"{facts['metres'][0]:g} x {facts['metres'][1]:g} m"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rectify(Gather):
+    """Show a flat surface from the front that was photographed at a slant.
+
+    Four corners of what is a rectangle in the world become those of the result; width over height follows from the
+    perspective itself (Zhang and He 2007: square pixels, the photo not cropped), or from physical=. Without corners a
+    photo of what repeats at equal distances in two directions (tiles, bricks, a weave) is straightened by its lattice,
+    and the result has as many whole cells of it as fit into the photo, so that it closes on itself along both axes.
+    With physical= the size of a pixel goes into the metadata (XResolution, YResolution, ResolutionUnit), which
+    all filters hand on. Values are filtered as they are stored; normals and displacements keep their directions.
+    """
+
+    name: ClassVar[str] = "rectify"
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("rectified", Kind.PIXELS, "the surface from the front, in the photo's own colour space and type"),
+        Output(
+            "st", Kind.COORDINATES, "where every pixel comes from, between pixels, as --st_warp reads it",
+            asked_by="stmap",
+        ),
+        Output("geometry", Kind.TABLE, "corners, size, cells, metres, matrix", asked_by="json", lines=_lines),
+    )  # fmt: skip
+
+    source: Image = image(help="the photo")
+    corners: Numbers | None = param(
+        None, unit="px", help="x,y of top left, top right, bottom right, bottom left, from the display window's corner;"
+        " by the photo's lattice when left out",
+    )  # fmt: skip
+    size: Size | None = param(
+        None,
+        ge=1,
+        le=_LARGEST,
+        help="width x height of the result; as large as the longer sides are seen when left out",
+    )
+    physical: Numbers | None = param(
+        None,
+        unit="m",
+        ge=1e-9,
+        le=1e9,
+        help="width,height in metres of what the corners span; of the lattice, of a cell",
+    )
+    filter: str = param("lanczos3", choices=tuple(FILTERS), help="what pixels are resampled by")
+    stmap: bool | Path = param(False, help=STMAP)
+    json: Path | None = param(None, help="corners, size, cells, metres and the matrix go to this file")
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The first part seen from the front; the photo is looked at before only for its lattice."""
+        part = self.source.first
+        if part.exact:
+            raise ImageError(f"{self.source.source} holds ids or source coordinates: they cannot be resampled")
+        corners, cells = self._corners(session)
+        metres = self._metres(cells)
+        width, height = self._size(corners, metres)
+        matrix = homography(corners, width, height)
+        spec = derived_spec(part.spec, width, height)
+        if metres is not None:
+            spec.attribute("XResolution", width * _INCH / metres[0])
+            spec.attribute("YResolution", height * _INCH / metres[1])
+            spec.attribute("ResolutionUnit", "in")  # EXR knows no other
+        geometry = {
+            "corners": corners.ravel().tolist(), "width": width, "height": height, "cells": cells, "metres": metres,
+            "matrix": matrix.tolist(),
+        }  # fmt: skip
+        rectified = Part(part.name, spec, self._seen(part, matrix, spec, session), part.stored)
+        return {"rectified": rectified, "st": _coordinates(matrix, part, spec), "geometry": geometry}
+
+    def _corners(self, session: Session) -> tuple[np.ndarray, tuple[int, int] | None]:
+        """Four points of the photo, and how many cells of its lattice lie between them where they follow from it."""
+        if self.corners is not None:
+            if len(self.corners) != 8:
+                raise ParameterError(f"corners={self.corners}: eight numbers are wanted, x,y of four points")
+            corners = np.array(self.corners, float).reshape(4, 2)
+            require_quadrangle(corners)
+            return corners, None
+        from ..capture.slanted_lattice import largest_rectangle, slanted_lattice  # not where corners are said
+
+        spec = self.source.first.spec
+        session.require(_LATTICE_BYTES * spec.width * spec.height, "the lattice of the photo", "say corners=")
+        values, opaque = working_values(self.source, session)
+        with session.stats.time("lattice"):
+            lattice = slanted_lattice(values, opaque)
+        if lattice is None:
+            raise ImageError(
+                f"{self.source.source}: nothing is found that repeats at equal distances in two directions:"
+                " say corners=x,y,x,y,x,y,x,y of a rectangle"
+            )
+        corners, cells = largest_rectangle(lattice, (spec.width, spec.height))
+        corners = corners + np.array([spec.x - spec.full_x, spec.y - spec.full_y])
+        return np.round(corners, 2), cells  # as they are said for the next map
+
+    def _metres(self, cells: tuple[int, int] | None) -> tuple[float, float] | None:
+        """Width and height of the result in the world."""
+        if self.physical is None:
+            return None
+        if len(self.physical) != 2:
+            raise ParameterError(f"physical={self.physical}: two numbers are wanted, width,height in metres")
+        across, down = cells or (1, 1)
+        return self.physical[0] * across, self.physical[1] * down
+
+    def _size(self, corners: np.ndarray, metres: tuple[float, float] | None) -> tuple[int, int]:
+        """Of the result, px."""
+        if self.size is not None:
+            return self.size.width, self.size.height
+        display = self.source.first.spec
+        aspect = metres[0] / metres[1] if metres else aspect_of(corners, (display.full_width, display.full_height))
+        across, down = sides_of(corners)
+        width = max(across, down * aspect)
+        found = max(1, round(width)), max(1, round(width / aspect))
+        if max(found) > _LARGEST:
+            raise ParameterError(f"the result would be {found[0]}x{found[1]} px: say size=")
+        return found
+
+    def _seen(
+        self, part: Part, matrix: np.ndarray, spec: oiio.ImageSpec, session: Session
+    ) -> Callable[[Window], np.ndarray]:
+        """What makes a window of the result."""
+        # from the display window's corner, so that where it lies does not show in the last bits
+        x, y = part.spec.full_x, part.spec.full_y
+        photo = part.window.shifted(-x, -y)
+        inverse = np.linalg.inv(matrix)
+        values, dtype = tuple(float(v) for v in matrix.ravel()), np.dtype(dtype_of(spec))
+        near = functools.cache(lambda: part if part.ready else materialized(part, session.budget))
+
+        def piece(window: Window) -> np.ndarray:
+            wanted = warp_needs(inverse, window, FILTERS[self.filter], photo) & photo
+            if wanted.empty:
+                return np.zeros((window.height, window.width, spec.nchannels), dtype)
+            session.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
+            source = oiio.ImageBuf(_floats(wanted, part.spec))
+            source.set_pixels(source.roi, np.ascontiguousarray(as_float(near().read(wanted.shifted(x, y)))))
+            target = oiio.ImageBuf(_floats(window, spec))
+            roi = window.roi(spec.nchannels)
+            oiio.ImageBufAlgo.warp(target, source, values, self.filter, 0.0, False, "black", roi)
+            found = target.get_pixels(oiio.FLOAT, roi).reshape(window.height, window.width, spec.nchannels)
+            return in_type(found, dtype)
+
+        def fetch(window: Window) -> np.ndarray:
+            out = np.empty((window.height, window.width, spec.nchannels), dtype)
+            for cell in window.cells(_CELL, _CELL):
+                out[cell.inside(window)] = piece(cell)
+            return out
+
+        return fetch
+
+
+def _floats(window: Window, like: oiio.ImageSpec) -> oiio.ImageSpec:
+    """Of floats in that window, with the channels of another spec."""
+    spec = oiio.ImageSpec(window.width, window.height, like.nchannels, oiio.FLOAT)
+    spec.x, spec.y = window.left, window.top
+    spec.channelnames, spec.alpha_channel = like.channelnames, like.alpha_channel
+    return spec
+
+
+def _coordinates(matrix: np.ndarray, part: Part, spec: oiio.ImageSpec) -> Part:
+    """Part 'st': shares of the photo's display window, (0, 0) its top left corner; pixel centres at halves."""
+    inverse, full = np.linalg.inv(matrix), (part.spec.full_width, part.spec.full_height)
+
+    def fetch(window: Window) -> np.ndarray:
+        x = np.arange(window.left, window.right)[None] + 0.5
+        y = np.arange(window.top, window.bottom)[:, None] + 0.5
+        seen = x[..., None] * inverse[0] + y[..., None] * inverse[1] + inverse[2]
+        return (seen[..., :2] / seen[..., 2:] / full).astype(np.float32)
+
+    return Part("st", spec_beside(spec, ("R", "G")), fetch, ready=True)
