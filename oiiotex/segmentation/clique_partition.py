@@ -19,6 +19,7 @@ Weights = np.ndarray | sparray | spmatrix
 SWEEPS = 50  # of the refinement, at most: each raises the score, so it ends by itself
 _WIDE = 8192  # vertices of a dense matrix beyond which its copy is one of float32
 _ROWS = 256  # of a dense matrix that are looked at together
+_COLUMNS = 1024  # of it that are added up together
 _NEAR = 16  # choices of a clique that are kept in case the best ones go
 _LEAST = 1e-9  # of the largest weight: a gain below it is a rounding error, not a gain
 
@@ -89,10 +90,19 @@ def contracted(weights: Weights, labels: np.ndarray) -> Weights:
         return between
     if count == 0:
         return np.zeros((0, 0))
-    member = csr_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(count, len(labels)))
-    between = member @ np.ascontiguousarray((member @ weights).T)
+    between = _summed(_summed(weights, labels, count).T, labels, count)
     np.fill_diagonal(between, 0)
     return between
+
+
+def _summed(matrix: np.ndarray, labels: np.ndarray, count: int) -> np.ndarray:
+    """The rows of each clique, added up in their order: (count, columns) float64; some columns at a time."""
+    member = csr_array((np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(count, len(labels)))
+    sums = np.empty((count, matrix.shape[1]))
+    for first in range(0, matrix.shape[1], _COLUMNS):
+        columns = slice(first, first + _COLUMNS)
+        sums[:, columns] = member @ np.ascontiguousarray(matrix[:, columns], np.float64)
+    return sums
 
 
 def _checked(weights: Weights) -> Weights:
@@ -249,16 +259,26 @@ class _Cost:
         matrix = np.empty((len(kept), len(kept)), np.float32 if len(self.cost) > _WIDE else np.float64)
         place, partner = np.searchsorted(kept, a), np.full(len(self.cost), -1)
         partner[a] = b
-        self.alive[b] = True  # until they have been read
+        wanted = np.concatenate([kept, b])  # columns
+        known = np.full(len(self.cost), -1)
+        known[wanted] = np.arange(len(wanted))
+        stale = self.stale[known[self.stale] >= 0]
+
+        def columns(which: np.ndarray) -> np.ndarray:
+            rows = np.take(self.cost[which], wanted, 1)
+            rows[:, known[stale]] = self.cost[np.ix_(stale, which)].T
+            return rows.astype(matrix.dtype, copy=False)
+
         for first in range(0, len(kept), _ROWS):
             here = kept[first : first + _ROWS]
-            rows = self.rows(here).astype(matrix.dtype)
+            rows = columns(here)
             paired = np.flatnonzero(partner[here] >= 0)
             if len(paired):
-                rows[paired] += self.rows(partner[here[paired]])
-            block = rows[:, kept]
-            block[:, place] += rows[:, b]
-            matrix[first : first + _ROWS] = block
+                rows[paired] += columns(partner[here[paired]])
+            block = matrix[first : first + _ROWS]
+            block[:] = rows[:, : len(kept)]
+            block[:, place] += rows[:, len(kept) :]
+        np.fill_diagonal(matrix, -np.inf)
         return matrix
 
 
@@ -304,15 +324,15 @@ def _moved(weights: Weights, labels: np.ndarray) -> int:
     if count == 0:
         return 0
     cliques = free = int(labels.max()) + 1
-    member = csr_array((np.ones(count), (np.arange(count), labels)), shape=(count, cliques))
     least = _LEAST * max(1.0, float(weights.max()), -float(weights.min()))
     if issparse(weights):
+        member = csr_array((np.ones(count), (np.arange(count), labels)), shape=(count, cliques))
         pull = (weights @ member).tocsr()
         pull.sum_duplicates()
         most = np.maximum(_best_sparse(pull)[0], 0.0)
         own = pull.multiply(member).sum(1) - weights.diagonal()
     else:
-        pull = (member.T @ weights).T
+        pull = _summed(weights, labels, cliques).T
         own = pull[np.arange(count), labels] - weights.diagonal()
         pull[np.arange(count), labels] = own
         most = np.maximum(pull.max(1), 0.0)
