@@ -178,10 +178,10 @@ def test_errors_speak_python(tmp_path):
 
 
 def refusals() -> list[str]:
-    """The texts of all errors that are raised outside of the command line and the host's ops."""
+    """The texts of all errors that are raised outside of the command lines and the host's ops."""
     texts = []
     for path in sorted((ROOT / "oiiotex").rglob("*.py")):
-        if path.relative_to(ROOT / "oiiotex").parts[0] in ("cli", "host"):
+        if path.relative_to(ROOT / "oiiotex").parts[0] in ("cli", "host", "library"):
             continue
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Raise) and node.exc is not None:
