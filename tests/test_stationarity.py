@@ -75,3 +75,12 @@ def test_the_seam_ratio_sees_the_wrap_alone():
         1.0, abs=0.6
     )
     assert seam_ratio(np.ones((5, 5)), 0) == 0.0
+
+
+def test_a_seam_in_a_joint_is_compared_with_joints():
+    tiles = np.ones((64, 64))
+    tiles[:, ::8] = 0.2
+    assert seam_ratio(tiles, 1) > 3.0
+    assert seam_ratio(tiles, 1, 1 / 8) == pytest.approx(1.0)
+    tiles[:, 0] = -0.6
+    assert seam_ratio(tiles, 1, 1 / 8) > 1.5

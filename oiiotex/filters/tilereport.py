@@ -39,7 +39,7 @@ REPORT_MEASURES = {
     "cost_photo": "the same of the photo",
     "texture": "squared Lab distance a pixel between its patches and the photo's (MJH17 eq. 5, upper bound)",
     "seam": "the larger of seam_x and seam_y",
-    "seam_x": "mean jump across the wrap along x over the mean jump inside; 1 is invisible",
+    "seam_x": "mean jump across the wrap along x over the mean jump inside (of a lattice, of its joints); 1 is invisible",
     "seam_x_photo": "the same of the photo",
     "seam_y": "as seam_x, along y",
     "seam_y_photo": "the same of the photo",
@@ -168,6 +168,8 @@ class Quality:
         How strongly the overall histogram was held, 0 to 1; None: it was not looked at.
     measure, order, patch
         As of --texstationarize.
+    cycles : (float, float)
+        Periods per pixel along x and y of the lattice that is kept; 0 where there is none.
     """
 
     op: Op
@@ -181,6 +183,7 @@ class Quality:
     measure: str = "histogram"
     order: int = 2
     patch: int = 11
+    cycles: tuple[float, float] = (0.0, 0.0)
     limits: tuple[Limit, ...] = field(init=False)
 
     @classmethod
@@ -291,10 +294,10 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = look.lab[..., 0], photo[..., 0]
-        for axis, letter, wraps in ((1, "x", self.wrap[0]), (0, "y", self.wrap[1])):
+        for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
-                measures[f"seam_{letter}_photo"] = seam_ratio(before, axis)
-                measures[f"seam_{letter}"] = seam_ratio(light, axis)
+                measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
+                measures[f"seam_{letter}"] = seam_ratio(light, axis, cycles)
                 measures[f"quieter_{letter}"] = wrap_percentile(light, axis)
         if any(self.wrap):
             measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)

@@ -25,16 +25,24 @@ def sharpness(gray: np.ndarray) -> float:
     return float(np.abs(gray - gaussian_filter(gray, 1, mode="wrap")).mean())
 
 
-def seam_ratio(values: np.ndarray, axis: int) -> float:
+def seam_ratio(values: np.ndarray, axis: int, cycles: float = 0.0) -> float:
     """Mean jump across the wrap over the mean jump inside: 1 is invisible.
+
+    Of a lattice the wrap may be a joint as there are others inside: then the loudest lines inside, one for each period,
+    are what it is compared with.
 
     Parameters
     ----------
     values : (height, width) or (height, width, channels) float
     axis : int
         0: top against bottom; 1: left against right.
+    cycles : float
+        Periods of a lattice per pixel along the axis; 0: there is none.
     """
-    inside = np.abs(np.diff(values, axis=axis)).mean()
+    others = tuple(n for n in range(values.ndim) if n != axis)
+    lines = np.abs(np.diff(values, axis=axis)).mean(axis=others, dtype=np.float64)
+    periods = round(cycles * values.shape[axis])
+    inside = (np.sort(lines)[-periods:] if periods > 0 else lines).mean()
     first, last = np.take(values, 0, axis=axis), np.take(values, -1, axis=axis)
     return float(np.abs(first - last).mean() / max(inside, 1e-12))
 
