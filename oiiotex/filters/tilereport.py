@@ -39,7 +39,7 @@ REPORT_MEASURES = {
     "cost_photo": "the same of the photo",
     "texture": "squared Lab distance a pixel between its patches and the photo's (MJH17 eq. 5, upper bound)",
     "seam": "the larger of seam_x and seam_y",
-    "seam_x": "mean jump across the wrap along x over the mean jump inside (of a lattice, of its joints); 1 is invisible",
+    "seam_x": "mean jump across the wrap along x over that inside (of a lattice, of its joints); 1 is invisible",
     "seam_x_photo": "the same of the photo",
     "seam_y": "as seam_x, along y",
     "seam_y_photo": "the same of the photo",
