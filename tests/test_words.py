@@ -19,6 +19,7 @@ from oiiotex.errors import Error
 from oiiotex.filters import FILTERS
 
 ROOT = Path(__file__).parents[1]
+LIBRARYS = set(re.findall(r'"(--[a-z]+)"', (ROOT / "oiiotex" / "library" / "main.py").read_text()))  # oiiotex-library's
 # docs/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"),
                 *(ROOT / "oiiotex").glob("*/README.md")])  # fmt: skip
@@ -31,8 +32,28 @@ OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url",
 }  # fmt: skip
-OURS = {".json", ".yaml", ".npz", ".gif", ".mp4", ".gpl", ".aco", ".icc", ".md", ".py", ".cl", ".ocio", ".pyi", ".toml"}
-NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
+OURS = {
+    ".json",
+    ".yaml",
+    ".npz",
+    ".gif",
+    ".mp4",
+    ".gpl",
+    ".aco",
+    ".icc",
+    ".md",
+    ".py",
+    ".cl",
+    ".ocio",
+    ".pyi",
+    ".toml",
+    ".zip",
+}
+NO_MODIFIERS = {
+    "colorspace",
+    "lines",
+    "dask",
+}  # of Python alone: where a call says the space, and of `Output`; --farm's
 OTHER_FILES = {".venv", ".gitignore", ".typed"}
 
 
@@ -56,7 +77,7 @@ def test_every_option_and_its_modifiers_are_there(source):
     missing = []
     for word in words_in(TEXTS[source]) - WRONG - OTHERS:
         name, _, rest = word.rstrip(".:").partition(":")
-        if name in WRONG | OTHERS or name.endswith(("-", "_")):
+        if name in WRONG | OTHERS | LIBRARYS or name.endswith(("-", "_")):
             continue
         try:
             known = modifiers_of(name)
