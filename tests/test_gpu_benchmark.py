@@ -51,6 +51,7 @@ def rows_of(text: str, begin: str) -> list[list[str]]:
     return [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith(f"| {begin} ")]
 
 
+@pytest.mark.slow
 def test_a_kernel_that_fails_is_a_row_and_all_else_goes_on(tmp_path, planted):
     planted('raise RuntimeError("clEnqueueNDRangeKernel failed: OUT_OF_RESOURCES")', pretend=True)
     run = gpu.Run("gpu", 3, [64], tmp_path / "gpu.md")

@@ -57,7 +57,7 @@ def peak_and_need(monkeypatch, work) -> tuple[int, int]:
             tracemalloc.stop()
 
 
-@pytest.mark.parametrize("measure", ["histogram", "moments", "steerable", None])
+@pytest.mark.parametrize("measure", ["histogram", "moments", pytest.param("steerable", marks=pytest.mark.slow), None])
 def test_what_statistics_ask_for_is_what_they_hold(monkeypatch, measure):
     """Of grids alone: less what the same image takes with a few cells. Of one thread nothing waits to be added up."""
     photo = buffer(np.random.default_rng(0).random((320, 320, 3)).astype(np.float32))
@@ -74,7 +74,7 @@ def test_what_statistics_ask_for_is_what_they_hold(monkeypatch, measure):
     assert 0.4 * asked < held <= asked, f"{held >> 10} kB held, {asked >> 10} kB asked for"
 
 
-@pytest.mark.parametrize("op", ["content", "cut"])
+@pytest.mark.parametrize("op", ["content", pytest.param("cut", marks=pytest.mark.slow)])
 def test_what_is_asked_for_a_photo_is_what_is_held(monkeypatch, op):
     random = np.random.default_rng(0)
     photo = buffer(random.random((384, 384, 3)).astype(np.float32))
