@@ -80,7 +80,7 @@ def page(browser, served) -> Iterator[object]:
     errors: list[str] = []
     opened.on("pageerror", lambda error: errors.append(str(error)))
     opened.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-    opened.set_default_timeout(30000)
+    opened.set_default_timeout(90000)
     opened.goto(served.url)
     opened.wait_for_selector("[data-tile=whole]")
     yield opened
@@ -90,7 +90,7 @@ def page(browser, served) -> Iterator[object]:
 
 def wait(page, condition: str) -> None:
     """Until an expression holds; Playwright's own way evaluates strings, which the page's policy refuses."""
-    until = time.monotonic() + 30
+    until = time.monotonic() + 90
     while not page.evaluate(condition):
         assert time.monotonic() < until, condition
         time.sleep(0.02)
@@ -224,7 +224,7 @@ def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folde
     server = Served(folder, live=":graph=graph.json", runtime=folder)
     page = browser.new_page(viewport={"width": 900, "height": 600})
     try:
-        page.set_default_timeout(30000)
+        page.set_default_timeout(90000)
         page.goto(server.url)
         tiles = {}
         for place, count in ((f"{3 << 96}/{5 << 96}", 3), (f"{-(12345 << 96)}/{(1 << 110) + 77}", 2)):
