@@ -290,6 +290,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = look.lab[..., 0], photo[..., 0]
+        self.session.advance(1, 1)  # who does not want to know any more is let go
         for axis, letter, wraps in ((1, "x", self.wrap[0]), (0, "y", self.wrap[1])):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis)
@@ -300,6 +301,7 @@ class Quality:
         measures |= {"slow_photo": low_frequency(before), "slow": low_frequency(light)}
         measures["loss"] = 1.0 - sharpness(light) / max(sharpness(before), 1e-12)
         if look.source is not None:
+            self.session.advance(1, 1)
             measures |= self._of_copies(photo, look)
         return measures
 

@@ -28,10 +28,11 @@ from .document import Document
 
 SAVE_EVERY = 0.5  # s, at most, that are lost
 MOST_PAGES = 16
+MOST_TASKS = 64  # that pages have asked for and are not done
 _PATIENCE = 10.0  # s between two restarts of the resident process
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
 _NONSENSE = json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"})
-_WAITING = 64  # messages that wait for a page: who is slower is let go
+_WAITING = 1024  # messages that wait for a page: who is slower is let go
 
 log = logging.getLogger("oiiotex")
 
@@ -226,6 +227,8 @@ class Hub:
             page.tell(_NONSENSE)
 
     def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
+        if len(self._tasks) > MOST_TASKS:
+            raise Error("too much is asked for at a time: wait for some of it")
         if asked["do"] != "set":
             self.begin(self._taken(page, self.rooms[asked["room"]].take(page, asked, data)))
             return
