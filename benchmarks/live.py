@@ -21,11 +21,11 @@ SLIDER = """async (value) => {
   const room = document.querySelector("[data-tile]");
   const row = [...document.querySelectorAll(".row")].find((one) => one.firstChild.textContent === "Sigma");
   const slider = row.querySelector("input[type=range]");
-  delete room.dataset.tile;
+  const { turn } = room.dataset;
   const begun = performance.now();
   slider.value = value;
   slider.dispatchEvent(new Event("input"));
-  while (!room.dataset.tile) await new Promise((go) => setTimeout(go, 2));
+  while (room.dataset.turn === turn) await new Promise((go) => setTimeout(go, 2));
   return performance.now() - begun;
 }"""
 STROKE = """async ([x, y, label]) => {

@@ -159,6 +159,27 @@ def test_a_painted_mask_is_in_the_line(page, folder):
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"mask": "dominant"}, ":mask=dominant"),
+        ({"mask": 1}, ":label=1"),
+        ({"amount": 0.7}, ":amount=0.7"),
+        ({"preset": "clean"}, ":preset=clean"),
+        ({"measure": "moments", "patch": 7, "width": 80, "height": 64, "structure": 0, "contrast": 0.3}, ":size=80x64"),
+    ],
+    ids=lambda value: None if isinstance(value, str) else next(iter(value)),
+)
+def test_whatever_is_chosen_the_line_makes_the_same_pixels(page, folder, values, said):
+    page.evaluate("delete document.querySelector('[data-tile]').dataset.tile")
+    page.evaluate("(values) => import('./main.js').then(({ shell }) => shell.set('tile', values))", values)
+    page.wait_for_selector("[data-tile=whole]")
+    words = copied_line(page)
+    assert any(said in word for word in words), words
+    np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
 def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page, folder):
     page.evaluate("import('./main.js').then(({ shell }) => shell.set('paint', { width: 512, height: 384, brush: 64 }))")
     page.click("#tab-paint")

@@ -173,6 +173,7 @@ export class TileRoom {
       if (this.tileView.fitted) this.tileView.fit();
       this.tileView.redraw();
       this.drawPlane();
+      this.element.dataset.turn = String(facts.turn);
       this.element.dataset.tile = facts.whole ? "whole" : "coarse";
     } else if (facts.kind === "seed") {
       this.seeds.set(facts.seed, canvasOf(facts, bytes));
