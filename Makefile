@@ -36,6 +36,7 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.multiscale_pictures
 	$(BIN)/python -m docs.synth_pictures
 	$(BIN)/python -m docs.library_pictures
+	$(BIN)/python -m docs.live_pictures
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden

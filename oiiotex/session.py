@@ -12,7 +12,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -50,15 +50,15 @@ class Resources:
     ----------
     keeper : Checkpoint or None
         Of the file that is being written, or will be: where ops with resume=1 keep what is finished.
-    memories : int
-        How many results of `remembered` are kept; 0, as in a program that ends after its line: none.
+    memory : int
+        Bytes of arrays that `remembered` keeps; 0, as in a program that ends after its line: nothing is kept.
     """
 
     def __init__(self, settings: Session):
         self._settings = settings
         self._last: tuple[str, Any] = ("", None)
         self.keeper: Checkpoint | None = None
-        self.memories = 0
+        self.memory = 0
         self._memory: OrderedDict[Hashable, tuple[Any, tuple[object, ...]]] = OrderedDict()
         self._checkpoints: dict[Path, Checkpoint] = {}
 
@@ -134,10 +134,22 @@ class Resources:
             value: Result = self._memory[key][0]
             return value
         value = make()
-        self._memory[key] = value, held
-        while len(self._memory) > self.memories:
-            self._memory.popitem(last=False)
+        if self.memory:
+            self._memory[key] = value, held
+            while len(self._memory) > 1 and sum(_bytes_of(one) for one, _ in self._memory.values()) > self.memory:
+                self._memory.popitem(last=False)
         return value
+
+
+def _bytes_of(value: Any) -> int:
+    """Of arrays, and of what says its bytes as they do: in tuples, lists and fields of dataclasses, too."""
+    if hasattr(value, "nbytes"):
+        return int(value.nbytes)
+    if isinstance(value, (tuple, list)):
+        return sum(map(_bytes_of, value))
+    if is_dataclass(value) and not isinstance(value, type):
+        return sum(_bytes_of(getattr(value, one.name)) for one in fields(value))
+    return 0
 
 
 @dataclass(kw_only=True)

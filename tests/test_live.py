@@ -80,7 +80,7 @@ def page(browser, served) -> Iterator[object]:
     errors: list[str] = []
     opened.on("pageerror", lambda error: errors.append(str(error)))
     opened.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-    opened.set_default_timeout(30000)
+    opened.set_default_timeout(90000)
     opened.goto(served.url)
     opened.wait_for_selector("[data-tile=whole]")
     yield opened
@@ -90,7 +90,7 @@ def page(browser, served) -> Iterator[object]:
 
 def wait(page, condition: str) -> None:
     """Until an expression holds; Playwright's own way evaluates strings, which the page's policy refuses."""
-    until = time.monotonic() + 30
+    until = time.monotonic() + 90
     while not page.evaluate(condition):
         assert time.monotonic() < until, condition
         time.sleep(0.02)
@@ -159,6 +159,27 @@ def test_a_painted_mask_is_in_the_line(page, folder):
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"mask": "dominant"}, ":mask=dominant"),
+        ({"mask": 1}, ":label=1"),
+        ({"amount": 0.7}, ":amount=0.7"),
+        ({"preset": "clean"}, ":preset=clean"),
+        ({"measure": "moments", "patch": 7, "width": 80, "height": 64, "structure": 0, "contrast": 0.3}, ":size=80x64"),
+    ],
+    ids=lambda value: None if isinstance(value, str) else next(iter(value)),
+)
+def test_whatever_is_chosen_the_line_makes_the_same_pixels(page, folder, values, said):
+    page.evaluate("delete document.querySelector('[data-tile]').dataset.tile")
+    page.evaluate("(values) => import('./main.js').then(({ shell }) => shell.set('tile', values))", values)
+    page.wait_for_selector("[data-tile=whole]")
+    words = copied_line(page)
+    assert any(said in word for word in words), words
+    np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
 def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page, folder):
     page.evaluate("import('./main.js').then(({ shell }) => shell.set('paint', { width: 512, height: 384, brush: 64 }))")
     page.click("#tab-paint")
@@ -224,7 +245,7 @@ def test_tiles_of_a_zoom_are_windows_of_a_line_twenty_levels_down(browser, folde
     server = Served(folder, live=":graph=graph.json", runtime=folder)
     page = browser.new_page(viewport={"width": 900, "height": 600})
     try:
-        page.set_default_timeout(30000)
+        page.set_default_timeout(90000)
         page.goto(server.url)
         tiles = {}
         for place, count in ((f"{3 << 96}/{5 << 96}", 3), (f"{-(12345 << 96)}/{(1 << 110) + 77}", 2)):

@@ -196,6 +196,16 @@ def test_nonsense_on_the_wire_is_refused_in_words_and_a_flood_closes_it(served):
     assert " 101 " in Wire(served).status
 
 
+def test_a_page_that_asks_for_too_much_waits(served):
+    wire = Wire(served)
+    wire.until("hello")
+    for _ in range(300):
+        wire.send(b'{"do":"open","room":"paint"}')
+    while "too much is asked for" not in wire.until("error")["text"]:
+        pass
+    wire.socket.close()
+
+
 def test_a_thousand_requests_change_nothing(served):
     start = time.monotonic()
     wires = [Wire(served) for _ in range(40)]  # more than pages may be

@@ -28,6 +28,7 @@ from oiiotex.service.client import BRUSH, EXPORT, Client, connect
 from oiiotex.service.messages import Link, LinkError
 from oiiotex.service.pictures import facts_of, image_facts, image_of
 from oiiotex.service.settings import Settings
+from oiiotex.session import Session
 from tests import pictures
 
 SETTINGS = Settings(budget=1 << 30, idle=30)
@@ -88,6 +89,21 @@ def test_pixels_are_those_of_the_program_and_come_coarse_first(client, photo, pi
     assert made["parts"][0]["place"][:4] == [0, 0, 64, 64]
     window = client.read(made["number"], Window(8, 16, 40, 20)).result(20)[1][0]
     np.testing.assert_array_equal(window, tile[16:20, 8:40])
+
+
+def test_what_is_remembered_is_bounded_by_bytes_and_forgotten_where_nothing_is_kept():
+    resources, made = Session().resources, []
+
+    def once(key: int) -> np.ndarray:
+        return resources.remembered(key, lambda: made.append(key) or np.zeros(100, np.uint8))
+
+    for key in (1, 1):
+        once(key)
+    assert made == [1, 1]  # a program that ends after its line
+    resources.memory = 250
+    for key in (2, 3, 2, 4, 2, 3):
+        once(key)
+    assert made[2:] == [2, 3, 4, 3]  # 3 went for 4: 2 was used after it
 
 
 def test_the_first_look_is_enough_where_it_is_asked_for(client, photo):

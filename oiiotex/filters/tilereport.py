@@ -294,6 +294,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = look.lab[..., 0], photo[..., 0]
+        self.session.advance(1, 1)  # who does not want to know any more is let go
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
@@ -304,6 +305,7 @@ class Quality:
         measures |= {"slow_photo": low_frequency(before), "slow": low_frequency(light)}
         measures["loss"] = 1.0 - sharpness(light) / max(sharpness(before), 1e-12)
         if look.source is not None:
+            self.session.advance(1, 1)
             measures |= self._of_copies(photo, look)
         return measures
 

@@ -9,7 +9,7 @@ import json
 import logging
 import struct
 import time
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from ..core.image import Image, channels_of
 from ..deferred import np
 from ..errors import Error
 from ..io.documents import require_plain
-from ..service.client import Client, connect
+from ..service.client import BRUSH, Client, connect
 from ..service.messages import LinkError
 from ..service.settings import Settings
 from ..session import Session
@@ -28,10 +28,11 @@ from .document import Document
 
 SAVE_EVERY = 0.5  # s, at most, that are lost
 MOST_PAGES = 16
+MOST_TASKS = 64  # that pages have asked for and are not done
 _PATIENCE = 10.0  # s between two restarts of the resident process
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
 _NONSENSE = json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"})
-_WAITING = 64  # messages that wait for a page: who is slower is let go
+_WAITING = 1024  # messages that wait for a page: who is slower is let go
 
 log = logging.getLogger("oiiotex")
 
@@ -104,6 +105,8 @@ class Hub:
         self._client: Client | None = None
         self._connecting = asyncio.Lock()
         self._photo: int | None = None
+        self._making = asyncio.Lock()
+        self._made: dict[str, dict[str, Any]] = {}
         self._restarted = -_PATIENCE
         self.rooms: dict[str, Any] = {}
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -117,6 +120,7 @@ class Hub:
             if self._client is None or self._client.ended:
                 self._client = await asyncio.to_thread(connect, Settings.of(self.session))
                 self._photo = None
+                self._made.clear()
                 for room in self.rooms.values():
                     room.forget()
             return self._client
@@ -136,6 +140,25 @@ class Hub:
             if self._photo is None:
                 self._photo = await asyncio.to_thread(client.put, image)
             return self._photo
+
+    async def made(self, op: str) -> dict[str, Any]:
+        """The photo with the parts that an op adds to it, as the resident process says it: 'number' and 'parts'."""
+        photo, client = await self.photo(), await self.client()
+        async with self._making:
+            if op not in self._made:
+                request = client.make(op, [photo], {"keep": 1}, priority=BRUSH, on_progress=self.advancing())
+                facts, _ = await asyncio.wrap_future(request)
+                self._made[op] = facts["images"][0]
+            return self._made[op]
+
+    def advancing(self) -> Callable[[int, int], None]:
+        """Tells all pages how far a job is."""
+        loop = asyncio.get_running_loop()
+
+        def advanced(done: int, total: int) -> None:
+            loop.call_soon_threadsafe(self.tell, {"do": "busy", "room": "", "done": done, "total": total})
+
+        return advanced
 
     # --- pages ---
 
@@ -226,6 +249,8 @@ class Hub:
             page.tell(_NONSENSE)
 
     def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
+        if len(self._tasks) > MOST_TASKS:
+            raise Error("too much is asked for at a time: wait for some of it")
         if asked["do"] != "set":
             self.begin(self._taken(page, self.rooms[asked["room"]].take(page, asked, data)))
             return
@@ -279,3 +304,8 @@ class Hub:
         if self._client is not None:
             with contextlib.suppress(LinkError):
                 self._client.close()
+
+
+def labels_of(made: dict[str, Any]) -> list[str]:
+    """The label maps of what --texlabel has made, the coarsest last."""
+    return [part["name"] for part in made["parts"] if part["name"].startswith("label.")]

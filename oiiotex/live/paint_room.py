@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable
 from typing import Any
 
 from ..color.config import as_float
@@ -16,7 +15,7 @@ from ..io.documents import read_document
 from ..io.reading import read
 from ..labels.legend import code_of, codes_in
 from ..service.client import BRUSH
-from .hub import Hub, Page
+from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
 from .painting import Steps, write_indexed
 
@@ -37,8 +36,6 @@ class PaintRoom:
         self._hub = hub
         self._steps = Steps(hub.document.beside("paint"))
         self._table = hub.document.beside("palette.json")
-        self._labelled: int | None = None
-        self._parts: list[str] = []  # its label maps, the coarsest last
         self._palette: tuple[dict[str, Any], np.ndarray] | None = None  # its table, and its picture
         self._step = -1
         self._ids: np.ndarray | None = None
@@ -85,44 +82,26 @@ class PaintRoom:
 
     def forget(self) -> None:
         """The resident process is another one."""
-        self._labelled = self._image = None
+        self._image = None
 
     # --- what can be painted with ---
 
-    async def _labels(self) -> int:
-        """The photo with its labels, at the resident process."""
-        photo, client = await self._hub.photo(), await self._hub.client()
-        if self._labelled is None:
-            self._hub.tell({"do": "note", "room": "paint", "text": "Looking for the photo's labels ..."})
-            request = client.make("label", [photo], {"keep": 1}, priority=BRUSH, on_progress=self._advancing())
-            facts, _ = await asyncio.wrap_future(request)
-            image = facts["images"][0]
-            self._labelled = image["number"]
-            self._parts = [part["name"] for part in image["parts"] if part["name"].startswith("label.")]
-        return self._labelled
-
     async def _level(self) -> int:
         """The coarsest level that has some labels to paint with."""
-        labelled, client = await self._labels(), await self._hub.client()
+        made, client = await self._hub.made("label"), await self._hub.client()
         counts = {}
-        for name in reversed(self._parts):
-            _, (ids,) = await asyncio.wrap_future(client.read(labelled, part=name, priority=BRUSH))
+        for name in reversed(labels_of(made)):
+            _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
             level = int(name.removeprefix("label."))
             counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
             if counts[level] >= _LEAST_LABELS:
                 return level
         return max(counts, key=lambda level: counts[level])
 
-    def _advancing(self) -> Callable[[int, int], None]:
-        loop, tell = asyncio.get_running_loop(), self._hub.tell
-
-        def advanced(done: int, total: int) -> None:
-            loop.call_soon_threadsafe(tell, {"do": "busy", "room": "paint", "done": done, "total": total})
-
-        return advanced
-
     async def _opened_palette(self) -> dict[str, Any]:
-        labelled, client = await self._labels(), await self._hub.client()
+        if self._palette is None:
+            self._hub.tell({"do": "note", "room": "paint", "text": "Looking for the photo's labels ..."})
+        labelled, client = (await self._hub.made("label"))["number"], await self._hub.client()
         if self._palette is None:
             values = {
                 "level": await self._level(),
@@ -220,7 +199,8 @@ class PaintRoom:
 
     async def _make(self, ids: np.ndarray, step: int, before: int | None, keep: bool = False) -> None:
         """The texture of a painting, beginning with the plan of a step; what has changed is shown."""
-        hub, labelled, client = self._hub, await self._labels(), await self._hub.client()
+        hub, client = self._hub, await self._hub.client()
+        labelled = (await hub.made("label"))["number"]
         path = self._steps.picture(step)
         if not keep:
             self._write(path, ids)

@@ -15,7 +15,7 @@ from ..io.writing import write
 from ..labels.legend import codes_of, colour_of
 from ..service.client import BRUSH, LOOKS, Request
 from ..service.messages import LinkError
-from .hub import Hub, Page
+from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
 
 MOST_SHOWN = 2048  # px, of a side of what is sent to a page
@@ -42,7 +42,6 @@ class TileRoom:
         self._thumbnails: list[Request] = []
         self._numbers: dict[str, int] = {}  # of images that the resident process has
         self._photo: np.ndarray | None = None
-        self._label_part = ""
 
     # --- pages ---
 
@@ -134,7 +133,7 @@ class TileRoom:
     def _looked(self, turn: int, pixels: np.ndarray, whole: bool) -> None:
         if turn != self._turn:
             return
-        facts = {"kind": "tile", "whole": whole, "size": [pixels.shape[1], pixels.shape[0]]}
+        facts = {"kind": "tile", "turn": turn, "whole": whole, "size": [pixels.shape[1], pixels.shape[0]]}
         self._tile = _reduced(pixels), facts
         self._hub.show(*self._framed(*self._tile))
 
@@ -165,26 +164,15 @@ class TileRoom:
         tile, optional = self._hub.document.state["tile"], dict[str, int | str]()
         number = await self._hub.photo()
         if tile["mask"] == "dominant":
-            number = await self._made("dominant")
+            number = (await self._hub.made("dominant"))["number"]
             optional["mask"] = "dominant"
         elif tile["mask"] == "brush":
             optional["mask"] = await self._brush("mask")
         elif tile["mask"]:
-            number = await self._made("label")
+            number = (await self._hub.made("label"))["number"]
         if tile["within"]:
             optional["within"] = await self._brush("within")
         return number, optional
-
-    async def _made(self, op: str) -> int:
-        """The photo with the parts that an op adds to it."""
-        photo, client = await self._hub.photo(), await self._hub.client()
-        if op not in self._numbers:
-            facts, _ = await asyncio.wrap_future(client.make(op, [photo], {"keep": 1}, priority=BRUSH))
-            image = facts["images"][0]
-            self._numbers[op] = image["number"]
-            if op == "label":  # the last is the coarsest
-                self._label_part = [p["name"] for p in image["parts"] if p["name"].startswith("label.")][-1]
-        return self._numbers[op]
 
     async def _brush(self, name: str) -> int:
         if name not in self._numbers:
@@ -282,12 +270,13 @@ class TileRoom:
 
     async def _overlay(self, name: str) -> None:
         """Show the dominant mask, or the labels, over the photo."""
-        number, client = await self._made(name), await self._hub.client()
+        made, client = await self._hub.made(name), await self._hub.client()
+        number = made["number"]
         if name == "dominant":
             _, (pixels,) = await asyncio.wrap_future(client.read(number, part="dominant", priority=BRUSH))
             ids = (as_float(pixels[..., 0]) > 0.5).astype(np.uint8)
         else:
-            _, (pixels,) = await asyncio.wrap_future(client.read(number, part=self._label_part, priority=BRUSH))
+            _, (pixels,) = await asyncio.wrap_future(client.read(number, part=labels_of(made)[-1], priority=BRUSH))
             ids = pixels[..., 0].clip(0, 255).astype(np.uint8)
         there = [int(n) for n in np.flatnonzero(np.bincount(ids.ravel())) if n]
         colours = [colour_of(int(code)) for code in codes_of(np.array(there, int))]

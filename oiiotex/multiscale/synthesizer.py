@@ -225,6 +225,7 @@ class Synthesizer:
             "finer": np.array(levels.finer, np.int32),
             "spacing": np.array([levels.spacing(n) for n in range(len(levels.stacks))], np.int32),
         }
+        self.nbytes = sum(table.nbytes for table in tables.values())  # on the device
         self._tables = Buffers(device, {}, budget, "the analysed exemplars", tables=tables)
         middle = 1 << self._side - 1
         self._first = SourceMap.of(middle, middle, self._side).packed  # of level 0

@@ -29,7 +29,7 @@ from .settings import Settings
 from .work import Bench
 
 MOST_JOBS = 256  # of a client, that wait or run
-MEMORIES = 48  # analyses of photos and planes that are kept
+MEMORY_SHARE = 4  # of the budget: analyses of photos and planes that are kept
 _CREDENTIALS = struct.Struct("3i")
 
 log = logging.getLogger("oiiotex")
@@ -53,7 +53,7 @@ class Resident:
             interchange=settings.interchange,
             autocc=settings.autocc,
         )
-        self._session.resources.memories = MEMORIES
+        self._session.resources.memory = settings.budget // MEMORY_SHARE
         self.jobs = Jobs()
         self._clients: set[_Client] = set()
         self._busy = time.monotonic()

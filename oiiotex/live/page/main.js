@@ -161,7 +161,7 @@ on("message", (message) => {
     if (message.room === "view") showLooking();
     for (const room of Object.values(rooms)) room.refresh(false);
   } else if (message.do === "busy") {
-    if (message.room === current) shell.progress(message.done, message.total);
+    if (message.room === current || !message.room) shell.progress(message.done, message.total);
     rooms[message.room]?.busy?.(message);
   } else if (message.do === "error") {
     shell.status(message.text, true);
