@@ -182,7 +182,7 @@ def test_the_commands_of_the_studio_page_do_what_it_says(tmp_path):
         pytest.skip("NOT RUN: the program is not installed")
     photos = tmp_path / "photos"
     photos.mkdir()
-    save(pictures.pebbles(64, 64, 1), photos / "meadow.png")
+    save(pictures.pebbles(128, 128, 1), photos / "meadow.png")
     with zipfile.ZipFile(photos / "Wall_1K.zip", "w") as archive:
         for role, pixels in (
             ("Color", pictures.bricks(64, 64, 2)),
