@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import shlex
 from pathlib import Path
@@ -17,6 +18,7 @@ from oiiotex.cli.parse import Refused, parse, split_modifiers
 from oiiotex.core.parameters import declared
 from oiiotex.errors import Error
 from oiiotex.filters import FILTERS
+from oiiotex.library import main as library
 
 ROOT = Path(__file__).parents[1]
 # docs/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
@@ -31,9 +33,31 @@ OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url",
 }  # fmt: skip
-OURS = {".json", ".yaml", ".npz", ".gif", ".mp4", ".gpl", ".aco", ".icc", ".md", ".py", ".cl", ".ocio", ".pyi", ".toml"}
+OURS = {
+    ".json",
+    ".yaml",
+    ".npz",
+    ".gif",
+    ".mp4",
+    ".gpl",
+    ".aco",
+    ".icc",
+    ".md",
+    ".py",
+    ".cl",
+    ".ocio",
+    ".pyi",
+    ".toml",
+    ".zip",
+}
 NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
 OTHER_FILES = {".venv", ".gitignore", ".typed"}
+
+
+def library_options() -> set[str]:
+    """Those of the second program, of all its commands."""
+    (commands,) = (a for a in library._parser()._actions if isinstance(a, argparse._SubParsersAction))
+    return {word for own in commands.choices.values() for action in own._actions for word in action.option_strings}
 
 
 def modifiers_of(name: str) -> set[str] | None:
@@ -54,7 +78,8 @@ def words_in(text: str) -> set[str]:
 @pytest.mark.parametrize("source", TEXTS)
 def test_every_option_and_its_modifiers_are_there(source):
     missing = []
-    for word in words_in(TEXTS[source]) - WRONG - OTHERS:
+    others = OTHERS | (library_options() if "oiiotex-library" in TEXTS[source] else set())
+    for word in words_in(TEXTS[source]) - WRONG - others:
         name, _, rest = word.rstrip(".:").partition(":")
         if name in WRONG | OTHERS or name.endswith(("-", "_")):
             continue
@@ -84,6 +109,16 @@ def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
                 name, given = split_modifiers(word)
                 known = modifiers_of(name)
                 assert known is None or set(given) <= known, line
+
+
+@pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex-library " in text])
+def test_every_line_of_the_library_that_is_shown_is_one_that_it_takes(source):
+    blocks = re.findall(r"```\w*\n(.*?)```", TEXTS[source], re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines() if line.startswith("oiiotex-library ")]
+    assert lines
+    for line in lines:
+        words = shlex.split(re.split(r" \|\| | > ", line)[0], comments=True)[1:]
+        library._parser().parse_args(words)
 
 
 @pytest.mark.parametrize("source", TEXTS)
