@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from oiiotex.farm import dask_cluster
 from oiiotex.library import catalogue as catalogues
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.upkeep import check
@@ -156,6 +157,21 @@ def test_dask_makes_what_processes_here_make(folder):
     with Catalogue(folder / "library") as one, Catalogue(folder / "farmed") as other:
         assert list(check(other)) == []
         assert [a[:4] for a in one.assets().values()] == [a[:4] for a in other.assets().values()]
+
+
+def dies(job: str) -> str:
+    """What a worker does whose job kills it."""
+    if job == "deadly":
+        os.kill(os.getpid(), 9)
+    return job
+
+
+@pytest.mark.slow
+def test_a_material_that_kills_workers_of_dask_takes_no_other_with_it():
+    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    with dask_cluster.cluster("local:1") as client:
+        ended = dask_cluster.results(client, dies, ["a", "deadly", "b"], lambda job, why: f"{job} failed")
+        assert sorted(ended) == ["a", "b", "deadly failed"]
 
 
 @pytest.mark.slow
