@@ -219,8 +219,10 @@ def main() -> None:
         count = cells_of(given.size)
         costs = measured(folder, given.size, count)
         total = sum(costs.tasks)
-        print(f"{given.size}, {count} shares, one thread: {min(costs.tasks):.2f} to {max(costs.tasks):.2f} s each,")
-        print(f"{total:.1f} s in all ({costs.pixels / total / 1e6:.2f} Mpix/s); the join {costs.join:.1f} s")
+        least, most, pure = min(costs.tasks), max(costs.tasks), total - count * costs.fixed
+        print(f"{given.size}, {count} shares of a cell: {least:.2f} to {most:.2f} s of CPU each, {total:.1f} s in all")
+        print(f"of which {costs.fixed:.2f} s before a task makes a pixel: 5 % of tasks of {20 * costs.fixed:.0f} s")
+        print(f"{costs.pixels / pure / 1e6:.2f} Mpix/s of a thread otherwise; the join {costs.join:.1f} s by the clock")
         print(f"{costs.written / 1e6:.0f} MB of shares, {costs.result / 1e6:.0f} MB of file")
         for workers in (1, 2):
             dask = on_dask(folder, given.size, count, workers)

@@ -554,7 +554,7 @@ def test_shares_are_made_apart_and_recorded_by_the_run_that_joins(photos, tmp_pa
         tally, _ = brought_in(photos, library, recipe(), share=share)
         assert tally.made == 1
     assert not (library / catalogues.FILE).exists()
-    monkeypatch.setattr(ingest, "_in_processes", None)  # nothing is made any more
+    monkeypatch.setattr(making, "make", None)  # nothing is made any more
     tally, _ = brought_in(photos, library, recipe())
     assert tally.counts == {"ok": 2}
     with Catalogue(library) as catalogue:

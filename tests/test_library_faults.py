@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from oiiotex.farm import dask_cluster
 from oiiotex.library import catalogue as catalogues
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.upkeep import check
@@ -158,6 +159,21 @@ def test_dask_makes_what_processes_here_make(folder):
         assert [a[:4] for a in one.assets().values()] == [a[:4] for a in other.assets().values()]
 
 
+def dies(job: str) -> str:
+    """What a worker does whose job kills it."""
+    if job == "deadly":
+        os.kill(os.getpid(), 9)
+    return job
+
+
+@pytest.mark.slow
+def test_a_material_that_kills_workers_of_dask_takes_no_other_with_it():
+    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    with dask_cluster.cluster("local:1") as client:
+        ended = dask_cluster.results(client, dies, ["a", "deadly", "b"], lambda job, why: f"{job} failed")
+        assert sorted(ended) == ["a", "b", "deadly failed"]
+
+
 @pytest.mark.slow
 def test_a_job_template_is_run_by_open_job_descriptions_own_runner(folder):
     program = Path(sys.executable).parent / "openjd"
@@ -182,7 +198,7 @@ def test_the_commands_of_the_studio_page_do_what_it_says(tmp_path):
         pytest.skip("NOT RUN: the program is not installed")
     photos = tmp_path / "photos"
     photos.mkdir()
-    save(pictures.pebbles(64, 64, 1), photos / "meadow.png")
+    save(pictures.pebbles(128, 128, 1), photos / "meadow.png")
     with zipfile.ZipFile(photos / "Wall_1K.zip", "w") as archive:
         for role, pixels in (
             ("Color", pictures.bricks(64, 64, 2)),

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import shlex
 from pathlib import Path
@@ -17,9 +18,9 @@ from oiiotex.cli.parse import Refused, parse, split_modifiers
 from oiiotex.core.parameters import declared
 from oiiotex.errors import Error
 from oiiotex.filters import FILTERS
+from oiiotex.library import main as library
 
 ROOT = Path(__file__).parents[1]
-LIBRARYS = set(re.findall(r'"(--[a-z]+)"', (ROOT / "oiiotex" / "library" / "main.py").read_text()))  # oiiotex-library's
 # docs/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"),
                 *(ROOT / "oiiotex").glob("*/README.md")])  # fmt: skip
@@ -49,12 +50,14 @@ OURS = {
     ".toml",
     ".zip",
 }
-NO_MODIFIERS = {
-    "colorspace",
-    "lines",
-    "dask",
-}  # of Python alone: where a call says the space, and of `Output`; --farm's
+NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
 OTHER_FILES = {".venv", ".gitignore", ".typed"}
+
+
+def library_options() -> set[str]:
+    """Those of the second program, of all its commands."""
+    (commands,) = (a for a in library._parser()._actions if isinstance(a, argparse._SubParsersAction))
+    return {word for own in commands.choices.values() for action in own._actions for word in action.option_strings}
 
 
 def modifiers_of(name: str) -> set[str] | None:
@@ -75,9 +78,10 @@ def words_in(text: str) -> set[str]:
 @pytest.mark.parametrize("source", TEXTS)
 def test_every_option_and_its_modifiers_are_there(source):
     missing = []
-    for word in words_in(TEXTS[source]) - WRONG - OTHERS:
+    others = OTHERS | (library_options() if "oiiotex-library" in TEXTS[source] else set())
+    for word in words_in(TEXTS[source]) - WRONG - others:
         name, _, rest = word.rstrip(".:").partition(":")
-        if name in WRONG | OTHERS | LIBRARYS or name.endswith(("-", "_")):
+        if name in WRONG | OTHERS or name.endswith(("-", "_")):
             continue
         try:
             known = modifiers_of(name)
@@ -105,6 +109,16 @@ def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
                 name, given = split_modifiers(word)
                 known = modifiers_of(name)
                 assert known is None or set(given) <= known, line
+
+
+@pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex-library " in text])
+def test_every_line_of_the_library_that_is_shown_is_one_that_it_takes(source):
+    blocks = re.findall(r"```\w*\n(.*?)```", TEXTS[source], re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines() if line.startswith("oiiotex-library ")]
+    assert lines
+    for line in lines:
+        words = shlex.split(re.split(r" \|\| | > ", line)[0], comments=True)[1:]
+        library._parser().parse_args(words)
 
 
 @pytest.mark.parametrize("source", TEXTS)

@@ -56,7 +56,12 @@ def cluster(address: str) -> Iterator[Client]:
         yield client
 
 
-def results(client: Client, work: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+def results(
+    client: Client,
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    instead: Callable[[Job, str], Result] | None = None,
+) -> Iterator[Result]:
     """What `work` makes of each job, as they end; a job whose worker dies is done again elsewhere.
 
     Parameters
@@ -65,19 +70,24 @@ def results(client: Client, work: Callable[[Job], Result], jobs: Sequence[Job]) 
     work : callable
         A function of a module that workers can import.
     jobs : sequence
+    instead : callable, optional
+        (job, why): gives the result of a job that could not be done.
 
     Raises
     ------
     Error
-        A job has lost `RETRIES` workers, or failed otherwise than by an answer.
+        A job has lost `RETRIES` workers, or failed otherwise than by an answer, and nothing stands instead.
     """
     from distributed import as_completed
 
-    futures = [client.submit(work, job, pure=False, retries=RETRIES) for job in jobs]
+    futures = {client.submit(work, job, pure=False, retries=RETRIES): job for job in jobs}
     try:
         for future in as_completed(futures):
-            if future.status != "finished":
+            if future.status == "finished":
+                yield future.result()
+            elif instead is None:
                 raise Error(f"a worker could not do its share: {future.exception()}")
-            yield future.result()
+            else:
+                yield instead(futures[future], str(future.exception()))
     finally:
-        client.cancel(futures)
+        client.cancel(list(futures))

@@ -46,6 +46,11 @@ CREATE TABLE sources (
 CREATE TABLE claims (asset TEXT PRIMARY KEY, run TEXT NOT NULL) WITHOUT ROWID;
 """
 
+_ASSETS = (
+    "SELECT name, key, status, folder, reasons, root, licence, author, width, height, size_m, l, a, b, seconds, made"
+    " FROM assets"
+)
+
 
 class Asset(NamedTuple):
     """A row of the catalogue.
@@ -140,12 +145,14 @@ class Catalogue:
 
     def assets(self) -> dict[str, Asset]:
         """All assets by name, in its order."""
-        query = (
-            "SELECT name, key, status, folder, reasons, root, licence, author, width, height, size_m, l, a, b,"
-            " seconds, made FROM assets ORDER BY name"
-        )
         with _said(self.library):
-            return {row[0]: _asset(row) for row in self._data.execute(query)}
+            return {row[0]: _asset(row) for row in self._data.execute(f"{_ASSETS} ORDER BY name")}
+
+    def asset(self, name: str) -> Asset | None:
+        """The asset of that name."""
+        with _said(self.library):
+            row = self._data.execute(f"{_ASSETS} WHERE name = ?", (name,)).fetchone()
+        return _asset(row) if row else None
 
     def measures(self) -> dict[str, dict[str, float]]:
         """The measures of all assets."""
@@ -261,11 +268,6 @@ class Catalogue:
         with self._transaction():
             self._data.execute("DELETE FROM claims WHERE asset = ? AND run = ?", (asset, run))
 
-    def busy(self) -> bool:
-        """Whether a run is at work."""
-        self.sweep()
-        return any((self.library / WORK).glob("run-*"))
-
 
 class FoldersAlone:
     """Stands for the catalogue on a machine of a farm: folders are written, and a later run records them."""
@@ -284,6 +286,10 @@ class FoldersAlone:
     def assets(self) -> dict[str, Asset]:
         """Nothing is known here."""
         return {}
+
+    def asset(self, name: str) -> Asset | None:
+        """Nothing is known here."""
+        return None
 
     def sources(self) -> dict[str, tuple[int, int, str]]:
         """Nothing is known here."""

@@ -35,6 +35,7 @@ from .recipe import Recipe
 log = logging.getLogger("oiiotex")
 
 _POLL = 0.3  # s between looks at what another run has
+_DIED = "its process has ended of itself: killed, or out of memory?"
 _READERS = 4  # threads that hash files
 
 
@@ -112,6 +113,8 @@ class _Run:
     catalogue: Catalogue | FoldersAlone
     name: str
     counts: dict[str, int] = field(default_factory=dict)
+    made: int = 0
+    total: int = 0
 
     def plan(self, found: Sequence[Material], digests: dict[str, str]) -> list[Job]:
         """What is to be made; questions are recorded, and what is as it was is counted."""
@@ -155,75 +158,61 @@ class _Run:
 
     def carry_out(self, todo: list[Job], total: int, start: float) -> Tally:
         """Do all jobs; those that another run is at are waited for."""
-        made, later = 0, list(todo)
-        unchanged = total - len(todo)
+        later, self.total = list(todo), len(todo)
         self.display.stage("ingest", True)
         while later:
-            mine = self._claimed(later)
-            if not mine:
+            self.catalogue.sweep()
+            tried: set[str] = set()
+            self._make(self._claimed(later, tried), len(later))
+            later = [job for job in later if job.material.name not in tried]
+            if later and not tried:
                 time.sleep(_POLL)
-            for outcome, job in self._outcomes(mine):
-                self._record(outcome, job)
-                made += 1
-                self.display.advance(made, len(todo))
-            names = {job.material.name for job in mine}
-            left = [job for job in later if job.material.name not in names]
-            later = self._still_to_do(left)
-            made += len(left) - len(later)
         self.display.stage("ingest", False)
-        return Tally(made, unchanged, self.counts, time.perf_counter() - start)
+        return Tally(self.made, total - self.made, self.counts, time.perf_counter() - start)
 
-    def _claimed(self, jobs: Sequence[Job]) -> list[Job]:
-        """Those that this run may make, ready to be made; another run is at the others."""
-        self.catalogue.sweep()
-        return [job for job in jobs if self.catalogue.claim(job.material.name, self.name)]
-
-    def _still_to_do(self, jobs: Sequence[Job]) -> list[Job]:
-        """Those that another run has not finished meanwhile."""
-        if not jobs:
-            return []
-        assets, left = self.catalogue.assets(), []
+    def _claimed(self, jobs: Sequence[Job], tried: set[str]) -> Iterator[Job]:
+        """Those that nobody has made and nobody is at, each claimed when it is asked for: two runs share them."""
         for job in jobs:
-            asset = assets.get(job.material.name)
-            if asset and asset.key == self._key(job) and asset.status in ("ok", "review"):
+            name = job.material.name
+            if not self.catalogue.claim(name, self.name):
+                continue
+            tried.add(name)
+            asset = self.catalogue.asset(name)
+            if asset and asset.key == self._key(job) and asset.status in ("ok", "review"):  # by another run, meanwhile
+                self.catalogue.release(name, self.name)
                 self._count(asset.status)
+                continue
+            there = self._there(job)
+            if there is None:
+                yield self._placed(job)
             else:
-                left.append(job)
-        return left
+                self._record(Outcome(name, there), job)
 
     def _key(self, job: Job) -> str:
         return key_of(job.material, self.recipe, dict(job.digests))
 
     # --- making ---
 
-    def _outcomes(self, jobs: list[Job]) -> Iterator[tuple[Outcome, Job]]:
-        """What becomes of each job, as they end."""
-        todo = []
-        for job in jobs:
-            there = self._there(job)
-            if there is not None:
-                yield Outcome(job.material.name, there), job
-            else:
-                todo.append(job)
-        if not todo:
-            return
+    def _make(self, jobs: Iterator[Job], most: int) -> None:
+        """Do jobs as they come, and record what becomes of them; there are so many at most."""
         if self.settings.farm:
-            yield from self._on_farm(todo)
+            for outcome, job in self._on_farm(list(jobs)):
+                self._record(outcome, job)
             return
-        workers = min(len(todo), self.settings.workers or usable_threads())
+        workers = min(most, self.settings.workers or usable_threads())
         budget = self.settings.budget or memory() // 4
         threads = max(1, usable_threads() // workers)
-        ready = [self._placed(job)._replace(budget=budget // workers, threads=threads) for job in todo]
         alone = []
+        ready = (job._replace(budget=budget // workers, threads=threads) for job in jobs)
         for outcome, job in _in_processes(ready, workers):
             if outcome is None or outcome.short_of_memory:
                 alone.append(job)
             else:
-                yield outcome, job
+                self._record(outcome, job)
         for job in alone:  # what has not got through beside others is tried with all the memory there is
-            for outcome, again in _in_processes([job._replace(budget=budget, threads=usable_threads())], 1):
-                text = "its process has ended of itself: killed, or out of memory?"
-                yield outcome or Outcome(again.material.name, None, text), again
+            again = job._replace(budget=budget, threads=usable_threads())
+            for outcome, _ in _in_processes(iter([again]), 1):
+                self._record(outcome or Outcome(job.material.name, None, _DIED), job)
 
     def _placed(self, job: Job) -> Job:
         return job._replace(work=str(self.library / WORK / self.name / job.material.name))
@@ -231,16 +220,18 @@ class _Run:
     def _on_farm(self, jobs: list[Job]) -> Iterator[tuple[Outcome, Job]]:
         from ..farm.dask_cluster import cluster, results
 
+        if not jobs:
+            return
         engine, _, address = self.settings.farm.partition("=")
-        by_name = {job.material.name: self._placed(job) for job in jobs}
+        by_name = {job.material.name: job for job in jobs}
         with cluster(address) as client:
             workers = client.scheduler_info(n_workers=-1)["workers"]
             if not workers:
                 raise Error(f"--farm {engine}={address}: the scheduler has no workers")
             local = address.startswith("local:")
             budget = (self.settings.budget or memory() // 4) // (len(workers) if local else 1)
-            ready = [job._replace(budget=budget, threads=int(local)) for job in by_name.values()]
-            for outcome in results(client, make, ready):
+            ready = [job._replace(budget=budget, threads=int(local)) for job in jobs]
+            for outcome in results(client, make, ready, lambda job, _: Outcome(job.material.name, None, _DIED)):
                 yield outcome, by_name[outcome.name]
 
     # --- recording ---
@@ -263,6 +254,8 @@ class _Run:
 
     def _record(self, outcome: Outcome, job: Job) -> None:
         """Put a made folder where it belongs, then say so."""
+        self.made += 1
+        self.display.advance(self.made, self.total)
         name, sidecar = outcome.name, outcome.sidecar
         if sidecar is None:
             self._count("failed")
@@ -313,41 +306,38 @@ def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tupl
     return asset, files, sidecar["measures"], sidecar["tags"]
 
 
-def _in_processes(jobs: list[Job], workers: int) -> Iterator[tuple[Outcome | None, Job]]:
-    """What becomes of jobs, as they end, in processes that stay; None where a process has died with it.
+def _in_processes(jobs: Iterator[Job], workers: int) -> Iterator[tuple[Outcome | None, Job]]:
+    """What becomes of jobs, as they end, in processes that stay; a job is taken when one is free for it.
 
-    A process that dies takes those of the others with it, which are begun again.
+    A process that dies takes the others' jobs with it: None becomes of all of them, and others are begun for the rest.
     """
-    left = list(jobs)
-    while left:
+    first = list(itertools.islice(jobs, workers))
+    while first:
         lost: list[Job] = []
         with worker_processes(workers, debugging=False) as executor:
             with loud(), without_interrupts():
-                begun = iter(left)
-                waiting = {executor.submit(make, job): job for job in itertools.islice(begun, workers)}
-            broken = False
-            while waiting and not broken:
+                waiting = {executor.submit(make, job): job for job in first}
+            while waiting and not lost:
                 done, _ = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:
                     job = waiting.pop(future)
                     try:
                         outcome = future.result()
                     except BrokenProcessPool:
-                        broken = True
                         lost.append(job)
                         continue
                     yield outcome, job
-                    following = None if broken else next(begun, None)
-                    if following is not None:
-                        try:
-                            waiting[executor.submit(make, following)] = following
-                        except BrokenProcessPool:
-                            broken = True
-                            lost.append(following)
+                    following = None if lost else next(jobs, None)
+                    if following is None:
+                        continue
+                    try:
+                        waiting[executor.submit(make, following)] = following
+                    except BrokenProcessPool:
+                        lost.append(following)
             lost += waiting.values()
-        left = list(begun) if broken else []
-        for job in lost:  # which of them it was nobody knows: each is begun again alone
+        for job in lost:
             yield None, job
+        first = list(itertools.islice(jobs, workers)) if lost else []
 
 
 def _digests(photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone) -> dict[str, str]:

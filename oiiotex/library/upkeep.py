@@ -195,7 +195,7 @@ def shown(catalogue: Catalogue, name: str) -> dict[str, Any]:
     Error
         There is none of that name.
     """
-    asset = catalogue.assets().get(name)
+    asset = catalogue.asset(name)
     if asset is None:
         raise Error(f"{catalogue.library}: no asset '{name}': oiiotex-library list {catalogue.library} lists them")
     facts: dict[str, Any] = {

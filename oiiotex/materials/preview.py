@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..charts.drawing import shown_pixels
-from ..charts.tile_preview import area_means, plane_in_perspective, repeated
+from ..charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from ..color.config import as_float
 from ..core.image import Image, channels_of
 from ..deferred import np, oiio
@@ -123,7 +123,9 @@ class Looks:
             indexing="ij",
         )  # fmt: skip
         lit = self._lit(u, v, _bilinear(self.normal, u, v), (0.0, -0.4, 0.9))
-        return plane_in_perspective(lit, side, side)
+        picture = plane_in_perspective(lit, side, side)
+        picture[: round(side * HORIZON)] = _linear(np.float32(_PAPER))
+        return picture
 
     def _lit(self, u: np.ndarray, v: np.ndarray, normal: np.ndarray, eye: tuple[float, float, float]) -> np.ndarray:
         """What the eye sees of places of the tile whose normals stand so."""
@@ -134,7 +136,8 @@ class Looks:
         reflected = 0.04 * (1 - metal) + base * metal  # at normal incidence
         n_v = np.maximum((normal @ view)[..., None], 1e-3)
         from_all = _GROUND + (_SKY - _GROUND) * (0.5 + 0.5 * normal[..., 1:2])
-        seen = from_all * ao * (base * (1 - metal) + reflected)
+        gloss = 0.04 * (1 - metal) * (1 - rough) + base * metal  # what is rough has no sky in it
+        seen = from_all * ao * (base * (1 - metal) + gloss)
         for towards, strength in _LIGHTS:
             light = np.float32(towards) / np.linalg.norm(towards)
             half = (light + view) / np.linalg.norm(light + view)
