@@ -84,6 +84,8 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
     for _ in range(_FITS):
         rest, of_parts = _still_slanted(*_from_the_front(values, usable, vanishing))
         vanishing = vanishing + rest
+        if np.abs(rest * looked).max() < _STEP / 4:
+            break
     lattice = find_lattice(*_from_the_front(values, usable, vanishing))
     if lattice is None or lattice.rank != 2:
         return None
