@@ -39,7 +39,7 @@ _DRIFT_SCALE = 1 / 8  # of the longer side
 _LIT, _OCCLUDED = 0.1, 0.25  # of the variance of lightness, explained by normals and by heights
 _LENGTH = 0.05  # by which a normal may be off 1; 8 bits are off by 0.007
 _LEAN = 5.0  # degrees
-_AGREE = 0.1  # correlation from which slopes agree; of two scans by curl 0.22 and 0.49, by their heights 0.4 to 0.7
+_AGREE = 0.1  # correlation from which slopes agree; of two scans by curl .52 and .22, by heights .50 to .84
 _STEEPEST = 8.0  # a slope beyond is taken as this
 _FORMATS = {".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff"}
 _GRID = 1024.0  # whole numbers of this many steps add up in any order
@@ -263,7 +263,7 @@ def _normals(one: _Map, _: Session) -> Iterator[Finding]:
     if count == 2:
         mean[2] = round(_GRID * total)
     lean = math.degrees(math.atan2(math.hypot(*mean[:2].tolist()), float(mean[2])))
-    one.measures |= {"not_unit": off / total, "below": below / total, "lean": lean}
+    one.measures |= {"not_unit": float(off / total), "below": float(below / total), "lean": lean}
     if off / total > _FEW:
         text = f"{_percent(off / total)} of its vectors are longer or shorter than 1 by more than {_LENGTH:g}"
         yield Finding(ERROR, name, "length", text)

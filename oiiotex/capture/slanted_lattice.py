@@ -20,11 +20,14 @@ from ..regularity.autocorrelation import autocorrelation, high_passed
 from ..regularity.lattice import find_lattice
 
 _OPAQUE = 0.99  # of a pixel that counts
+_LARGEST_SIDE = 1024  # px; longer side of the photo while lattices are looked for
 _SIDE = 192  # px; longer side of the photo while l is looked for
 _STEEPEST, _STEP = 0.8, 0.2  # of l, times the photo's sides: at a corner 1 + l x is 0.2 at least
 _FINEST = 0.2 / 16
+_VIEWS = (1.0,), (0.4, 0.64, 1.0)  # shares of the photo's sides that are looked at one after the other
 _SAME = 6  # px; offsets nearer than that are alike whatever repeats
 _LEAST = 0.5  # of the photo must be seen from the front
+_FITS = 2  # where parts are far from the front their lattices are not all found at once
 _PARTS, _SHARE = 4, 0.45  # parts along each side, and the share of the side that each has
 _FEWEST = 4  # parts with a lattice: less say nothing of perspective
 _ALIKE = 0.25  # of a cell, by which frequencies of parts may be off whole combinations of their neighbours'
@@ -71,16 +74,19 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
     opaque : (height, width) bool or None
         Pixels that count; None: all.
     """
-    height, width = values.shape[:2]
-    size = np.array([width, height])
-    factor = min(1.0, _SIDE / max(width, height))
-    small = [max(1, round(n * factor)) for n in (width, height)]
-    usable = np.ones((height, width, 1), np.float32) if opaque is None else opaque[..., None].astype(np.float32)
-    values = values[..., :3] * (usable > 0)
-    vanishing = _most_alike(resized(values, *small), resized(usable, *small)[..., 0]) / size
-    rest, of_parts = _still_slanted(*_from_the_front(values, usable[..., 0], vanishing))
-    vanishing = vanishing + rest
-    lattice = find_lattice(*_from_the_front(values, usable[..., 0], vanishing))
+    size = np.array(values.shape[1::-1])
+    usable = np.ones((*values.shape[:2], 1), np.float32) if opaque is None else opaque[..., None].astype(np.float32)
+    values = values[..., :3] if opaque is None else values[..., :3] * usable
+    values, usable = _at_most(_LARGEST_SIDE, values, usable)
+    looked = np.array(usable.shape[1::-1])
+    usable = usable[..., 0]
+    vanishing = _most_alike(values, usable) / looked
+    for _ in range(_FITS):
+        rest, of_parts = _still_slanted(*_from_the_front(values, usable, vanishing))
+        vanishing = vanishing + rest
+        if np.abs(rest * looked).max() < _STEP / 4:
+            break
+    lattice = find_lattice(*_from_the_front(values, usable, vanishing))
     if lattice is None or lattice.rank != 2:
         return None
     frequencies = lattice.frequencies
@@ -90,7 +96,14 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
         if abs(np.linalg.det(whole)) > 0.5 and np.abs(combination - whole).max() < _ALIKE:
             frequencies = whole @ frequencies
     cell = _upright(np.linalg.inv(frequencies).T)
-    return None if cell is None else SlantedLattice(vanishing, size / 2, cell)
+    return None if cell is None else SlantedLattice(vanishing * looked / size, size / 2, cell * size / looked)
+
+
+def _at_most(side: int, *images: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Images of one size with their longer side `side` px at most."""
+    height, width = images[0].shape[:2]
+    factor = min(1.0, side / max(width, height))
+    return tuple(resized(one, max(1, round(factor * width)), max(1, round(factor * height))) for one in images)
 
 
 def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -109,27 +122,50 @@ def _from_the_front(values: np.ndarray, usable: np.ndarray, vanishing: np.ndarra
 
 
 def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """l times the photo's sides, from a grid, then from ever finer ones around the best."""
-    # the direction of Lab in which it varies most is enough here
-    texture = high_passed(values.astype(np.float64), usable > _OPAQUE)
-    texture = texture @ np.linalg.eigh(np.einsum("ijk,ijl->kl", texture, texture))[1][:, -1:]
-    size = np.array(usable.shape[::-1])
-    known: dict[tuple[int, int], float] = {}
+    """l times the photo's sides, for which it is most like itself.
 
-    def likeness(at: tuple[int, int]) -> float:
-        if at not in known:
-            front, within = _from_the_front(texture, usable, np.array(at) * _FINEST / size)
-            known[at] = _self_likeness(front, within) if within.mean() > _LEAST * usable.mean() else 0.0
-        return known[at]
+    The more cells there are the narrower is the peak, so it is looked for in the whole photo, where there are few, and
+    from its middle outwards, where there are many; whichever makes the whole more alike is taken.
+    """
+    whole, found = _View(values, usable, 1.0), []
+    for shares in _VIEWS:
+        views = [whole if share == 1 else _View(values, usable, share) for share in shares]
+        step = _STEP / shares[0]
+        grid = np.arange(-math.floor(_STEEPEST / step), math.floor(_STEEPEST / step) + 1) * step
+        best = max(((x, y) for x in grid.tolist() for y in grid.tolist()), key=views[0].likeness)
+        for view in views:
+            step = _STEP / 2 / view.share
+            while step > _FINEST / view.share:
+                around = [(best[0] + x, best[1] + y) for x in (0, -step, step) for y in (0, -step, step)]
+                best = max((at for at in around if max(map(abs, at)) <= _STEEPEST), key=view.likeness)
+                step /= 2
+        found.append(best)
+    return np.array(max(found, key=whole.likeness))
 
-    step, most = round(_STEP / _FINEST), round(_STEEPEST / _FINEST)
-    grid = range(-most, most + 1, step)
-    best = max(((i, j) for i in grid for j in grid), key=likeness)
-    while step > 1:
-        step //= 2
-        around = [(best[0] + i, best[1] + j) for i in (0, -step, step) for j in (0, -step, step)]
-        best = max((at for at in around if max(map(abs, at)) <= most), key=likeness)
-    return np.array(best) * _FINEST
+
+class _View:
+    """The middle of a photo, of `share` of its sides, made small."""
+
+    def __init__(self, values: np.ndarray, usable: np.ndarray, share: float):
+        height, width = usable.shape
+        top, left = (round(n * (1 - share) / 2) for n in (height, width))
+        middle = np.s_[top : height - top, left : width - left]
+        small, counted = _at_most(_SIDE, values[middle], usable[middle][..., None].astype(np.float32))
+        self.share, self._usable = share, counted[..., 0]
+        # the direction of Lab in which it varies most is enough here
+        texture = high_passed(small.astype(np.float64), self._usable > _OPAQUE)
+        self._texture = texture @ np.linalg.eigh(np.einsum("ijk,ijl->kl", texture, texture))[1][:, -1:]
+        self._known: dict[tuple[int, int], float] = {}
+
+    def likeness(self, at: tuple[float, float]) -> float:
+        """How alike it is to itself with that l, times the whole photo's sides."""
+        key = round(at[0] / _FINEST * 16), round(at[1] / _FINEST * 16)
+        if key not in self._known:
+            vanishing = self.share * np.array(at) / self._usable.shape[::-1]
+            front, within = _from_the_front(self._texture, self._usable, vanishing)
+            enough = within.mean() > _LEAST * self._usable.mean()
+            self._known[key] = _self_likeness(front, within) if enough else 0.0
+        return self._known[key]
 
 
 def _self_likeness(values: np.ndarray, usable: np.ndarray) -> float:
@@ -204,7 +240,7 @@ def _fitted(x: np.ndarray, frequencies: np.ndarray, size: np.ndarray) -> tuple[n
         return (seen - frequencies / scale).ravel()
 
     start = np.concatenate([[0, 0], np.median(frequencies, 0).ravel() / scale])
-    bounds = np.array([_STEP, _STEP, *[np.inf] * 4])
+    bounds = np.array([_STEEPEST, _STEEPEST, *[np.inf] * 4])
     found = least_squares(away, start, bounds=(-bounds, bounds), loss="soft_l1", f_scale=0.01).x
     return found[:2] / size, found[2:].reshape(2, 2) * scale
 
