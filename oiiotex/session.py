@@ -66,6 +66,10 @@ class Resources:
         """That of a file, one for who computes its image and who writes it."""
         return self._checkpoints.setdefault(path, Checkpoint(path))
 
+    def forget_checkpoint(self, path: Path) -> None:
+        """The file has been written, or could not be: the next one of that name has its own."""
+        self._checkpoints.pop(path, None)
+
     @functools.cached_property
     def device(self) -> Device:
         """The OpenCL device."""
@@ -292,9 +296,12 @@ class Session:
     @contextlib.contextmanager
     def checkpoints(self, path: str | os.PathLike[str]) -> Iterator[None]:
         """As `keeping`, for who writes the file: pieces are removed when this ends well."""
-        with self.keeping(path) as keeper:
-            yield
-            keeper.discard()
+        try:
+            with self.keeping(path) as keeper:
+                yield
+                keeper.discard()
+        finally:
+            self.resources.forget_checkpoint(Path(path))
 
     def require(self, need: int, task: str, advice: str = "make the image smaller") -> None:
         """Refuse what does not fit the budget.

@@ -261,13 +261,17 @@ class Device:
         self._enqueue("download", self._cl.enqueue_copy, array, buffer, src_offset=offset)
         return array
 
-    def read_later(self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type) -> Download:
+    def read_later(
+        self, buffer: cl.Buffer, shape: tuple[int, ...], dtype: np.dtype | type, offset: int = 0
+    ) -> Download:
         """As `read`, behind the kernels asked for so far and beside those to come.
 
         What writes the buffer again must be asked for when it has come: buffers take turns.
         """
         array = np.empty(shape, dtype)
-        options = {"queue": self._transfers, "is_blocking": False, "wait_for": [self.mark()]}
+        options = {
+            "queue": self._transfers, "is_blocking": False, "wait_for": [self.mark()], "src_offset": offset
+        }  # fmt: skip
         event = self._enqueue("download", self._cl.enqueue_copy, array, buffer, **options)
         self._transfers.flush()
         return Download(self, event, array)

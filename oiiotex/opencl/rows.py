@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from ..deferred import np
 from ..io.row_store import RowStore
-from .buffers import Buffers
+from .buffers import Buffers, Download
 from .device import Device
 
 
@@ -35,6 +35,7 @@ class Rows:
         self._device, self._buffers = device, buffers
         self.name, self.width, self.height, self.wraps, self.store = name, width, height, wraps, store
         self.most = height if store is None else most
+        self._coming: tuple[RowStore, int, int, Download] | None = None
 
     def bands(self, first: int = 0, last: int | None = None, most: int | None = None) -> Iterator[tuple[int, int]]:
         """Rows first to last, all when left out, in bands of `most`; in one where the buffer holds them all."""
@@ -63,8 +64,22 @@ class Rows:
 
     def save(self, top: int, bottom: int, first: int | None = None, into: RowStore | None = None) -> None:
         """Keep rows of the buffer, at the start of which lies row `first` (`top`); nothing to do where it holds all."""
+        self.save_later(top, bottom, first, into)
+        self.settle()
+
+    def save_later(self, top: int, bottom: int, first: int | None = None, into: RowStore | None = None) -> None:
+        """As `save`, while the device goes on: `settle` comes before what writes this buffer, or reads the rows."""
+        self.settle()
         store = self.store if into is None else into
         if store is not None:
             shape = (bottom - top, *store.shape[1:])
             at = (top - (top if first is None else first)) * (int(np.prod(shape[1:])) * store.dtype.itemsize)
-            store[top:bottom] = self._device.read(self._buffers[self.name], shape, store.dtype, at)
+            rows = self._device.read_later(self._buffers[self.name], shape, store.dtype, at)
+            self._coming = store, top, bottom, rows
+
+    def settle(self) -> None:
+        """Wait for the rows that are saved, and keep them."""
+        if self._coming is not None:
+            store, top, bottom, rows = self._coming
+            self._coming = None
+            store[top:bottom] = rows.array()

@@ -120,6 +120,7 @@ class Matcher:
                 self._pass(top, bottom, np.uint32(16 * step + i), scored=self.rows.whole and i > 0)
             if not self.rows.whole:
                 field = self.rows.field
+                field.settle()
                 field.store, self.rows.next_field = self.rows.next_field, field.store
 
     def _score(self, first: int, last: int) -> None:
@@ -145,6 +146,7 @@ class Matcher:
             first, last = max(0, first), min(g.rows, last)
         if not scored:
             self._score(first, last)
+        self.rows.field.settle()  # the last band's rows come from buffer `field_next`, while this one's were scored
         e_size = (g.exemplar_columns, g.exemplar_rows, g.exemplar_width)
         for jump in JUMPS:
             reach -= 0 if whole else jump
@@ -161,7 +163,9 @@ class Matcher:
             g.columns, g.padded_width, *e_size, self._radius, self._searches,
             np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first, *self._offset_prices,
         )  # fmt: skip
-        self.rows.field.save(top, bottom, first, into=self.rows.next_field)
+        if not whole:
+            self.rows.field.save_later(top, bottom, first, into=self.rows.next_field)
+            b.swap("field", "field_next")
 
     def vote(self, top: int = 0, bottom: int | None = None) -> None:
         """Make rows of `image` the mean of what the matched patches say; row `top` lies at the buffer's start."""
