@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of docs/studio.md: a library of the test photos, its report in Chromium.
+"""The pictures of docs/studio.md and docs/library.md: a library of the test photos, its report in Chromium.
 
 `python -m docs.library_pictures [--keep FOLDER]`: a library that is kept there is brought up to date instead of made.
 """
@@ -13,12 +13,18 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.library import RECIPE, write_photos
+from docs.pictures import beside, write_jpeg
+from oiiotex.charts.tile_preview import repeated
+from oiiotex.library.catalogue import Catalogue
 from tests.conftest import data_folder
 
-PICTURE = Path(__file__).parent / "pictures" / "library_report.jpg"
+PICTURES = Path(__file__).parent / "pictures"
+SHOWN = (("rusty_metal", "lit"), ("mossy_rock", "lit"), ("clover_lawn_003", "image_and_hextiled"),
+         ("bark_flaky_000", "image_and_hextiled"))  # fmt: skip
 PHOTOS, SIZE = 12, 512
 WIDTH, HEIGHT = 1720, 1040  # px of the window
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -47,6 +53,16 @@ def photographed(page: Path, target: Path) -> None:
         oiio.ImageBufAlgo.channels(shown, (0, 1, 2)).write(str(target))
 
 
+def shown(library: Path, name: str, picture: str) -> np.ndarray:
+    """A picture of an asset, 256 px high."""
+    with Catalogue(library) as catalogue:
+        asset = catalogue.asset(name)
+    assert asset is not None
+    path = library / asset.folder / f"{picture}.jpg"
+    pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
+    return np.rint(repeated(pixels, 1, 256)).astype(np.uint8)
+
+
 def main() -> None:
     """Make the library, then its picture."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -62,7 +78,8 @@ def main() -> None:
         line = [*program, "ingest", "photos", "library", "--recipe", "recipe.toml"]
         done = subprocess.run(line, cwd=folder)
         assert done.returncode in (0, 3), done
-        photographed(folder / "library" / "report.html", PICTURE)
+        photographed(folder / "library" / "report.html", PICTURES / "library_report.jpg")
+        write_jpeg(beside(*(shown(folder / "library", *one) for one in SHOWN)), "library_materials.jpg")
 
 
 if __name__ == "__main__":

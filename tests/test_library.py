@@ -284,6 +284,20 @@ def test_tiff_and_spaces_of_their_own(photos, tmp_path, here):
     np.testing.assert_array_equal(load(path), load(photos / "scans/wall_diff_1k.png").astype(np.uint16) * 257)
 
 
+def test_packed_maps_and_archives_are_delivered_as_maps(tmp_path, here):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    packed = np.dstack([drawn.noise(16, 16, n) for n in range(3)])
+    with zipfile.ZipFile(folder / "pack.zip", "w") as archive:
+        archive.write(save(drawn.bricks(16, 16, 2), tmp_path / "a.png"), "maps/f_diff_1k.png")
+        archive.write(save(packed, tmp_path / "b.png"), "maps/f_arm_1k.png")
+    tally, _ = brought_in(folder, tmp_path / "library", recipe())
+    assert tally.counts == {"ok": 1}
+    for channel, role in enumerate(("ao", "roughness", "metal")):
+        (path,) = (tmp_path / "library").glob(f"assets/f/*/tile/{role}.exr")
+        np.testing.assert_allclose(load(path)[..., 0], load(tmp_path / "b.png")[..., channel] / 255, atol=1e-3)
+
+
 def test_normals_of_directx_are_turned_on_request(photos, tmp_path, here):
     (photos / "scans/wall_nor_gl_1k.png").rename(photos / "scans/wall_nor_dx_1k.png")
     given = load(photos / "scans/wall_nor_dx_1k.png") / 255

@@ -54,7 +54,7 @@ def library(*words: object, cwd: Path) -> subprocess.CompletedProcess:
 def killed_again_and_again(folder: Path, rounds: int, seed: int) -> int:
     """Runs that are killed at random moments while photos change; how many of them had not ended before."""
     moments = random.Random(seed)
-    count, took = 0, 3.0
+    count, took = 0, 2.0
     for n in range(rounds):
         for number in moments.sample(range(MATERIALS), 3):
             change(folder, number, n + 1)
