@@ -38,6 +38,7 @@ class PaintRoom:
         self._table = hub.document.beside("palette.json")
         self._palette: tuple[dict[str, Any], np.ndarray] | None = None  # its table, and its picture
         self._step = -1
+        self._begun: int | None = None  # the step before a stroke that goes on
         self._ids: np.ndarray | None = None
         self._image: int | None = None  # the texture, at the resident process
         self._pixels: np.ndarray | None = None  # as they are sent: of the photo's channels, float32
@@ -67,7 +68,7 @@ class PaintRoom:
             if do == "open":
                 await self._open(page)
             elif do == "stroke":
-                await self._stroke(asked, data)
+                await self._stroke(asked, data, page)
             elif do == "undo":
                 await self._go(self._step - 1)
             elif do == "redo":
@@ -78,7 +79,8 @@ class PaintRoom:
                 raise ValueError(do)
 
     def leave(self, page: Page) -> None:
-        """Nothing hangs on one page."""
+        """A stroke that it has begun ends here."""
+        self._begun = None
 
     def forget(self) -> None:
         """The resident process is another one."""
@@ -136,8 +138,8 @@ class PaintRoom:
         self._show_texture(page=page)
         self._tell_step()
 
-    def _tell_step(self) -> None:
-        self._hub.tell({"do": "step", "room": "paint", "step": self._step, "last": self._steps.last})
+    def _tell_step(self, going: bool = False) -> None:
+        self._hub.tell({"do": "step", "room": "paint", "step": self._step, "last": self._steps.last, "going": going})
 
     async def _new(self, label: int = 0) -> None:
         """A painting of one label, by default the largest."""
@@ -152,8 +154,8 @@ class PaintRoom:
         self._show_ids()
         self._show_texture()
 
-    async def _stroke(self, asked: dict[str, Any], data: bytes) -> None:
-        """Take ids of a box, and make its neighbourhood anew."""
+    async def _stroke(self, asked: dict[str, Any], data: bytes, page: Page) -> None:
+        """Take ids of a box, and make its neighbourhood anew; looks at a stroke that goes on become one step."""
         if self._ids is None or self._pixels is None or self._palette is None:
             raise ImageError("there is no painting yet: open the room first")
         left, top, width, height = (int(asked[name]) for name in ("left", "top", "width", "height"))
@@ -166,19 +168,29 @@ class PaintRoom:
             raise ValueError("labels")
         ids = self._ids.copy()
         ids[top : top + height, left : left + width] = box
-        before = self._step
-        self._steps.drop_after(before)
+        if self._begun is None:
+            self._begun = self._step
+            self._steps.drop_after(self._step)
         try:
-            await self._make(ids, before + 1, before)
+            await self._make(ids, self._step + 1, self._step, tell=False)
         except Error:
+            self._begun = None
             self._show_ids()  # the page has painted what could not be made
             raise
-        self._show_ids(box=(left, top, left + width, top + height))
+        going = asked.get("going") is True
+        if not going:
+            self._steps.join(self._begun, self._step)
+            self._step, self._begun = self._begun + 1, None
+        for other in self._hub.pages - {page}:
+            self._show_ids(other, (left, top, left + width, top + height))
+        self._tell_step(going)
 
     async def _go(self, step: int) -> None:
         """Undo or redo: that step's painting, made with that step's patches."""
         if not 0 <= step <= self._steps.last:
+            self._tell_step()
             return
+        self._begun = None
         ids = self._read(step)
         same = self._ids is not None and ids.shape == self._ids.shape
         before = self._step
@@ -197,7 +209,9 @@ class PaintRoom:
             ids[codes == code_of(entry["colour"])] = entry["id"]
         return ids
 
-    async def _make(self, ids: np.ndarray, step: int, before: int | None, keep: bool = False) -> None:
+    async def _make(
+        self, ids: np.ndarray, step: int, before: int | None, keep: bool = False, tell: bool = True
+    ) -> None:
         """The texture of a painting, beginning with the plan of a step; what has changed is shown."""
         hub, client = self._hub, await self._hub.client()
         labelled = (await hub.made("label"))["number"]
@@ -228,7 +242,8 @@ class PaintRoom:
         if self._image is not None:
             client.drop(self._image)
         self._image, self._ids, self._step = image, ids, step
-        self._tell_step()
+        if tell:
+            self._tell_step()
 
     async def _look(self, client: Any, image: int, step: int) -> None:
         """Read what has changed of the texture, and show it; all of it where nothing is shown yet."""

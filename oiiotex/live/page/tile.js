@@ -99,11 +99,15 @@ export class TileRoom {
     this.refresh(false);
     Object.assign(this.waiting, values);
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => {
-      const told = this.waiting;
-      this.waiting = {};
-      this.shell.set("tile", told);
-    }, LET_GO);
+    this.timer = setTimeout(() => this.tell(), LET_GO);
+  }
+
+  /** Tell the server what has been set. */
+  tell() {
+    clearTimeout(this.timer);
+    const told = this.waiting;
+    this.waiting = {};
+    if (Object.keys(told).length) this.shell.set("tile", told);
   }
 
   setSize(name, value) {
@@ -210,6 +214,7 @@ export class TileRoom {
   }
 
   askLine() {
+    this.tell();
     this.shell.ask("tile", { do: "line" });
   }
 
