@@ -133,6 +133,12 @@ def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
     assert any(":sigma=12.1" in word for word in words), words
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
     wait(page, "document.querySelector('.measures').textContent.includes('seam ratio')")
+    line_made = load(folder / words[-1])
+    page.get_by_role("button", name="Save").click()
+    wait(page, "document.getElementById('status').textContent.startsWith('Saved as')")
+    saved = page.inner_text("#status").removeprefix("Saved as ")
+    assert saved == "photo_tile_2.png"
+    np.testing.assert_array_equal(load(folder / saved), line_made)
     page.keyboard.press("s")
     wait(page, "document.querySelector('[data-tile]').dataset.tile === 'coarse'")
     page.wait_for_selector("[data-tile=whole]")

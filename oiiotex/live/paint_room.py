@@ -14,13 +14,14 @@ from ..errors import Error, ImageError, ParameterError
 from ..io.documents import read_document
 from ..io.reading import read
 from ..labels.legend import code_of, codes_in
-from ..service.client import BRUSH
+from ..service.client import BRUSH, EXPORT
 from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
 from .painting import Steps, write_indexed
 
 _SWATCH = 48  # px
 _LEAST_LABELS, _MOST_LABELS = 4, 24
+_MOST_TIMES = 64
 _PATCHES = 16, 64  # px, the least and the largest
 
 
@@ -40,7 +41,7 @@ class PaintRoom:
         self._step = -1
         self._begun: int | None = None  # the step before a stroke that goes on
         self._ids: np.ndarray | None = None
-        self._image: int | None = None  # the texture, at the resident process
+        self._made: dict[str, Any] | None = None  # the texture, as the resident process says it
         self._pixels: np.ndarray | None = None  # as they are sent: of the photo's channels, float32
         self._turn = asyncio.Lock()
 
@@ -64,6 +65,7 @@ class PaintRoom:
         if do == "line":
             self._hub.tell({"do": "line", "room": "paint", "text": self.line()})
             return
+        work = None
         async with self._turn:
             if do == "open":
                 await self._open(page)
@@ -73,10 +75,14 @@ class PaintRoom:
                 await self._go(self._step - 1)
             elif do == "redo":
                 await self._go(self._step + 1)
+            elif do == "save":
+                work = self._save(int(asked["times"]))
             elif do == "new":
                 await self._new(int(asked["label"]))
             else:
                 raise ValueError(do)
+        if work is not None:  # others paint on meanwhile
+            await work
 
     def leave(self, page: Page) -> None:
         """A stroke that it has begun ends here."""
@@ -84,7 +90,7 @@ class PaintRoom:
 
     def forget(self) -> None:
         """The resident process is another one."""
-        self._image = None
+        self._made = None
 
     # --- what can be painted with ---
 
@@ -239,9 +245,10 @@ class PaintRoom:
             hub.tell({"do": "busy", "room": "paint", "done": 1, "total": 1})
         image = facts["images"][0]["number"]
         await self._look(client, image, step)
-        if self._image is not None:
-            client.drop(self._image)
-        self._image, self._ids, self._step = image, ids, step
+        if self._made is not None:
+            hub.release(client, self._made["number"])
+        self._made = facts["images"][0]
+        self._ids, self._step = ids, step
         if tell:
             self._tell_step()
 
@@ -296,12 +303,45 @@ class PaintRoom:
         facts = {"room": "paint", "kind": "texture", "left": place.left, "top": place.top, "whole": list(whole.size)}
         self._hub.show(facts, picture, page)
 
+    async def _save(self, times: int) -> None:
+        """Write the texture; so many times larger it is sewn anew, in the same patches of the photo."""
+        if self._ids is None or self._made is None:
+            raise ImageError("there is no painting yet: open the room first")
+        if times == 1:
+            await self._hub.save(self._made, self._name())
+            return
+        height, width = self._ids.shape
+        if not 1 < times <= _MOST_TIMES:
+            raise ParameterError(f"times={times}: allowed is a whole number from 1 to {_MOST_TIMES}")
+        hub, client, picture = (
+            self._hub,
+            await self._hub.client(),
+            read(self._steps.picture(self._step), self._hub.session.cache),
+        )
+        labelled, painting = (await hub.made("label"))["number"], await asyncio.to_thread(client.put, picture)
+        values = {
+            "table": os.path.abspath(self._table),
+            "size": f"{times * width}x{times * height}",
+            "patch": self._patch(),
+        }
+        request = client.make("paint", [labelled, painting], values | self._values(), priority=EXPORT)
+        facts, _ = await asyncio.wrap_future(request)
+        try:
+            await hub.save(facts["images"][0], self._name())
+        finally:
+            client.drop(painting)
+            client.drop(facts["images"][0]["number"])
+
+    def _name(self) -> str:
+        source = self._hub.source
+        assert source.image is not None
+        return output_name(source.stem, "painted", str(source.image.first.spec.format))
+
     def line(self) -> str:
         """The command that makes this texture: with its plan, so that nothing is decided anew."""
         source = self._hub.source
         if self._step < 0 or source.image is None:
             raise ParameterError("there is no painting yet")
         values = {"table": self._table, "before": self._steps.plan(self._step)} | self._values()
-        name = output_name(source.stem, "painted", str(source.image.first.spec.format))
-        picture = str(self._steps.picture(self._step))
+        name, picture = self._name(), str(self._steps.picture(self._step))
         return line([*source.words, "--texlabel:keep=1", picture, word_of("--texpaint", values), "-o", name])

@@ -50,17 +50,19 @@ export class PaintRoom {
       height: whole("Height", { title: "Of the painting in px. Another size is a new painting", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
       seed: whole("Seed", { title: "Another seed is a new painting", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
     };
+    this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Sewn anew, four times larger"], [16, "16 ×", "Sewn anew, sixteen times larger"]], () => {});
+    this.times.set(1);
     this.fact = make("p", { className: "hint" });
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel);
   }
 
   ask(message, bytes) {
     this.asked = performance.now();
-    delete this.element.dataset.step;
+    if (message.do !== "save") delete this.element.dataset.step;
     return this.shell.ask("paint", message, bytes);
   }
 
@@ -107,7 +109,6 @@ export class PaintRoom {
   }
 
   hear(message) {
-    if (message.do === "note") this.shell.status(message.text);
     if (message.do !== "step") return;
     this.working = false;
     if (message.going) return;

@@ -88,7 +88,7 @@ export class TileRoom {
     return make("aside", {},
       section("Texture", this.controls.preset, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
-        make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
+        make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Save", "Write the tile as a file beside the document, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
       section("Measures", this.measures),
       section("Where", this.controls.mask, this.controls.within, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
         make("div", { className: "buttons" }, this.erase, button("Clear", "Nothing is painted any more", () => this.fill(0)), button("Invert", "What is painted and what is not change places", () => this.fill(null)))));
