@@ -29,8 +29,8 @@ def cut(name: str, folder: Path, window: oiio.ROI, width: int) -> str:
 
 
 def tile(browser: object, folder: Path) -> None:
-    """A stained wall and its tile, with seeds to choose from."""
-    name = cut("sandstone_wall_cracked", folder, oiio.ROI(0, 1024, 0, 768), 512)
+    """Rust and its tile, with seeds to choose from."""
+    name = cut("rust_barrel_side", folder, oiio.ROI(0, 768, 0, 768), 512)
     with served(folder, name, "--iscolorspace", SPACE) as url:
         page = opened(browser, url)
         page.wait_for_selector("[data-tile=whole]")
