@@ -30,7 +30,7 @@ def cut(name: str, folder: Path, window: oiio.ROI, width: int) -> str:
 
 def tile(browser: object, folder: Path) -> None:
     """Rust and its tile, with seeds to choose from."""
-    name = cut("rust_barrel_side", folder, oiio.ROI(0, 768, 0, 768), 512)
+    name = cut("rust_barrel_side", folder, oiio.ROI(0, 620, 60, 520), 512)
     with served(folder, name, "--iscolorspace", SPACE) as url:
         page = opened(browser, url)
         page.wait_for_selector("[data-tile=whole]")
