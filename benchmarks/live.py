@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tests import pictures
-from tests.browser import Served, chromium, resident_pid
+from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import save
 
 SLIDER = """async (value) => {
@@ -109,6 +109,7 @@ def main() -> None:
         line("tiles of 256 px a second, one octave after the other", rates, "/s")
         page.close()
         server.end()
+        end_resident(folder)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import OpenImageIO as oiio
 
-from tests.browser import Served, chromium
+from tests.browser import Served, chromium, end_resident
 
 DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).absolute()
 PICTURES = Path(__file__).parent / "pictures"
@@ -120,3 +120,4 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory(prefix="oxl") as name, chromium() as opened_browser:
         for room in (tile, paint, zoom):
             room(opened_browser, Path(name))
+        end_resident(Path(name))

@@ -70,6 +70,12 @@ def resident_pid(runtime: Path) -> int:
     raise LookupError(runtime)
 
 
+def end_resident(runtime: Path) -> None:
+    """End the process that works for servers of that runtime folder, which else waits ten minutes for others."""
+    with contextlib.suppress(LookupError, ProcessLookupError):
+        os.kill(resident_pid(runtime), signal.SIGTERM)
+
+
 @contextlib.contextmanager
 def chromium() -> Iterator[object]:
     """A browser of Playwright's; tests are skipped, loudly, where there is none."""

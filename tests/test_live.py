@@ -23,7 +23,7 @@ pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[
 from oiiotex.color.config import ColorConfig, as_float
 from oiiotex.color.display import shown_by, usual_view
 from tests import pictures
-from tests.browser import Served, chromium, resident_pid
+from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import load, oiiotex, save
 
 SPACE = "srgb_rec709_scene"
@@ -63,6 +63,7 @@ def folder() -> Iterator[Path]:
         }
         (path / "graph.json").write_text(json.dumps(document))
         yield path
+        end_resident(path)
 
 
 @pytest.fixture
