@@ -114,7 +114,7 @@ def test_what_contradicts_itself_or_does_not_fit_is_refused():
     with pytest.raises(errors.ParameterError, match="exclude each other"):
         filters.estimateheight(photo, light=90.0, overcast=True)
     with pytest.raises(errors.ImageError, match=r"heights of 64x64 needs \d+ MB"):
-        filters.estimateheight(photo, session=Session(budget=1 << 20))
+        filters.estimateheight(photo, session=Session(budget=1 << 18))
 
 
 def test_a_photo_without_shading_is_flat():
