@@ -74,6 +74,12 @@ def test_where_light_comes_from_is_found(azimuth):
     assert float(said.split()[-2]) == pytest.approx(azimuth, abs=12)
 
 
+@pytest.mark.parametrize(("relief", "least"), [("hills", 0.66), ("stones", 0.7), ("courses", 0.76)])
+def test_heights_where_nothing_is_said_of_the_light(relief, least):
+    heights = RELIEFS[relief]
+    assert correlation(height_of(reliefs.lit(heights, 135)), without_slow(heights)) > least
+
+
 def test_light_without_a_direction_is_an_overcast_sky():
     made = filters.estimateheight(gray(sky("hills")))
     assert made.spec().get_string_attribute(ESTIMATE).endswith("an overcast sky")
