@@ -149,6 +149,14 @@ def test_a_plane_and_a_slope_see_their_sky():
         np.testing.assert_allclose(made, share, atol=0.01)
 
 
+@pytest.mark.parametrize("said", ["12.5", 12.5, "junk", float("nan"), -3.0])
+def test_how_high_the_heights_are_is_read_as_a_file_says_it(said):
+    heights = gray(np.indices((32, 32)).sum(0) / 62, "data")
+    wanted = pixels(filters.estimateao(heights, radius=4, scale=12.5 if said in ("12.5", 12.5) else 1.0))
+    heights.specmod().attribute(HEIGHT_PX, said)
+    np.testing.assert_array_equal(pixels(filters.estimateao(heights, radius=4)), wanted)
+
+
 def test_how_high_the_heights_are_comes_with_them(tmp_path):
     save(reliefs.lit(RELIEFS["stones"], 90)[..., None] * np.ones(3), tmp_path / "p.exr", "float", "lin_rec709_scene")
     chain = ["p.exr", "--texestimateheight:light=90", "-o", "h.exr", "--texestimateao:radius=8", "-o", "ao.exr"]
