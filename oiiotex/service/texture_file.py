@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`wall.oiiotex`: a small document that stands for an endless texture, which hosts open as an image.
+
+    {"oiiotex": 1, "photo": "gravel.exr", "size": "1048576x1048576", "seed": 7, "colorspace": "ACEScg"}
+
+`oiiotex` is the version of the format. `photo` is the one exemplar, or `graph` an exemplar graph; both lie beside the
+document. `size` is that of the image, `level` the octaves of --texsynth that it shows (the finest when left out),
+`colorspace` says what space an untagged photo is in, `autocc` lets the names of files say it, `device` is as --device.
+Behind the file's name `?seed=7&size=4096x4096` says another seed, size, level, colorspace or device.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.parameters import nearest
+from ..errors import ImageError
+from ..io.documents import read_document
+from ..multiscale.synthesizer import MOST_LEVEL
+from ..session import Session
+from .settings import Settings
+
+SUFFIX = ".oiiotex"
+VERSION = 1
+MOST_SIDE = 2**31 - 1  # px: OpenImageIO counts them by 32 bits
+_KEYS = ("oiiotex", "photo", "graph", "size", "seed", "level", "colorspace", "autocc", "device", "title", "note")
+_QUERY = ("seed", "size", "level", "colorspace", "device")
+_SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextureFile:
+    """A checked document.
+
+    Attributes
+    ----------
+    name : str
+        The file's, for messages.
+    photo, graph : str or None
+        Absolute path; one of them is None.
+    stamp : (int, int)
+        When the photo or graph was last changed, ns, and its bytes: changed, it is another texture.
+    width, height : int
+        px, 1 to 2^31 - 1.
+    seed, level : int or None
+        As of --texsynth.
+    colorspace, device : str or None
+    autocc : bool
+    """
+
+    name: str
+    photo: str | None
+    graph: str | None
+    stamp: tuple[int, int]
+    width: int
+    height: int
+    seed: int | None = None
+    level: int | None = None
+    colorspace: str | None = None
+    device: str | None = None
+    autocc: bool = False
+
+    def text(self) -> str:
+        """As JSON, by which the resident process knows it."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def of_text(cls, text: str) -> TextureFile:
+        """What `text` has written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            It is something else.
+        """
+        facts = json.loads(text)
+        return cls(**facts | {"stamp": tuple(facts["stamp"])})
+
+    def settings(self) -> Settings:
+        """Those of the resident process that makes it."""
+        return Settings.of(Session(device_name=self.device, autocc=self.autocc))
+
+    @property
+    def exemplar(self) -> str:
+        """The photo or the graph."""
+        return self.photo or self.graph or ""
+
+    def require_unchanged(self) -> None:
+        """Refuse to go on with other pixels than those that a host has seen.
+
+        Raises
+        ------
+        ImageError
+            The photo or graph is another than when it was opened.
+        """
+        if _stamp(self.name, self.exemplar) != self.stamp:
+            raise ImageError(f"{self.name}: {self.exemplar} has changed since it was opened: open it again")
+
+
+def read_texture_file(name: str) -> TextureFile:
+    """The texture that a file's name stands for, with what stands behind '?' in it.
+
+    Raises
+    ------
+    ImageError
+        It cannot be read, or something in it or in its name is wrong; the text says what.
+    """
+    path, query = Path(name), ""
+    if not path.exists() and "?" in name:
+        before, _, query = name.partition("?")
+        path = Path(before)
+    where = str(path)
+    document = read_document(path)
+    if not isinstance(document, dict):
+        raise ImageError(f"{where}: an object of {', '.join(_KEYS[:4])} is wanted, not {type(document).__name__}")
+    for key in document:
+        if key not in _KEYS:
+            raise ImageError(f"{where}: unknown '{key}'{nearest(str(key), _KEYS)}; there is {', '.join(_KEYS)}")
+    if document.get("oiiotex") != VERSION or document["oiiotex"] is True:
+        raise ImageError(f'{where}: "oiiotex": {VERSION}, the version of the format, is wanted')
+    return _checked(document | _asked(query, where), path)
+
+
+def _asked(query: str, where: str) -> dict[str, Any]:
+    """What stands behind '?': numbers and texts by name."""
+    values: dict[str, Any] = {}
+    for word in filter(None, query.split("&")):
+        key, _, value = word.partition("=")
+        if key not in _QUERY:
+            raise ImageError(f"{where}: '?{word}': allowed behind ? is {', '.join(_QUERY)}")
+        values[key] = int(value) if key in ("seed", "level") and value.isascii() and value.isdigit() else value
+    return values
+
+
+def _checked(document: dict[str, Any], path: Path) -> TextureFile:
+    where = str(path)
+    given = [key for key in ("photo", "graph") if document.get(key) is not None]
+    if len(given) != 1:
+        raise ImageError(f"{where}: one of photo and graph is wanted, not {' and '.join(given) or 'neither'}")
+    for key in (*given, "colorspace", "device"):
+        if document.get(key) is not None and not (isinstance(document[key], str) and document[key]):
+            raise ImageError(f"{where}: {key}={document[key]}: allowed is a text")
+    for key, most in (("seed", 2**32 - 1), ("level", MOST_LEVEL)):
+        value = document.get(key)
+        if value is not None and (type(value) is not int or not 0 <= value <= most):
+            raise ImageError(f"{where}: {key}={value}: allowed is a whole number >= 0 and <= {most}")
+    if not isinstance(document.get("autocc", False), bool):
+        raise ImageError(f"{where}: autocc={document['autocc']}: allowed is true or false")
+    if document.get("graph") is not None and document.get("colorspace") is not None:
+        raise ImageError(f"{where}: colorspace is a photo's; the files of a graph say theirs, or autocc lets names do")
+    size = document.get("size")
+    match = _SIZE.fullmatch(size) if isinstance(size, str) else None
+    if not match or max(map(int, match.groups())) > MOST_SIDE:
+        raise ImageError(f"{where}: size={size}: allowed is WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1)")
+    files = {key: os.path.abspath(path.parent / document[key]) for key in given}
+    return TextureFile(
+        name=os.path.abspath(where), photo=files.get("photo"), graph=files.get("graph"), stamp=_stamp(where, files[given[0]]),
+        width=int(match[1]), height=int(match[2]), autocc=document.get("autocc", False),
+        **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
+    )  # fmt: skip
+
+
+def _stamp(where: str, file: str) -> tuple[int, int]:
+    try:
+        status = os.stat(file)
+    except (OSError, ValueError) as error:
+        raise ImageError(f"{where}: {file}: {getattr(error, 'strerror', None) or 'no such file'}") from error
+    return status.st_mtime_ns, status.st_size
