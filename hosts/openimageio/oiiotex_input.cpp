@@ -8,6 +8,7 @@
 #include <OpenImageIO/strutil.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <memory>
 
 OIIO_PLUGIN_NAMESPACE_BEGIN
@@ -29,6 +30,8 @@ public:
             return false;
         }
         return guarded([&] {
+            if (std::getenv("OIIOTEX_RESIDENT"))  // which would wait for itself
+                throw oiiotex::Error(name + " is a texture already: name the photo or graph that it is made from");
             auto texture                = std::make_unique<oiiotex::Texture>(name);
             const oiiotex::Reply answer = texture->ask("texture");
             ImageSpec spec;

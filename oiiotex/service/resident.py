@@ -223,5 +223,6 @@ def main(text: str) -> None:
     settings = Settings(**json.loads(text))
     for name in ("threads", "exr_threads"):  # OpenImageIO counts the machine's, not those that the process may use
         oiio.attribute(name, settings.threads or usable_threads())
+    os.environ["OIIOTEX_RESIDENT"] = "1"  # the plugin of hosts/openimageio asks this process, which must not ask itself
     os.chdir("/")
     Resident(settings).serve()

@@ -28,6 +28,8 @@ from .settings import Settings
 SUFFIX = ".oiiotex"
 VERSION = 1
 MOST_SIDE = 2**31 - 1  # px: OpenImageIO counts them by 32 bits
+_TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
+_MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
 _KEYS = ("oiiotex", "photo", "graph", "size", "seed", "level", "colorspace", "autocc", "device", "title", "note")
 _QUERY = ("seed", "size", "level", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
@@ -84,6 +86,12 @@ class TextureFile:
     def settings(self) -> Settings:
         """Those of the resident process that makes it."""
         return Settings.of(Session(device_name=self.device, autocc=self.autocc))
+
+    @property
+    def tile(self) -> int:
+        """The side of tiles, px: 64, more where they would be too many; 0 where they always are."""
+        fits = (n for n in _TILES if -(-self.width // n) * -(-self.height // n) <= _MOST_TILES)
+        return next(fits, 0)
 
     @property
     def exemplar(self) -> str:
@@ -158,11 +166,17 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
     if not match or max(map(int, match.groups())) > MOST_SIDE:
         raise ImageError(f"{where}: size={size}: allowed is WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1)")
     files = {key: os.path.abspath(path.parent / document[key]) for key in given}
-    return TextureFile(
-        name=os.path.abspath(where), photo=files.get("photo"), graph=files.get("graph"), stamp=_stamp(where, files[given[0]]),
-        width=int(match[1]), height=int(match[2]), autocc=document.get("autocc", False),
+    file = TextureFile(
+        name=os.path.abspath(where), photo=files.get("photo"), graph=files.get("graph"),
+        stamp=_stamp(where, files[given[0]]), width=int(match[1]), height=int(match[2]), autocc=document.get("autocc", False),
         **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
     )  # fmt: skip
+    if not file.tile:
+        raise ImageError(
+            f"{where}: size={size}: OpenImageIO's cache holds no more than {_MOST_TILES} tiles of {_TILES[-1]} px:"
+            " allowed are 2^48 px in all, such as 16777216x16777216"
+        )
+    return file
 
 
 def _stamp(where: str, file: str) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..core.attributes import WINDOW
+from ..core.attributes import TAG, WINDOW
 from ..core.demand import assembled
 from ..core.image import Image, Part, tagged
 from ..core.window import Window
@@ -20,8 +20,7 @@ from ..io.reading import read
 from ..session import Session
 from .texture_file import TextureFile
 
-TILE = 64  # px, the side of what hosts are told to ask for
-_BLOCK = 256  # px, the side of what is made at once
+_BLOCK = 256  # px, the side of what is made at once, at least
 _MOST = 1 << 24  # px of a window that is asked for
 _PLANE = Window(-(1 << 40), -(1 << 40), 1 << 40, 1 << 40)
 
@@ -45,6 +44,7 @@ class Texture:
 
     def __init__(self, text: str, session: Session):
         self._text, file = text, TextureFile.of_text(text)
+        self._side = max(_BLOCK, file.tile)
         file.require_unchanged()
         photo = None if file.photo is None else _photo(file, session)
         self._op = Synth(exemplar=photo, graph=file.graph, seed=file.seed, level=file.level)
@@ -54,7 +54,7 @@ class Texture:
         self.spec.erase_attribute(WINDOW)
         self.spec.width = self.spec.full_width = file.width
         self.spec.height = self.spec.full_height = file.height
-        self.spec.tile_width = self.spec.tile_height = TILE
+        self.spec.tile_width = self.spec.tile_height = file.tile
         self.spec.tile_depth = 1
         self.spec.attribute("textureformat", "Plain Texture")
         self.levels = max(file.width, file.height).bit_length()
@@ -77,7 +77,7 @@ class Texture:
         if level > self._level:
             pixel = self._block(self._level, Window(0, 0, 1, 1), session)
             return np.broadcast_to(pixel, (window.height, window.width, pixel.shape[2]))
-        return assembled(window, (_BLOCK, _BLOCK), _PLANE, lambda at: self._block(level, at, session))
+        return assembled(window, (self._side, self._side), _PLANE, lambda at: self._block(level, at, session))
 
     def _block(self, level: int, place: Window, session: Session) -> np.ndarray:
         def made() -> np.ndarray:
@@ -103,6 +103,9 @@ def _photo(file: TextureFile, session: Session) -> Image:
 
     def opened_photo() -> Image:
         image = read(file.exemplar, session.cache)
-        return tagged(image, "oiio:ColorSpace", session.color.resolve(file.colorspace)) if file.colorspace else image
+        if not file.colorspace:
+            return image
+        session.color.resolve(file.colorspace)
+        return tagged(image, TAG, session.color.known_name(file.colorspace))
 
     return session.resources.remembered(("photo", file.photo, file.stamp, file.colorspace), opened_photo)
