@@ -27,7 +27,7 @@ from .settings import Settings
 
 SUFFIX = ".oiiotex"
 VERSION = 1
-MOST_SIDE = 2**31 - 1  # px: OpenImageIO counts them by 32 bits
+MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
 _TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
 _MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
 _KEYS = ("oiiotex", "photo", "graph", "size", "seed", "level", "colorspace", "autocc", "device", "title", "note")
@@ -48,7 +48,7 @@ class TextureFile:
     stamp : (int, int)
         When the photo or graph was last changed, ns, and its bytes: changed, it is another texture.
     width, height : int
-        px, 1 to 2^31 - 1.
+        px, 1 to 2^31 - 1024.
     seed, level : int or None
         As of --texsynth.
     colorspace, device : str or None
@@ -164,11 +164,12 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
     size = document.get("size")
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     if not match or max(map(int, match.groups())) > MOST_SIDE:
-        raise ImageError(f"{where}: size={size}: allowed is WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1)")
+        raise ImageError(f"{where}: size={size}: allowed is WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
     files = {key: os.path.abspath(path.parent / document[key]) for key in given}
     file = TextureFile(
         name=os.path.abspath(where), photo=files.get("photo"), graph=files.get("graph"),
-        stamp=_stamp(where, files[given[0]]), width=int(match[1]), height=int(match[2]), autocc=document.get("autocc", False),
+        stamp=_stamp(where, files[given[0]]), width=int(match[1]), height=int(match[2]),
+        autocc=document.get("autocc", False),
         **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
     )  # fmt: skip
     if not file.tile:
