@@ -162,6 +162,16 @@ def test_maketx_reads_it(shell, folder):
     np.testing.assert_array_equal(found, level(0, f"{SIZE}x{SIZE}+0+0"))
 
 
+def test_a_plan_of_a_quilt_is_an_image(shell, folder):
+    photo = oiio.ImageBuf(str(folder / "photo.png"))
+    whole = filters.quilt(photo, size=(300, 130), patch=16, plan=folder / "plan.npz", colorspace=SPACE)
+    (folder / "quilt.oiiotex").write_text('{"oiiotex": 1, "photo": "photo.png", "plan": "plan.npz"}')
+    made = shell(BIN / "oiiotool", "quilt.oiiotex", "-o", "quilt.png")
+    assert made.returncode == 0, made.stdout + made.stderr
+    found = oiio.ImageBuf(str(folder / "quilt.png")).get_pixels(oiio.UINT8)
+    np.testing.assert_array_equal(found, whole.get_pixels(oiio.UINT8))
+
+
 def test_eight_threads_of_a_cache_see_one_plane(python, folder):
     python("""
         from concurrent.futures import ThreadPoolExecutor

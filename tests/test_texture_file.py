@@ -15,7 +15,7 @@ from oiiotex import filters
 from oiiotex.core.window import Window
 from oiiotex.errors import Error, ImageError
 from oiiotex.service.door import answer
-from oiiotex.service.texture_file import TextureFile, read_texture_file
+from oiiotex.service.texture_file import TextureFile, read_texture_file, tile_side
 from oiiotex.service.textures import Texture, opened
 from oiiotex.session import Session
 from tests import pictures
@@ -65,6 +65,8 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"size": "0x4"}, "", "size=0x4: allowed"),
         ({"size": f"{2**31}x4"}, "", r"<= 2147482624 px \(2\^31 - 1024\)"),
         ({"size": "2147482624x131073"}, "", r"allowed are 2\^48 px in all"),
+        ({"plan": "loop.json"}, "", "size beside plan: a plan is of a photo, and says the rest"),
+        ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed beside plan"),
         ({"seed": -1}, "", "seed=-1: allowed is a whole number >= 0 and <= 4294967295"),
         ({"seed": True}, "", "seed=True: allowed"),
         ({"level": 61}, "", "level=61: allowed is a whole number >= 0 and <= 60"),
@@ -115,7 +117,8 @@ def test_a_name_overrides_and_a_text_brings_it_all_back(folder):
 
 def test_tiles_grow_where_a_cache_could_not_count_them(folder):
     for size, tile in (("9x9", 64), (f"{2**20}x{2**20}", 64), (f"{2**21}x{2**20}", 128), ("2147482624x131072", 1024)):
-        assert read_texture_file(wall(folder, size=size)).tile == tile
+        file = read_texture_file(wall(folder, size=size))
+        assert tile_side(file.width, file.height) == tile
 
 
 def test_tiles_are_windows_of_the_levels(folder, session):
@@ -139,6 +142,17 @@ def test_a_graph_is_a_texture_too_at_any_level(folder, session):
     tile = texture.tile(1, Window(128, 0, 192, 64), session)
     same = filters.synth(graph=folder / "loop.json", window="64x64+128+0", level=6, seed=3)
     np.testing.assert_array_equal(tile.astype(np.float32), same.get_pixels(oiio.FLOAT))
+
+
+def test_a_plan_is_a_texture_of_one_level(folder, session):
+    photo = oiio.ImageBuf(str(folder / "tagged.exr"))
+    whole = filters.quilt(photo, size=(300, 130), patch=16, seed=5, plan=folder / "plan.npz").get_pixels(oiio.FLOAT)
+    name = wall(folder, photo="tagged.exr", plan="plan.npz", size=None, seed=None)
+    texture = opened(read_texture_file(name).text(), session)
+    assert (texture.spec.width, texture.spec.height, texture.spec.tile_width, texture.levels) == (300, 130, 64, 1)
+    tile = texture.tile(0, Window(256, 64, 320, 192), session).astype(np.float32)
+    np.testing.assert_array_equal(tile[:66, :44], whole[64:, 256:])
+    assert not tile[66:].any() and not tile[:, 44:].any()
 
 
 def test_colour_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):

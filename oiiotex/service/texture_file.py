@@ -7,6 +7,8 @@
 document. `size` is that of the image, `level` the octaves of --texsynth that it shows (the finest when left out),
 `colorspace` says what space an untagged photo is in, `autocc` lets the names of files say it, `device` is as --device.
 Behind the file's name `?seed=7&size=4096x4096` says another seed, size, level, colorspace or device.
+
+With `plan`, an archive of --texquilt:plan, it is that quilt of the photo instead, or of any map of the photo's size.
 """
 
 from __future__ import annotations
@@ -30,9 +32,28 @@ VERSION = 1
 MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
 _TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
 _MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
-_KEYS = ("oiiotex", "photo", "graph", "size", "seed", "level", "colorspace", "autocc", "device", "title", "note")
+_KEYS = (
+    "oiiotex",
+    "photo",
+    "graph",
+    "plan",
+    "size",
+    "seed",
+    "level",
+    "colorspace",
+    "autocc",
+    "device",
+    "title",
+    "note",
+)
 _QUERY = ("seed", "size", "level", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
+
+
+def tile_side(width: int, height: int) -> int:
+    """The side of an image's tiles, px: 64, more where they would be too many; 0 where they always are."""
+    fits = (n for n in _TILES if -(-width // n) * -(-height // n) <= _MOST_TILES)
+    return next(fits, 0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,12 +64,12 @@ class TextureFile:
     ----------
     name : str
         The file's, for messages.
-    photo, graph : str or None
-        Absolute path; one of them is None.
-    stamp : (int, int)
-        When the photo or graph was last changed, ns, and its bytes: changed, it is another texture.
+    photo, graph, plan : str or None
+        Absolute path; one of the first two is None, and so is `plan` with a graph.
+    stamp : tuple of int
+        When these files were last changed, ns, and their bytes: changed, it is another texture.
     width, height : int
-        px, 1 to 2^31 - 1024.
+        px, 1 to 2^31 - 1024; 0 where a plan says them.
     seed, level : int or None
         As of --texsynth.
     colorspace, device : str or None
@@ -58,7 +79,8 @@ class TextureFile:
     name: str
     photo: str | None
     graph: str | None
-    stamp: tuple[int, int]
+    plan: str | None
+    stamp: tuple[int, ...]
     width: int
     height: int
     seed: int | None = None
@@ -87,27 +109,17 @@ class TextureFile:
         """Those of the resident process that makes it."""
         return Settings.of(Session(device_name=self.device, autocc=self.autocc))
 
-    @property
-    def tile(self) -> int:
-        """The side of tiles, px: 64, more where they would be too many; 0 where they always are."""
-        fits = (n for n in _TILES if -(-self.width // n) * -(-self.height // n) <= _MOST_TILES)
-        return next(fits, 0)
-
-    @property
-    def exemplar(self) -> str:
-        """The photo or the graph."""
-        return self.photo or self.graph or ""
-
     def require_unchanged(self) -> None:
         """Refuse to go on with other pixels than those that a host has seen.
 
         Raises
         ------
         ImageError
-            The photo or graph is another than when it was opened.
+            The photo, graph or plan is another than when it was opened.
         """
-        if _stamp(self.name, self.exemplar) != self.stamp:
-            raise ImageError(f"{self.name}: {self.exemplar} has changed since it was opened: open it again")
+        files = list(filter(None, (self.photo, self.graph, self.plan)))
+        if _stamp(self.name, files) != self.stamp:
+            raise ImageError(f"{self.name}: {' or '.join(files)} has changed since it was opened: open it again")
 
 
 def read_texture_file(name: str) -> TextureFile:
@@ -127,7 +139,7 @@ def read_texture_file(name: str) -> TextureFile:
     if not isinstance(document, dict):
         raise ImageError(f"{where}: an object of {', '.join(_KEYS[:4])} is wanted, not {type(document).__name__}")
     for key in document:
-        if key not in _KEYS:
+        if key not in _KEYS + _WORDS:
             raise ImageError(f"{where}: unknown '{key}'{nearest(str(key), _KEYS)}; there is {', '.join(_KEYS)}")
     if document.get("oiiotex") != VERSION or document["oiiotex"] is True:
         raise ImageError(f'{where}: "oiiotex": {VERSION}, the version of the format, is wanted')
@@ -150,6 +162,11 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
     given = [key for key in ("photo", "graph") if document.get(key) is not None]
     if len(given) != 1:
         raise ImageError(f"{where}: one of photo and graph is wanted, not {' and '.join(given) or 'neither'}")
+    if document.get("plan") is not None:
+        for key in ("graph", "size", "seed", "level"):
+            if document.get(key) is not None:
+                raise ImageError(f"{where}: {key} beside plan: a plan is of a photo, and says the rest")
+        given.append("plan")
     for key in (*given, "colorspace", "device"):
         if document.get(key) is not None and not (isinstance(document[key], str) and document[key]):
             raise ImageError(f"{where}: {key}={document[key]}: allowed is a text")
@@ -161,28 +178,34 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
         raise ImageError(f"{where}: autocc={document['autocc']}: allowed is true or false")
     if document.get("graph") is not None and document.get("colorspace") is not None:
         raise ImageError(f"{where}: colorspace is a photo's; the files of a graph say theirs, or autocc lets names do")
-    size = document.get("size")
+    files = {key: os.path.abspath(path.parent / document[key]) for key in given}
+    width, height = (0, 0) if "plan" in given else _size(document.get("size"), where)
+    return TextureFile(
+        name=os.path.abspath(where), stamp=_stamp(where, list(files.values())), width=width, height=height,
+        autocc=document.get("autocc", False), **{key: files.get(key) for key in ("photo", "graph", "plan")},
+        **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
+    )  # fmt: skip
+
+
+def _size(size: Any, where: str) -> tuple[int, int]:
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     if not match or max(map(int, match.groups())) > MOST_SIDE:
         raise ImageError(f"{where}: size={size}: allowed is WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
-    files = {key: os.path.abspath(path.parent / document[key]) for key in given}
-    file = TextureFile(
-        name=os.path.abspath(where), photo=files.get("photo"), graph=files.get("graph"),
-        stamp=_stamp(where, files[given[0]]), width=int(match[1]), height=int(match[2]),
-        autocc=document.get("autocc", False),
-        **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
-    )  # fmt: skip
-    if not file.tile:
+    width, height = map(int, match.groups())
+    if not tile_side(width, height):
         raise ImageError(
             f"{where}: size={size}: OpenImageIO's cache holds no more than {_MOST_TILES} tiles of {_TILES[-1]} px:"
             " allowed are 2^48 px in all, such as 16777216x16777216"
         )
-    return file
+    return width, height
 
 
-def _stamp(where: str, file: str) -> tuple[int, int]:
-    try:
-        status = os.stat(file)
-    except (OSError, ValueError) as error:
-        raise ImageError(f"{where}: {file}: {getattr(error, 'strerror', None) or 'no such file'}") from error
-    return status.st_mtime_ns, status.st_size
+def _stamp(where: str, files: list[str]) -> tuple[int, ...]:
+    stamp: list[int] = []
+    for file in files:
+        try:
+            status = os.stat(file)
+        except (OSError, ValueError) as error:
+            raise ImageError(f"{where}: {file}: {getattr(error, 'strerror', None) or 'no such file'}") from error
+        stamp += status.st_mtime_ns, status.st_size
+    return tuple(stamp)
