@@ -32,20 +32,8 @@ VERSION = 1
 MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
 _TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
 _MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
-_KEYS = (
-    "oiiotex",
-    "photo",
-    "graph",
-    "plan",
-    "size",
-    "seed",
-    "level",
-    "colorspace",
-    "autocc",
-    "device",
-    "title",
-    "note",
-)
+_KEYS = ("oiiotex", "photo", "graph", "size", "plan", "seed", "level", "colorspace", "autocc", "device")
+_WORDS = ("title", "note")  # for people
 _QUERY = ("seed", "size", "level", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
 
