@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from pathlib import Path
 
 from ..core.attributes import TAG, WINDOW
 from ..core.demand import assembled
@@ -83,7 +84,7 @@ class _Endless:
 
     def __init__(self, file: TextureFile, session: Session):
         photo = None if file.photo is None else _photo(file, session)
-        self._op = Synth(exemplar=photo, graph=file.graph, seed=file.seed, level=file.level)
+        self._op = Synth(exemplar=photo, graph=file.graph and Path(file.graph), seed=file.seed, level=file.level)
         first = self._part(Window(0, 0, 1, 1), session, file.level)
         self._finest = first.spec.get_int_attribute("oiiotex:level")
         self.spec = oiio.ImageSpec(first.spec)
@@ -115,7 +116,7 @@ class _Quilt:
     def __init__(self, file: TextureFile, session: Session):
         quiet = copy.copy(session)  # outlives the job that opens it
         quiet.progress = None
-        op = Quilting(exemplar=_photo(file, session), plan=file.plan, render=True)
+        op = Quilting(exemplar=_photo(file, session), plan=Path(file.plan or ""), render=True)
         self._part: Part = op.compute(quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):
