@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m oiiotex.service.door`: what a program that is no Python asks for the resident process of a texture.
+"""`python -m oiiotex.service.door`: whom a program without our package asks for the resident process.
 
-Its one word is JSON, {"name": "wall.oiiotex?seed=7"} or {"texture": TEXT} for one that was opened before. It prints
-{"socket": PATH, "texture": TEXT}, once that process listens, or {"error": TEXT}.
+Its one word is JSON: {"name": "wall.oiiotex?seed=7"}; {"texture": TEXT} for one that was opened before;
+{"device": NAME} or {"device": null} for the process alone. It prints {"socket": PATH, "texture": TEXT}, once that process listens, or
+{"error": TEXT}.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ import json
 import sys
 
 from ..errors import Error
+from ..session import Session
 from .client import connect
+from .settings import Settings
 from .texture_file import TextureFile, read_texture_file
 
 
@@ -25,6 +28,10 @@ def answer(word: str) -> dict[str, str]:
     """
     try:
         asked = json.loads(word)
+        if "device" in asked:
+            settings = Settings.of(Session(device_name=asked["device"]))
+            connect(settings).close()
+            return {"socket": str(settings.socket())}
         file = TextureFile.of_text(asked["texture"]) if "texture" in asked else read_texture_file(asked["name"])
         settings = file.settings()
         connect(settings).close()
