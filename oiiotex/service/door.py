@@ -2,8 +2,8 @@
 """`python -m oiiotex.service.door`: whom a program without our package asks for the resident process.
 
 Its one word is JSON: {"name": "wall.oiiotex?seed=7"}; {"texture": TEXT} for one that was opened before;
-{"device": NAME} or {"device": null} for the process alone. It prints {"socket": PATH, "texture": TEXT}, once that process listens, or
-{"error": TEXT}.
+{"device": NAME} or {"device": null} for the process alone. It prints {"socket": PATH, "texture": TEXT}, once that
+process listens, or {"error": TEXT}.
 """
 
 from __future__ import annotations
