@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PHOTO ?=
 EXTRAS := cpu,linker,demo
 
-.PHONY: demo test test-all lint docs golden benchmark plugin clean
+.PHONY: demo test test-all lint docs golden benchmark plugin extension clean
 
 demo: $(VENV)/demo
 	@$(BIN)/python -m docs.device
@@ -44,6 +44,9 @@ plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/hosts.md
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden
+
+extension:  # of Blender, one zip: docs/hosts.md
+	$(PYTHON) hosts/blender/build.py oiiotex_blender.zip
 
 benchmark: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[benchmark]"

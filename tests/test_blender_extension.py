@@ -18,6 +18,9 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
+from oiiotex.service.client import connect
+from oiiotex.service.settings import Settings
+from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import save
 from tests.test_cryptomatte_blender import BLENDER
@@ -27,11 +30,12 @@ SCRIPT = """
 import os, sys
 import numpy as np
 folder, python = sys.argv[1:]
-sys.path.insert(0, folder)
 import bpy
-import oiiotex_blender
-oiiotex_blender.register()
-oiiotex_blender.Process = lambda _, Process=oiiotex_blender.Process: Process(python)  # as preferences say it
+bpy.ops.extensions.package_install_files(
+    filepath=folder + "/extension.zip", repo="user_default", enable_on_install=True
+)
+preferences = bpy.context.preferences.addons["bl_ext.user_default.oiiotex_blender"].preferences
+preferences.python = python
 image = bpy.data.images.load(folder + "/photo.png")
 with bpy.context.temp_override(edit_image=image):
     print(bpy.ops.oiiotex.make_tile(width=48, height=32, seed=5))
@@ -40,7 +44,7 @@ pixels = np.empty(48 * 32 * 4, np.float32)
 tile.pixels.foreach_get(pixels)
 np.save(folder + "/tile.npy", pixels.reshape(32, 48, 4)[::-1])
 print(tile.colorspace_settings.name, tile["oiiotex"], sep="|")
-python = "/bin/false"
+preferences.python = "/bin/false"
 for space in ("sRGB", "Linear Rec.2020"):
     image.colorspace_settings.name = space
     with bpy.context.temp_override(edit_image=image):
@@ -61,28 +65,58 @@ def folder(monkeypatch):
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(path / "run"))
         save(pictures.stained(pictures.bricks(64, 80, seed=1)), path / "photo.png", space="srgb_rec709_scene")
         subprocess.run([sys.executable, BUILD, path / "extension.zip"], check=True)
-        zipfile.ZipFile(path / "extension.zip").extractall(path / "oiiotex_blender")
         yield path
+        connect(Settings.of(Session())).end()
 
 
-def test_what_it_says_to_the_process_needs_no_package_of_ours(folder):
-    """In a Python without oiiotex the zip's own modules are enough."""
-    line = "import sys; sys.path.insert(0, sys.argv[1]); import oiiotex_blender.process"
+WITHOUT_BLENDER = """
+import sys
+folder, python = sys.argv[1:]
+sys.path.insert(0, folder)
+import numpy as np
+from oiiotex_blender.process import Failed, Process
+assert "oiiotex" not in sys.modules
+photo = np.load(folder + "/photo.npy")
+job = Process(python).begin("stationarize", photo, None, {"size": "48x32", "data": 1})
+job.wait()
+np.save(folder + "/tile.npy", job.result())
+wrong = Process(python).begin("stationarize", photo, None, {"size": "0x32"})
+long = Process(python).begin("stationarize", photo, None, {"iterations": 1000, "data": 1})
+long.cancel()
+for job in (wrong, long):
+    job.wait()
+    try:
+        job.result()
+    except Failed as error:
+        print(error)
+"""
+
+
+def test_what_speaks_to_the_process_needs_neither_blender_nor_our_package(folder):
+    zipfile.ZipFile(folder / "extension.zip").extractall(folder / "oiiotex_blender")
     (folder / "oiiotex_blender" / "__init__.py").write_text("")  # which wants bpy
-    done = subprocess.run([sys.executable, "-I", "-S", "-c", line, folder], capture_output=True, text=True)
+    photo = pictures.bricks(64, 80, seed=1).astype(np.float32)
+    np.save(folder / "photo.npy", photo)
+    line = [sys.executable, "-c", WITHOUT_BLENDER, str(folder), sys.executable]
+    done = subprocess.run(line, cwd=folder / "run", capture_output=True, text=True, timeout=100)
     assert done.returncode == 0, done.stderr
+    same = filters.stationarize(photo, size=(48, 32), data=True).get_pixels(oiio.FLOAT)
+    np.testing.assert_array_equal(np.load(folder / "tile.npy"), same)
+    assert done.stdout.splitlines()[0].startswith("size=0x32: allowed is WIDTHxHEIGHT")
+    assert done.stdout.splitlines()[1] == "cancelled"
 
 
 @pytest.mark.skipif(BLENDER is None, reason="no bpy: pip install bpy, or OIIOTEX_BLENDER=/path/to/python")
 def test_a_tile_is_the_programs(folder):
     line = [BLENDER, "-c", SCRIPT, str(folder), sys.executable]
-    done = subprocess.run(line, capture_output=True, text=True, timeout=200, env=dict(os.environ))
+    there = os.environ | {"BLENDER_USER_RESOURCES": str(folder / "user")}
+    done = subprocess.run(line, capture_output=True, text=True, timeout=200, env=there)
     assert done.returncode == 0, done.stdout + done.stderr
-    photo = oiio.ImageBuf(str(folder / "photo.png")).get_pixels(oiio.FLOAT)
-    photo = np.dstack([photo, np.ones(photo.shape[:2], np.float32)])  # Blender adds an alpha
+    photo = oiio.ImageBuf(str(folder / "photo.png"))
     same = filters.stationarize(photo, size=(48, 32), seed=5, colorspace="srgb_rec709_scene").get_pixels(oiio.UINT8)
-    found = np.load(folder / "tile.npy")
-    np.testing.assert_array_equal(np.rint(found * 255).astype(np.uint8), same)
+    found = np.rint(np.load(folder / "tile.npy") * 255).astype(np.uint8)
+    np.testing.assert_array_equal(found[..., :3], same)
+    assert (found[..., 3] == 255).all()  # Blender's images have an alpha
     said = done.stdout
     assert "{'FINISHED'}" in said
     assert "sRGB|oiiotex photo.png --iscolorspace srgb_rec709_scene --texstationarize:size=48x32:seed=5\n" in said

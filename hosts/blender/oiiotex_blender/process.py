@@ -99,6 +99,8 @@ class Job:
     def _run(self, connected, op, pixels, space, values) -> None:
         try:
             self._link = Link(connected())
+            if self._stopped:  # before there was anything to hang up
+                return
             number = self._ask({"do": "put", "image": _facts(pixels, space)}, [pixels])[0]["number"]
             texts = {key: str(value) for key, value in values.items()}
             asked = {"do": "make", "op": op, "images": [number], "values": texts, "read": "", "keep": False}
