@@ -78,8 +78,8 @@ def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "tile.png").exists()
     answers = [json.loads(p.read_text()) for p in (tmp_path / "cache" / "oiiotex").glob("probe-*")]
-    assert [answer["works"] for answer in answers] == [{"linker": "lld", "cpu": ""}]
-    assert "ld" in answers[0]["failures"][0][1]
+    assert [answer["works"]["linker"] for answer in answers] == ["lld"]
+    assert any("ld" in words for _, words in answers[0]["failures"])
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")

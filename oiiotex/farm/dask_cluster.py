@@ -78,16 +78,24 @@ def results(
     Error
         A job has lost `RETRIES` workers, or failed otherwise than by an answer, and nothing stands instead.
     """
-    from distributed import as_completed
+    from distributed import KilledWorker, as_completed
 
     futures = {client.submit(work, job, pure=False, retries=RETRIES): job for job in jobs}
+    beside_killed: list[Job] = []
     try:
         for future in as_completed(futures):
             if future.status == "finished":
                 yield future.result()
             elif instead is None:
                 raise Error(f"a worker could not do its share: {future.exception()}")
+            elif isinstance(future.exception(), KilledWorker):
+                beside_killed.append(futures[future])
             else:
                 yield instead(futures[future], str(future.exception()))
+        for job in beside_killed:  # alone: Dask blames all that a worker had before it when it died
+            future = client.submit(work, job, pure=False)
+            futures[future] = job
+            why = future.exception()
+            yield future.result() if why is None else instead(job, str(why))
     finally:
         client.cancel(list(futures))

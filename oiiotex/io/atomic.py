@@ -8,6 +8,7 @@ import os
 import platform
 import re
 import stat
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from ..errors import ImageError
 
 _STEM = 100  # bytes of the name that a temporary one keeps: names have a limit
 _live: set[Path] = set()
+_making = threading.RLock()  # who ends the process takes it and keeps it: nothing is begun any more
 
 
 @contextlib.contextmanager
@@ -34,10 +36,11 @@ def temporary_beside(path: Path) -> Iterator[Path]:
     temporary = name_beside(path)
     mode = stat.S_IMODE(os.stat(path).st_mode) & 0o777 if path.exists() else None
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
-    _live.add(temporary)  # before it is there: a signal may come in between
     try:
         try:
-            os.close(os.open(temporary, flags, 0o666 if mode is None else mode))  # no more readable than what was there
+            with _making:
+                _live.add(temporary)  # before it is there: a signal may come in between
+                os.close(os.open(temporary, flags, 0o666 if mode is None else mode))  # no more readable than the old one
         except OSError as error:
             raise ImageError(f"{path}: {error.strerror}") from error
         yield temporary
@@ -109,7 +112,8 @@ def _followed(path: Path) -> Path:
 
 
 def discard_all() -> None:
-    """Remove what this process is writing: for one that ends without unwinding."""
+    """Remove what this process is writing, and let it begin nothing more: for one that ends without unwinding."""
+    _making.acquire(timeout=1)  # a file system that hangs does not keep the process
     for temporary in list(_live):
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
