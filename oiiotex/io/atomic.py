@@ -40,7 +40,7 @@ def temporary_beside(path: Path) -> Iterator[Path]:
         try:
             with _making:
                 _live.add(temporary)  # before it is there: a signal may come in between
-                os.close(os.open(temporary, flags, 0o666 if mode is None else mode))  # no more readable than the old one
+                os.close(os.open(temporary, flags, 0o666 if mode is None else mode))  # as readable as the old one
         except OSError as error:
             raise ImageError(f"{path}: {error.strerror}") from error
         yield temporary
