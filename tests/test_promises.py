@@ -33,6 +33,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"n": 3} if op.name == "sigmas" else {"filter": "quilt", "seeds": 2} if op.name == "variants" else {}
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
     found |= {"fail": "none"} if op.name == "checkmaterial" else {}
+    found |= {"mesh": pictures.cube_file()} if op.name == "atlas" else {}
     return {**found, "labels": quarters()} if op.name in LABELLED else found
 
 

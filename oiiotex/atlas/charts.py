@@ -46,16 +46,13 @@ class Frames:
         down = np.cross(right, normal)
         return cls(np.stack([right, down], -1) * unit, gradient)
 
-
     def in_atlas(self, mesh: Mesh, scale: tuple[float, float]) -> np.ndarray:
         """What pixels of the atlas, x and y, a pixel of the photo, x and y, is on each face: (faces, 2, 2)."""
         change = np.einsum("fck,fkp->fcp", self.gradient, self.step)
         return np.einsum("fcx,fcp->fxp", in_pixels(mesh.uv, scale), change)
 
 
-def _smoothed(
-    mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.ndarray, area: np.ndarray
-) -> np.ndarray:
+def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Unit tangents that are near to wanted ones and, along the surface, to each other: (faces, 3).
 
     A direction is a complex number in a basis of its face; carried over an edge it keeps its angle with it. Least
@@ -122,7 +119,9 @@ def covered(mesh: Mesh, width: int, height: int, scale: tuple[float, float], nam
             np.add.at(times, y[strictly] * width + x[strictly], 1)
     double = np.count_nonzero(times > 1)
     if double:
-        raise ImageError(f"{name}: charts overlap on {double} pixels of the atlas: unwrap it so that each has its place")
+        raise ImageError(
+            f"{name}: charts overlap on {double} pixels of the atlas: unwrap it so that each has its place"
+        )
     owner[owner == len(mesh.faces)] = -1
     return owner.reshape(height, width).astype(np.int32)
 

@@ -50,6 +50,34 @@ class Mesh:
         """(faces, 3, 3) float64."""
         return self.points[self.faces]
 
+    def areas(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of all faces on the surface, and in the atlas as parts of the unit square."""
+        flat = np.concatenate([self.uv, np.zeros_like(self.uv[..., :1])], -1)
+        return _areas(self.corners), _areas(flat)
+
+    def refined(self) -> Mesh:
+        """The same surface, triangles cut in four while they are few: each has one direction, which so turns gradually."""
+        mesh = self
+        while 4 * len(mesh.faces) <= _FINE:
+            ends = np.sort(np.stack([np.roll(mesh.faces, -1, 1), np.roll(mesh.faces, -2, 1)], -1), -1)
+            edges, middle = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+            points = np.concatenate([mesh.points, mesh.points[edges].mean(1)])
+            faces = _quarter(*(middle.reshape(-1, 3) + len(mesh.points)).T, *mesh.faces.T)
+            corners = np.moveaxis(mesh.uv, 1, 0)
+            halves = [(corners[(n + 1) % 3] + corners[(n + 2) % 3]) / 2 for n in range(3)]
+            uv, chart = _quarter(*halves, *corners), np.repeat(mesh.chart, 4)
+            mesh = Mesh(points, faces, _neighbours(faces, "the mesh"), uv, chart, mesh.unwrapped)
+        return mesh
+
+    def obj(self) -> str:
+        """The mesh with its charts as the text of a Wavefront OBJ."""
+        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in self.points]
+        lines += [f"vt {u:.9g} {v:.9g}" for u, v in self.uv.reshape(-1, 2)]
+        corners = np.arange(1, self.faces.size + 1).reshape(-1, 3)
+        for face, uv in zip(self.faces + 1, corners, strict=True):
+            lines.append("f " + " ".join(f"{point}/{at}" for point, at in zip(face, uv, strict=True)))
+        return "\n".join(lines) + "\n"
+
 
 def read_mesh(path: Path, width: int, height: int) -> Mesh:
     """The mesh of a file of any kind that trimesh reads; with charts of xatlas where it has none of its own.
@@ -85,23 +113,7 @@ def read_mesh(path: Path, width: int, height: int) -> Mesh:
     unwrapped = uv is None
     flat = _unwrapped(points, corners, width, height) if unwrapped else uv[faces]
     _check_charts(flat, name)
-    return _refined(Mesh(points, corners, across, flat, _charts(corners, across, flat), unwrapped), name)
-
-
-def _refined(mesh: Mesh, name: str) -> Mesh:
-    """With large triangles cut in four, so that directions, of which each has one, can turn gradually."""
-    while 4 * len(mesh.faces) <= _FINE:
-        corners = np.sort(np.stack([np.roll(mesh.faces, -1, 1), np.roll(mesh.faces, -2, 1)], -1), -1)
-        edges, middle = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
-        points = np.concatenate([mesh.points, mesh.points[edges].mean(1)])
-        a, b, c = mesh.faces.T
-        opposite = (middle.reshape(-1, 3) + len(mesh.points)).T
-        faces = _quarter(*opposite, a, b, c)
-        ends = np.moveaxis(mesh.uv, 1, 0)
-        halves = [(ends[(n + 1) % 3] + ends[(n + 2) % 3]) / 2 for n in range(3)]
-        uv = _quarter(*halves, *ends)
-        mesh = Mesh(points, faces, _neighbours(faces, name), uv, np.repeat(mesh.chart, 4), mesh.unwrapped)
-    return mesh
+    return Mesh(points, corners, across, flat, _charts(corners, across, flat), unwrapped)
 
 
 def _quarter(

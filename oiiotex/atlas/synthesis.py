@@ -24,10 +24,10 @@ REACH = 2  # px that a neighbourhood goes to each side
 _DIMENSIONS = 16  # of neighbourhoods as they are compared
 _BASIS_BITS = 12
 _LEVELS = 6
-_LEAST_SIDE = 24  # px of the coarsest photo
-_PASSES = (8, 3)  # over the coarsest level, and over each finer one
-_RANDOM = (5, 2)  # random candidates there
-_STRANGER = 1.3  # how many times as near a random candidate must be: HRRG08's kappa
+_LEAST_SIDE = 12  # px of the coarsest photo
+_PASSES = (5, 2)  # over
+_RANDOM = (4, 0)  # random candidates there
+_STRANGER = 1.6  # how many times as near a random candidate must be: HRRG08's kappa
 _AT_ONCE = 1 << 14
 GUTTER = 8  # px around charts that are taken from beyond the border
 
