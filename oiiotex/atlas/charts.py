@@ -119,9 +119,7 @@ def covered(mesh: Mesh, width: int, height: int, scale: tuple[float, float], nam
             np.add.at(times, y[strictly] * width + x[strictly], 1)
     double = np.count_nonzero(times > 1)
     if double:
-        raise ImageError(
-            f"{name}: charts overlap on {double} pixels of the atlas: unwrap it so that each has its place"
-        )
+        raise ImageError(f"{name}: charts overlap on {double} pixels of the atlas: unwrap it again, without overlaps")
     owner[owner == len(mesh.faces)] = -1
     return owner.reshape(height, width).astype(np.int32)
 

@@ -56,7 +56,7 @@ class Mesh:
         return _areas(self.corners), _areas(flat)
 
     def refined(self) -> Mesh:
-        """The same surface, triangles cut in four while they are few: each has one direction, which so turns gradually."""
+        """The same surface, triangles cut in four while they are few: each has one direction, so it turns gradually."""
         mesh = self
         while 4 * len(mesh.faces) <= _FINE:
             ends = np.sort(np.stack([np.roll(mesh.faces, -1, 1), np.roll(mesh.faces, -2, 1)], -1), -1)
