@@ -14,7 +14,7 @@ log = logging.getLogger("oiiotex")
 
 _INSTALL = "pip install 'oiiotex[atlas]'"
 _FLAT = 1e-12  # of the square of the mesh's extent, or of the unit square: what has less area is no triangle
-_FINE = 20000  # triangles: a mesh of fewer is cut finer
+_FINE = 5000  # triangles: a mesh of fewer is cut finer
 _PADDING = 8  # px between charts that are made here
 
 
