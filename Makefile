@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PHOTO ?=
 EXTRAS := cpu,linker,demo
 
-.PHONY: demo test test-all lint docs golden benchmark clean
+.PHONY: demo test test-all lint docs golden benchmark plugin clean
 
 demo: $(VENV)/demo
 	@$(BIN)/python -m docs.device
@@ -38,6 +38,10 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.synth_pictures
 	$(BIN)/python -m docs.library_pictures
 	$(BIN)/python -m docs.live_pictures
+	@$(BIN)/oiiotex --plugin-path > /dev/null && $(BIN)/python -m docs.hosts_pictures
+
+plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/hosts.md
+	$(BIN)/python hosts/openimageio/build.py
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden

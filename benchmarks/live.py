@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tests import pictures
-from tests.browser import Served, chromium
+from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import save
 
 SLIDER = """async (value) => {
@@ -62,18 +62,8 @@ def line(name: str, times: list[float], unit: str = "ms") -> None:
 
 def resident_memory(folder: Path) -> int:
     """MB that the resident process holds."""
-    for status in Path("/proc").glob("[0-9]*/status"):
-        try:
-            command = (status.parent / "cmdline").read_bytes()
-            environment = (status.parent / "environ").read_bytes()
-            if b"oiiotex.service" in command and str(folder).encode() in environment:
-                return (
-                    next(int(row.split()[1]) for row in status.read_text().splitlines() if row.startswith("VmRSS"))
-                    >> 10
-                )
-        except OSError:
-            continue
-    return 0
+    rows = (row.split() for row in Path(f"/proc/{resident_pid(folder)}/status").read_text().splitlines())
+    return next(int(row[1]) for row in rows if row[0] == "VmRSS:") >> 10
 
 
 def main() -> None:
@@ -119,6 +109,7 @@ def main() -> None:
         line("tiles of 256 px a second, one octave after the other", rates, "/s")
         page.close()
         server.end()
+        end_resident(folder)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import OpenImageIO as oiio
 
-from tests.browser import Served, chromium
+from tests.browser import Served, chromium, end_resident
 
 DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).absolute()
 PICTURES = Path(__file__).parent / "pictures"
@@ -29,8 +29,8 @@ def cut(name: str, folder: Path, window: oiio.ROI, width: int) -> str:
 
 
 def tile(browser: object, folder: Path) -> None:
-    """A stained wall and its tile, with seeds to choose from."""
-    name = cut("sandstone_wall_cracked", folder, oiio.ROI(0, 1024, 0, 768), 512)
+    """Rust and its tile, with seeds to choose from."""
+    name = cut("rust_barrel_side", folder, oiio.ROI(0, 620, 60, 520), 512)
     with served(folder, name, "--iscolorspace", SPACE) as url:
         page = opened(browser, url)
         page.wait_for_selector("[data-tile=whole]")
@@ -120,3 +120,4 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory(prefix="oxl") as name, chromium() as opened_browser:
         for room in (tile, paint, zoom):
             room(opened_browser, Path(name))
+        end_resident(Path(name))

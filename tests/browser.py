@@ -52,6 +52,30 @@ class Served:
         return self.process.wait(20)
 
 
+def resident_pid(runtime: Path) -> int:
+    """The process that works for servers of that runtime folder.
+
+    Raises
+    ------
+    LookupError
+        There is none.
+    """
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            command, environment = ((process / name).read_bytes() for name in ("cmdline", "environ"))
+        except OSError:  # somebody else's, or it has just ended
+            continue
+        if b"oiiotex.service" in command and f"XDG_RUNTIME_DIR={runtime}\0".encode() in environment:
+            return int(process.name)
+    raise LookupError(runtime)
+
+
+def end_resident(runtime: Path) -> None:
+    """End the process that works for servers of that runtime folder, which else waits ten minutes for others."""
+    with contextlib.suppress(LookupError, ProcessLookupError):
+        os.kill(resident_pid(runtime), signal.SIGTERM)
+
+
 @contextlib.contextmanager
 def chromium() -> Iterator[object]:
     """A browser of Playwright's; tests are skipped, loudly, where there is none."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import subprocess
 import sys
@@ -38,6 +39,15 @@ def known_kernel_options() -> Iterator[None]:
     devices.Device.program = program
     yield
     devices.Device.program = build
+
+
+@pytest.fixture(autouse=True)
+def untouched_log() -> Iterator[None]:
+    """A program that is run within a test says how much is logged, of that test alone."""
+    log = logging.getLogger("oiiotex")
+    level = log.level
+    yield
+    log.setLevel(level)
 
 
 @pytest.fixture(scope="session")

@@ -74,6 +74,12 @@ def test_where_light_comes_from_is_found(azimuth):
     assert float(said.split()[-2]) == pytest.approx(azimuth, abs=12)
 
 
+@pytest.mark.parametrize(("relief", "least"), [("hills", 0.66), ("stones", 0.7), ("courses", 0.76)])
+def test_heights_where_nothing_is_said_of_the_light(relief, least):
+    heights = RELIEFS[relief]
+    assert correlation(height_of(reliefs.lit(heights, 135)), without_slow(heights)) > least
+
+
 def test_light_without_a_direction_is_an_overcast_sky():
     made = filters.estimateheight(gray(sky("hills")))
     assert made.spec().get_string_attribute(ESTIMATE).endswith("an overcast sky")
@@ -114,7 +120,7 @@ def test_what_contradicts_itself_or_does_not_fit_is_refused():
     with pytest.raises(errors.ParameterError, match="exclude each other"):
         filters.estimateheight(photo, light=90.0, overcast=True)
     with pytest.raises(errors.ImageError, match=r"heights of 64x64 needs \d+ MB"):
-        filters.estimateheight(photo, session=Session(budget=1 << 20))
+        filters.estimateheight(photo, session=Session(budget=1 << 18))
 
 
 def test_a_photo_without_shading_is_flat():
@@ -141,6 +147,14 @@ def test_a_plane_and_a_slope_see_their_sky():
         made = pixels(filters.estimateao(gray(heights, "data"), radius=8, scale=1.0))[16:-16, 16:-16]
         share = (1 + 1 / np.sqrt(1 + slope**2)) / 2  # a tilted plane sees that much, above the horizon, of its light
         np.testing.assert_allclose(made, share, atol=0.01)
+
+
+@pytest.mark.parametrize("said", ["12.5", 12.5, "junk", float("nan"), -3.0])
+def test_how_high_the_heights_are_is_read_as_a_file_says_it(said):
+    heights = gray(np.indices((32, 32)).sum(0) / 62, "data")
+    wanted = pixels(filters.estimateao(heights, radius=4, scale=12.5 if said in ("12.5", 12.5) else 1.0))
+    heights.specmod().attribute(HEIGHT_PX, said)
+    np.testing.assert_array_equal(pixels(filters.estimateao(heights, radius=4)), wanted)
 
 
 def test_how_high_the_heights_are_comes_with_them(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import shlex
 import shutil
 import signal
@@ -22,13 +23,13 @@ pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[
 from oiiotex.color.config import ColorConfig, as_float
 from oiiotex.color.display import shown_by, usual_view
 from tests import pictures
-from tests.browser import Served, chromium
+from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import load, oiiotex, save
 
 SPACE = "srgb_rec709_scene"
 PIXELS = """async (name) => {
   const { rooms } = await import("./main.js");
-  const canvas = { tile: rooms.tile.tile, texture: rooms.paint?.texture }[name] ?? rooms.zoom.tiles.get(name);
+  const canvas = { tile: rooms.tile?.tile, texture: rooms.paint?.texture }[name] ?? rooms.zoom.tiles.get(name);
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   let text = "";
   for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
@@ -62,6 +63,7 @@ def folder() -> Iterator[Path]:
         }
         (path / "graph.json").write_text(json.dumps(document))
         yield path
+        end_resident(path)
 
 
 @pytest.fixture
@@ -132,6 +134,12 @@ def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
     assert any(":sigma=12.1" in word for word in words), words
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
     wait(page, "document.querySelector('.measures').textContent.includes('seam ratio')")
+    line_made = load(folder / words[-1])
+    page.get_by_role("button", name="Save").click()
+    wait(page, "document.getElementById('status').textContent.startsWith('Saved as')")
+    saved = page.inner_text("#status").removeprefix("Saved as ")
+    assert saved == "photo_tile_2.png"
+    np.testing.assert_array_equal(load(folder / saved), line_made)
     page.keyboard.press("s")
     wait(page, "document.querySelector('[data-tile]').dataset.tile === 'coarse'")
     page.wait_for_selector("[data-tile=whole]")
@@ -192,9 +200,15 @@ def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page,
     corner = view["x"] + (view["width"] - 512 * scale) / 2, view["y"] + (view["height"] - 384 * scale) / 2
     page.mouse.move(corner[0] + 150 * scale, corner[1] + 150 * scale)
     page.mouse.down()
-    page.mouse.move(corner[0] + 250 * scale, corner[1] + 200 * scale, steps=5)
+    page.mouse.move(corner[0] + 220 * scale, corner[1] + 180 * scale, steps=5)
+    page.wait_for_timeout(400)  # so that it is looked at while it goes on
+    page.mouse.move(corner[0] + 235 * scale, corner[1] + 190 * scale)
+    wait(page, "import('./main.js').then((m) => !m.rooms.paint.working)")
+    assert (pixels_of(page, "texture") != before).any()
+    page.mouse.move(corner[0] + 250 * scale, corner[1] + 200 * scale)
     page.mouse.up()
     page.wait_for_selector("[data-step='1']")
+    assert len(list((folder / "photo.paint").iterdir())) == 4  # two steps
     after = pixels_of(page, "texture")
     rows, columns = np.nonzero((before != after).any(-1))
     reach = 32 + 2 * 16  # px: half the brush, and patches around it
@@ -236,6 +250,10 @@ def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, s
             wait(one, "document.getElementById('link').textContent === ''")
             one.wait_for_selector("[data-tile=whole]")
             assert one.input_value("select[title^='What looks']") == '"moments"'
+        os.kill(resident_pid(folder), signal.SIGKILL)  # the one that works: another is started
+        other.select_option("select[title^='What looks']", json.dumps("histogram"))
+        measured = "document.querySelector('.measures').textContent.includes('seam ratio')"
+        wait(page, f"{measured} && !document.querySelector('.stale')")
     finally:
         other.close()
         again.end()

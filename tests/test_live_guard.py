@@ -24,7 +24,7 @@ from oiiotex.live.document import Document, default_state
 from oiiotex.live.guard import token_for
 from oiiotex.live.lines import text_of, word_of
 from tests import pictures
-from tests.browser import TOKEN, Served
+from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import save
 
 
@@ -37,6 +37,7 @@ def served() -> Iterator[Served]:
         server = Served(folder, "photo.png", "--iscolorspace", "srgb_rec709_scene", runtime=folder)
         yield server
         assert server.end() == 130
+        end_resident(folder)
 
 
 def answer(served: Served, request: str, path: str = f"/{TOKEN}/", body: bytes = b"", **headers: str) -> bytes:

@@ -78,6 +78,13 @@ def test_a_surface_comes_back_as_it_was_before_the_camera():
     assert own.spec().width / own.spec().height == pytest.approx(1.5, rel=0.01)
 
 
+def test_what_a_photo_says_of_the_size_of_its_pixels_is_not_true_of_the_result():
+    photo = buffer(pictures.moss(32, 32, 1))
+    photo.specmod().attribute("XResolution", 72.0)
+    made = filters.rectify(photo, corners=(2, 2, 30, 3, 29, 30, 1, 28))
+    assert made.spec().getattribute("XResolution") is None
+
+
 def test_fine_detail_is_filtered_where_it_becomes_smaller():
     fine = np.indices((240, 320)).sum(0)[..., None] % 2 * np.ones(3)
     made = pixels(filters.rectify(buffer(fine), corners=(0, 0, 320, 0, 320, 240, 0, 240), size=(80, 60)))

@@ -9,6 +9,7 @@ import tracemalloc
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from oiiotex import errors, filters
 from oiiotex.session import Session
@@ -74,7 +75,7 @@ def test_what_statistics_ask_for_is_what_they_hold(monkeypatch, measure):
     assert 0.4 * asked < held <= asked, f"{held >> 10} kB held, {asked >> 10} kB asked for"
 
 
-@pytest.mark.parametrize("op", ["content", pytest.param("cut", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("op", ["content", "dominant", pytest.param("cut", marks=pytest.mark.slow)])
 def test_what_is_asked_for_a_photo_is_what_is_held(monkeypatch, op):
     random = np.random.default_rng(0)
     photo = buffer(random.random((384, 384, 3)).astype(np.float32))
@@ -83,6 +84,9 @@ def test_what_is_asked_for_a_photo_is_what_is_held(monkeypatch, op):
     labels.set_pixels(labels.roi, ids)
     if op == "cut":
         run = functools.partial(filters.cut, photo, patch=190, passes=0)
+    elif op == "dominant":  # of what has as many components as its patches have values
+        noise = gaussian_filter(random.random((96, 96, 3)).astype(np.float32), (0.6, 0.6, 0))
+        run = functools.partial(filters.dominant, buffer(noise), patch=15)
     else:
         run = functools.partial(filters.content, photo, labels={"label.1": labels}, patch=16)
     run(session=Session())  # what is loaded once is loaded

@@ -147,8 +147,8 @@ def _sizes(maps: list[_Map]) -> Iterator[Finding]:
         if one.image.first.window != first.first.window:
             sizes = f"{one.image.first.window}, {first.source} is {first.first.window}"
             yield Finding(ERROR, one.image.source, "size", f"is {sizes}: --resize makes them alike")
-        densities = [image.first.spec.getattribute("XResolution") for image in (one.image, first)]
-        if None not in densities and not math.isclose(*densities, rel_tol=0.01):
+        densities = [image.first.spec.get_float_attribute("XResolution", 0.0) for image in (one.image, first)]
+        if all(densities) and not math.isclose(*densities, rel_tol=0.01):
             text = f"has {densities[0]:g} pixels a unit, {first.source} {densities[1]:g}: their physical sizes differ"
             yield Finding(WARNING, one.image.source, "density", text)
 

@@ -25,6 +25,7 @@ _SIDE = 192  # px; longer side of the photo while l is looked for
 _STEEPEST, _STEP = 0.8, 0.2  # of l, times the photo's sides: at a corner 1 + l x is 0.2 at least
 _FINEST = 0.2 / 16
 _VIEWS = (1.0,), (0.4, 0.64, 1.0)  # shares of the photo's sides that are looked at one after the other
+_SMALLEST = 48  # px; less holds no lattice that can be told
 _SAME = 6  # px; offsets nearer than that are alike whatever repeats
 _LEAST = 0.5  # of the photo must be seen from the front
 _FITS = 2  # where parts are far from the front their lattices are not all found at once
@@ -75,6 +76,8 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
         Pixels that count; None: all.
     """
     size = np.array(values.shape[1::-1])
+    if size.min() < _SMALLEST:
+        return None
     usable = np.ones((*values.shape[:2], 1), np.float32) if opaque is None else opaque[..., None].astype(np.float32)
     values = values[..., :3] if opaque is None else values[..., :3] * usable
     values, usable = _at_most(_LARGEST_SIDE, values, usable)

@@ -98,7 +98,7 @@ _OPTIONS = tuple(
             "run_settings",
             "OPTIONS",
             "--device --devices --threads --cache --colorconfig --interchange -q --noprogress --runstats"
-            " --debug --version --completion --manpage --cache-info --cache-clear --help -h",
+            " --debug --version --completion --manpage --plugin-path --cache-info --cache-clear --help -h",
         ),
         (
             "The run",

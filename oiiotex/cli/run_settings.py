@@ -21,6 +21,7 @@ OPTIONS = (
     Option("--version", (), "print versions"),
     Option("--completion", ("SHELL",), "print what bash, zsh or fish needs to complete command lines"),
     Option("--manpage", (), "print the page for man"),
+    Option("--plugin-path", (), "print where the plugin lies by which OpenImageIO opens .oiiotex files"),
     Option("--cache-info", (), "what lies in the cache folder"),
     Option("--cache-clear", (), "empty the cache folder"),
     Option("--help", (), "print this, or with a name behind it that op's page; OP:MODIFIER: of one", aliases=("-h",)),

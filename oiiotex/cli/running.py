@@ -68,6 +68,10 @@ def _printed(command: CommandLine) -> str | None:
         from .versions import versions
 
         return versions()
+    if "--plugin-path" in settings:
+        from .plugin_path import plugin_path
+
+        return plugin_path()
     if "--devices" in settings:
         from .devices import device_list
 

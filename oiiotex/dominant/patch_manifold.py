@@ -290,9 +290,15 @@ def neighbour_weights(squares: csr_array, size: float, euclidean: bool) -> csr_a
     return directed.maximum(directed.T).tocsr()
 
 
-def memory_needed(pixels: int, texels: int, patch: int) -> int:
-    """Bytes that the search for a dominant texture holds at its height."""
-    k = neighbour_count(texels)
+def memory_needed(pixels: int, texels: int, patch: int, threads: int) -> int:
+    """Bytes that the search for a dominant texture holds at its height.
+
+    Components may be as many as a patch has values: of grass nearly all are kept, and they are there three times while
+    neighbours are looked for.
+    """
+    k, values = neighbour_count(texels), 3 * patch * patch
     marks = texels**LANDMARKS
-    covariance = 20 * min(texels, _COVARIANCE) * 3 * patch * patch + 24 * (3 * patch * patch) ** 2
-    return int(60 * pixels + 400 * texels + 40 * texels * k + 40 * marks**2 + 16 * _BLOCK * texels * 4 + covariance)
+    covariance = 20 * min(texels, _COVARIANCE) * values + 24 * values**2
+    blocks = threads * max(8 * _ROWS * texels, 16 * _BLOCK * marks, 12 * _BLOCK * values)
+    components = 12 * texels * values
+    return int(60 * pixels + 40 * texels * (k + 3) + 40 * marks**2 + blocks + max(covariance, components))

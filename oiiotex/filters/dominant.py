@@ -12,6 +12,7 @@ from ..charts.dominant_chart import diagnostics
 from ..color.lab import lens_of
 from ..core.access import ScanThenMap
 from ..core.image import Image, Part
+from ..core.machine import usable_threads
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
@@ -106,7 +107,8 @@ class Dominant(ScanThenMap):
             raise ImageError(f"patch={patch}: {self.source.source} has only {width}x{height} px")
         step = self.step or step_for(shape, patch or 5, TEXELS)
         texels = -(-shape[0] // step) * -(-shape[1] // step)
-        need = memory_needed(shape[0] * shape[1], texels, patch or MOST_PATCH) + width * height // 8
+        threads = session.threads or usable_threads()
+        need = memory_needed(shape[0] * shape[1], texels, patch or MOST_PATCH, threads) + width * height // 8
         session.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
         lens = lens_of(self.source, session, self.working_space)
         allowed = None if self.mask is None else masked_pixels(self.mask, self.source)

@@ -50,7 +50,9 @@ class EstimateAO(Gather):
     def compute(self, session: Session) -> dict[str, Part]:
         """The map, computed window by window when it is asked for."""
         part = self.source.first
-        scale = self.scale or part.spec.getattribute(HEIGHT_PX) or max(part.spec.width, part.spec.height) * _RELIEF
+        said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG has it as a text
+        said = said if 1e-6 <= said <= 1e6 else 0.0
+        scale = self.scale or said or max(part.spec.width, part.spec.height) * _RELIEF
         log.info("%s: a height of 1 is %g px", self.flag(), scale)
         near, channel = cached(part, session.cache), channels_of(part.spec).colour[0]
         wraps = "x" in self.tile, "y" in self.tile

@@ -98,6 +98,8 @@ class Rectify(Gather):
         width, height = self._size(corners, metres)
         matrix = homography(corners, width, height)
         spec = derived_spec(part.spec, width, height)
+        for stale in ("XResolution", "YResolution", "ResolutionUnit"):
+            spec.erase_attribute(stale)
         if metres is not None:
             spec.attribute("XResolution", width * _INCH / metres[0])
             spec.attribute("YResolution", height * _INCH / metres[1])

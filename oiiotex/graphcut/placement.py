@@ -113,8 +113,9 @@ def graph_cut(
     canvas.close_holes()
     for refined in range(layout.passes):
         work(canvas.improve, list(canvas.worst(len(sites))))
-        done = len(sites) * (2 + refined)  # there may be fewer cells than sites
-        progress(done, total)
+        while done < len(sites) * (2 + refined):  # there may be fewer cells than sites
+            done += 1
+            progress(done, total)
     return canvas.laid
 
 

@@ -5,23 +5,28 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
 import logging
 import struct
 import time
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..color.display import Shown, shown_by, views
-from ..core.image import Image, channels_of
-from ..deferred import np
+from ..core.image import Image, Part, channels_of
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import Error
 from ..io.documents import require_plain
-from ..service.client import BRUSH, Client, connect
+from ..io.writing import write
+from ..service.client import BRUSH, EXPORT, Client, connect
 from ..service.messages import LinkError
+from ..service.pictures import spec_of
 from ..service.settings import Settings
 from ..session import Session
 from .document import Document
@@ -105,8 +110,9 @@ class Hub:
         self._client: Client | None = None
         self._connecting = asyncio.Lock()
         self._photo: int | None = None
-        self._making = asyncio.Lock()
+        self._making, self._saving = asyncio.Lock(), asyncio.Lock()
         self._made: dict[str, dict[str, Any]] = {}
+        self._pinned: dict[int, bool] = {}  # images that are being saved; whether they are to be forgotten then
         self._restarted = -_PATIENCE
         self.rooms: dict[str, Any] = {}
         self.loop: asyncio.AbstractEventLoop | None = None
@@ -150,6 +156,41 @@ class Hub:
                 facts, _ = await asyncio.wrap_future(request)
                 self._made[op] = facts["images"][0]
             return self._made[op]
+
+    async def save(self, made: dict[str, Any], name: str) -> None:
+        """Write an image that the resident process has made, beside the document, in bands and behind all else.
+
+        Parameters
+        ----------
+        made : dict
+            As the resident process says it: 'number' and 'parts'.
+        name : str
+            Of the file; where there is one already it gets a number.
+        """
+        client, facts = await self.client(), made["parts"][0]
+
+        def fetch(window: Window) -> np.ndarray:
+            return client.read(made["number"], window, priority=EXPORT).result()[1][0]
+
+        stored = None if facts["stored"] is None else oiio.TypeDesc(facts["stored"])
+        part = Part(facts["name"], spec_of(facts), fetch, stored)
+        advance, number = self.advancing(), made["number"]
+        self._pinned[number] = False
+        try:
+            async with self._saving:
+                path = _free(self.document.path.with_name(name))
+                await asyncio.to_thread(write, Image((part,), str(path)), path, None, advance)
+        finally:
+            if self._pinned.pop(number, False):
+                client.drop(number)
+        self.tell({"do": "note", "text": f"Saved as {path.name}"})
+
+    def release(self, client: Client, number: int) -> None:
+        """Have an image forgotten, once it is saved where it is being saved."""
+        if number in self._pinned:
+            self._pinned[number] = True
+        else:
+            client.drop(number)
 
     def advancing(self) -> Callable[[int, int], None]:
         """Tells all pages how far a job is."""
@@ -304,6 +345,12 @@ class Hub:
         if self._client is not None:
             with contextlib.suppress(LinkError):
                 self._client.close()
+
+
+def _free(path: Path) -> Path:
+    """The path, or one with a number where there is something."""
+    names = itertools.chain([path], (path.with_name(f"{path.stem}_{n}{path.suffix}") for n in itertools.count(2)))
+    return next(name for name in names if not name.exists())
 
 
 def labels_of(made: dict[str, Any]) -> list[str]:

@@ -14,13 +14,14 @@ from ..errors import Error, ImageError, ParameterError
 from ..io.documents import read_document
 from ..io.reading import read
 from ..labels.legend import code_of, codes_in
-from ..service.client import BRUSH
+from ..service.client import BRUSH, EXPORT
 from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
 from .painting import Steps, write_indexed
 
 _SWATCH = 48  # px
 _LEAST_LABELS, _MOST_LABELS = 4, 24
+_MOST_TIMES = 64
 _PATCHES = 16, 64  # px, the least and the largest
 
 
@@ -38,8 +39,9 @@ class PaintRoom:
         self._table = hub.document.beside("palette.json")
         self._palette: tuple[dict[str, Any], np.ndarray] | None = None  # its table, and its picture
         self._step = -1
+        self._begun: int | None = None  # the step before a stroke that goes on
         self._ids: np.ndarray | None = None
-        self._image: int | None = None  # the texture, at the resident process
+        self._made: dict[str, Any] | None = None  # the texture, as the resident process says it
         self._pixels: np.ndarray | None = None  # as they are sent: of the photo's channels, float32
         self._turn = asyncio.Lock()
 
@@ -63,26 +65,32 @@ class PaintRoom:
         if do == "line":
             self._hub.tell({"do": "line", "room": "paint", "text": self.line()})
             return
+        work = None
         async with self._turn:
             if do == "open":
                 await self._open(page)
             elif do == "stroke":
-                await self._stroke(asked, data)
+                await self._stroke(asked, data, page)
             elif do == "undo":
                 await self._go(self._step - 1)
             elif do == "redo":
                 await self._go(self._step + 1)
+            elif do == "save":
+                work = self._save(int(asked["times"]))
             elif do == "new":
                 await self._new(int(asked["label"]))
             else:
                 raise ValueError(do)
+        if work is not None:  # others paint on meanwhile
+            await work
 
     def leave(self, page: Page) -> None:
-        """Nothing hangs on one page."""
+        """A stroke that it has begun ends here."""
+        self._begun = None
 
     def forget(self) -> None:
         """The resident process is another one."""
-        self._image = None
+        self._made = None
 
     # --- what can be painted with ---
 
@@ -136,8 +144,8 @@ class PaintRoom:
         self._show_texture(page=page)
         self._tell_step()
 
-    def _tell_step(self) -> None:
-        self._hub.tell({"do": "step", "room": "paint", "step": self._step, "last": self._steps.last})
+    def _tell_step(self, going: bool = False) -> None:
+        self._hub.tell({"do": "step", "room": "paint", "step": self._step, "last": self._steps.last, "going": going})
 
     async def _new(self, label: int = 0) -> None:
         """A painting of one label, by default the largest."""
@@ -152,8 +160,8 @@ class PaintRoom:
         self._show_ids()
         self._show_texture()
 
-    async def _stroke(self, asked: dict[str, Any], data: bytes) -> None:
-        """Take ids of a box, and make its neighbourhood anew."""
+    async def _stroke(self, asked: dict[str, Any], data: bytes, page: Page) -> None:
+        """Take ids of a box, and make its neighbourhood anew; looks at a stroke that goes on become one step."""
         if self._ids is None or self._pixels is None or self._palette is None:
             raise ImageError("there is no painting yet: open the room first")
         left, top, width, height = (int(asked[name]) for name in ("left", "top", "width", "height"))
@@ -166,19 +174,29 @@ class PaintRoom:
             raise ValueError("labels")
         ids = self._ids.copy()
         ids[top : top + height, left : left + width] = box
-        before = self._step
-        self._steps.drop_after(before)
+        if self._begun is None:
+            self._begun = self._step
+            self._steps.drop_after(self._step)
         try:
-            await self._make(ids, before + 1, before)
+            await self._make(ids, self._step + 1, self._step, tell=False)
         except Error:
+            self._begun = None
             self._show_ids()  # the page has painted what could not be made
             raise
-        self._show_ids(box=(left, top, left + width, top + height))
+        going = asked.get("going") is True
+        if not going:
+            self._steps.join(self._begun, self._step)
+            self._step, self._begun = self._begun + 1, None
+        for other in self._hub.pages - {page}:
+            self._show_ids(other, (left, top, left + width, top + height))
+        self._tell_step(going)
 
     async def _go(self, step: int) -> None:
         """Undo or redo: that step's painting, made with that step's patches."""
         if not 0 <= step <= self._steps.last:
+            self._tell_step()
             return
+        self._begun = None
         ids = self._read(step)
         same = self._ids is not None and ids.shape == self._ids.shape
         before = self._step
@@ -197,7 +215,9 @@ class PaintRoom:
             ids[codes == code_of(entry["colour"])] = entry["id"]
         return ids
 
-    async def _make(self, ids: np.ndarray, step: int, before: int | None, keep: bool = False) -> None:
+    async def _make(
+        self, ids: np.ndarray, step: int, before: int | None, keep: bool = False, tell: bool = True
+    ) -> None:
         """The texture of a painting, beginning with the plan of a step; what has changed is shown."""
         hub, client = self._hub, await self._hub.client()
         labelled = (await hub.made("label"))["number"]
@@ -225,10 +245,12 @@ class PaintRoom:
             hub.tell({"do": "busy", "room": "paint", "done": 1, "total": 1})
         image = facts["images"][0]["number"]
         await self._look(client, image, step)
-        if self._image is not None:
-            client.drop(self._image)
-        self._image, self._ids, self._step = image, ids, step
-        self._tell_step()
+        if self._made is not None:
+            hub.release(client, self._made["number"])
+        self._made = facts["images"][0]
+        self._ids, self._step = ids, step
+        if tell:
+            self._tell_step()
 
     async def _look(self, client: Any, image: int, step: int) -> None:
         """Read what has changed of the texture, and show it; all of it where nothing is shown yet."""
@@ -281,12 +303,45 @@ class PaintRoom:
         facts = {"room": "paint", "kind": "texture", "left": place.left, "top": place.top, "whole": list(whole.size)}
         self._hub.show(facts, picture, page)
 
+    async def _save(self, times: int) -> None:
+        """Write the texture; so many times larger it is sewn anew, in the same patches of the photo."""
+        if self._ids is None or self._made is None:
+            raise ImageError("there is no painting yet: open the room first")
+        if times == 1:
+            await self._hub.save(self._made, self._name())
+            return
+        height, width = self._ids.shape
+        if not 1 < times <= _MOST_TIMES:
+            raise ParameterError(f"times={times}: allowed is a whole number from 1 to {_MOST_TIMES}")
+        hub, client, picture = (
+            self._hub,
+            await self._hub.client(),
+            read(self._steps.picture(self._step), self._hub.session.cache),
+        )
+        labelled, painting = (await hub.made("label"))["number"], await asyncio.to_thread(client.put, picture)
+        values = {
+            "table": os.path.abspath(self._table),
+            "size": f"{times * width}x{times * height}",
+            "patch": self._patch(),
+        }
+        request = client.make("paint", [labelled, painting], values | self._values(), priority=EXPORT)
+        facts, _ = await asyncio.wrap_future(request)
+        try:
+            await hub.save(facts["images"][0], self._name())
+        finally:
+            client.drop(painting)
+            client.drop(facts["images"][0]["number"])
+
+    def _name(self) -> str:
+        source = self._hub.source
+        assert source.image is not None
+        return output_name(source.stem, "painted", str(source.image.first.spec.format))
+
     def line(self) -> str:
         """The command that makes this texture: with its plan, so that nothing is decided anew."""
         source = self._hub.source
         if self._step < 0 or source.image is None:
             raise ParameterError("there is no painting yet")
         values = {"table": self._table, "before": self._steps.plan(self._step)} | self._values()
-        name = output_name(source.stem, "painted", str(source.image.first.spec.format))
-        picture = str(self._steps.picture(self._step))
+        name, picture = self._name(), str(self._steps.picture(self._step))
         return line([*source.words, "--texlabel:keep=1", picture, word_of("--texpaint", values), "-o", name])

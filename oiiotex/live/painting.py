@@ -88,6 +88,12 @@ class Steps:
             self.picture(later).unlink(missing_ok=True)
             self.plan(later).unlink(missing_ok=True)
 
+    def join(self, first: int, last: int) -> None:
+        """Make one step, the one after `first`, of all up to `last`."""
+        for path in (self.picture, self.plan):
+            path(last).replace(path(first + 1))
+        self.drop_after(first + 1)
+
     def changed(self, before: int, after: int, budget: int) -> tuple[int, int, int, int] | None:
         """(left, top, right, bottom) around the pixels that differ between two steps; None where they are of two sizes.
 

@@ -39,6 +39,7 @@ class TileRoom:
         self._request: Request | None = None
         self._tile: tuple[np.ndarray, dict[str, Any]] | None = None  # the last look, and what is said of it
         self._measures: dict[str, Any] | None = None
+        self._image: dict[str, Any] | None = None  # the whole tile, as the resident process says it
         self._thumbnails: list[Request] = []
         self._numbers: dict[str, int] = {}  # of images that the resident process has
         self._photo: np.ndarray | None = None
@@ -77,6 +78,10 @@ class TileRoom:
             self._hub.tell({"do": "line", "room": "tile", "text": self.line()})
         elif do == "brush":
             self._take_brush(asked["name"], data, page)
+        elif do == "save":
+            if self._image is None:
+                raise Error("the tile is not done yet: save it then")
+            await self._hub.save(self._image, self._name())
         elif do == "seeds":
             await self._seeds(int(asked["first"]), int(asked["count"]))
         elif do == "overlay":
@@ -90,6 +95,7 @@ class TileRoom:
     def forget(self) -> None:
         """The resident process is another one."""
         self._numbers.clear()
+        self._image = None
 
     # --- the tile ---
 
@@ -102,6 +108,9 @@ class TileRoom:
         self._measures = None
         hub.tell({"do": "busy", "room": "tile", "done": 0, "total": 1})
         client = await hub.client()
+        if self._image is not None:
+            hub.release(client, self._image["number"])
+            self._image = None
         number, optional = await self._exemplar()
         if turn != self._turn:
             return
@@ -122,9 +131,10 @@ class TileRoom:
                 hub.tell({"do": "busy", "room": "tile", "done": 1, "total": 1})
                 raise
             return
-        for image in facts["images"]:
-            client.drop(image["number"])
-        if turn == self._turn:
+        if turn != self._turn:
+            client.drop(facts["images"][0]["number"])
+        else:
+            self._image = facts["images"][0]
             lines = [[level, text.removeprefix(f"{_FLAG}: ")] for level, text in facts["log"]]
             self._measures = {"do": "measures", "room": "tile", "lines": lines}
             hub.tell(self._measures)
@@ -198,8 +208,12 @@ class TileRoom:
             words.append("--texlabel:keep=1")
         if tile["within"]:
             images["within"] = str(self._hub.document.beside(_BRUSHES["within"]))
-        name = output_name(source.stem, "tile", str(source.image.first.spec.format))
-        return line([*words, word_of(_FLAG, images | self._values()), "-o", name])
+        return line([*words, word_of(_FLAG, images | self._values()), "-o", self._name()])
+
+    def _name(self) -> str:
+        source = self._hub.source
+        assert source.image is not None
+        return output_name(source.stem, "tile", str(source.image.first.spec.format))
 
     # --- seeds ---
 

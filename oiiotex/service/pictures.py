@@ -42,7 +42,7 @@ def image_of(facts: dict[str, Any], arrays: list[np.ndarray]) -> Image:
     """
     parts = []
     for one, pixels in zip(facts["parts"], arrays, strict=True):
-        spec = _spec_of(one)
+        spec = spec_of(one)
         if pixels.shape != (spec.height, spec.width, spec.nchannels):
             raise ValueError(pixels.shape)
         stored = None if one["stored"] is None else oiio.TypeDesc(one["stored"])
@@ -57,7 +57,8 @@ def window_of(numbers: list[int] | None, part: Part) -> Window:
     return part.window if numbers is None else Window(*map(int, numbers)) & part.window
 
 
-def _spec_of(facts: dict[str, Any]) -> oiio.ImageSpec:
+def spec_of(facts: dict[str, Any]) -> oiio.ImageSpec:
+    """The spec that the facts of a part say."""
     names = tuple(map(str, facts["channels"]))
     spec = oiio.ImageSpec(1, 1, len(names), oiio.TypeDesc(facts["type"]))
     for name, value in zip(_PLACE, facts["place"], strict=True):

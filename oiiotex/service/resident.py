@@ -144,7 +144,7 @@ class _Client:
 
     def _take(self, number: Any, asked: dict[str, Any], arrays: list[Any]) -> None:
         do = asked["do"]
-        if do in ("make", "read"):
+        if do in ("make", "read", "texture", "tile"):
             self._begin(number, asked)
         elif do == "put":
             self._answer(number, "done", {"number": self._bench.keep(image_of(asked["image"], arrays))})
@@ -172,9 +172,11 @@ class _Client:
             self._answer(number, "look", {"whole": whole}, [pixels])
 
         def work(job: Job) -> Any:
-            if asked["do"] == "read":
-                return self._bench.read(job, asked)
-            return self._bench.make(job, asked, look if asked.get("look") else None)
+            if asked["do"] == "make":
+                return self._bench.make(job, asked, look if asked.get("look") else None)
+            return {"read": self._bench.read, "texture": self._bench.texture, "tile": self._bench.tile}[asked["do"]](
+                job, asked
+            )
 
         def report(state: str, value: Any) -> None:
             if state == "progress":
@@ -221,5 +223,6 @@ def main(text: str) -> None:
     settings = Settings(**json.loads(text))
     for name in ("threads", "exr_threads"):  # OpenImageIO counts the machine's, not those that the process may use
         oiio.attribute(name, settings.threads or usable_threads())
+    os.environ["OIIOTEX_RESIDENT"] = "1"  # the plugin of hosts/openimageio asks this process, which must not ask itself
     os.chdir("/")
     Resident(settings).serve()

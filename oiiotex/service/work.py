@@ -12,6 +12,7 @@ from .. import filters, host
 from ..core.image import Image
 from ..core.op import Op
 from ..core.parameters import nearest, parse_modifiers
+from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError, Interrupted, ParameterError
 from ..run import run
@@ -19,6 +20,7 @@ from ..session import Session
 from ..stats import Stats
 from .jobs import Job
 from .pictures import image_facts, window_of
+from .textures import opened
 
 MOST_IMAGES = 4096  # that a client holds
 
@@ -123,6 +125,33 @@ class Bench:
             There is no such image or part, or as by what computes them.
         """
         return {}, [_pixels(self.image(asked["image"]), asked.get("part", ""), asked.get("window"))]
+
+    def texture(self, job: Job, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+        """What a host must know of a texture file: its spec, as XML of OpenImageIO, and how many levels it has.
+
+        Raises
+        ------
+        Error
+            It cannot be opened.
+        """
+        session = self._session_of(job)
+        texture = session.on_a_device(lambda: opened(asked["texture"], session))
+        return {"spec": texture.spec.to_xml(), "levels": texture.levels}, []
+
+    def tile(self, job: Job, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+        """Pixels of a level of a texture file: left, top, right, bottom.
+
+        Raises
+        ------
+        Error
+            As by `textures.Texture.tile`.
+        """
+        session, window = self._session_of(job), Window(*map(int, asked["window"]))
+
+        def made() -> np.ndarray:
+            return opened(asked["texture"], session).tile(int(asked["level"]), window, session)
+
+        return {}, [session.on_a_device(made)]
 
     def _session_of(self, job: Job) -> Session:
         session = copy.copy(self._session)

@@ -163,6 +163,8 @@ on("message", (message) => {
   } else if (message.do === "busy") {
     if (message.room === current || !message.room) shell.progress(message.done, message.total);
     rooms[message.room]?.busy?.(message);
+  } else if (message.do === "note") {
+    shell.status(message.text);
   } else if (message.do === "error") {
     shell.status(message.text, true);
   } else if (message.do === "line") {

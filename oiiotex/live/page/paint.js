@@ -6,6 +6,8 @@ import { button, make, section, segments, slider, whole } from "./controls.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
 import { canvasOf } from "./wire.js";
 
+const WHILE_PAINTING = 250; // ms between two looks at a stroke that goes on
+
 export class PaintRoom {
   constructor(shell) {
     this.shell = shell;
@@ -48,17 +50,19 @@ export class PaintRoom {
       height: whole("Height", { title: "Of the painting in px. Another size is a new painting", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
       seed: whole("Seed", { title: "Another seed is a new painting", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
     };
+    this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Sewn anew, four times larger"], [16, "16 ×", "Sewn anew, sixteen times larger"]], () => {});
+    this.times.set(1);
     this.fact = make("p", { className: "hint" });
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel);
   }
 
   ask(message, bytes) {
     this.asked = performance.now();
-    delete this.element.dataset.step;
+    if (message.do !== "save") delete this.element.dataset.step;
     return this.shell.ask("paint", message, bytes);
   }
 
@@ -105,8 +109,9 @@ export class PaintRoom {
   }
 
   hear(message) {
-    if (message.do === "note") this.shell.status(message.text);
     if (message.do !== "step") return;
+    this.working = false;
+    if (message.going) return;
     this.shell.status("");
     this.undo.disabled = message.step <= 0;
     this.redo.disabled = message.step >= message.last;
@@ -169,7 +174,7 @@ export class PaintRoom {
     } else if (this.tool === "fill") {
       if (inside) this.send(this.fill(column, row, label));
     } else {
-      this.painting = { last: [x, y], box: [width, height, 0, 0] };
+      this.painting = { last: [x, y], box: [width, height, 0, 0], told: performance.now() };
       this.move(x, y, event);
     }
   }
@@ -179,10 +184,15 @@ export class PaintRoom {
     const { brush, label } = this.shell.state.paint;
     const diameter = brush * (event.pointerType === "pen" ? Math.max(0.05, event.pressure) : 1);
     const box = stroke(this.ids, ...this.size, this.painting.last, [x, y], diameter, label);
-    const all = this.painting.box;
-    this.painting.box = [Math.min(all[0], box[0]), Math.min(all[1], box[1]), Math.max(all[2], box[2]), Math.max(all[3], box[3])];
+    const before = this.painting.box;
+    const all = [Math.min(before[0], box[0]), Math.min(before[1], box[1]), Math.max(before[2], box[2]), Math.max(before[3], box[3])];
+    this.painting.box = all;
     this.painting.last = [x, y];
     this.drawPlan(...box);
+    if (!this.working && performance.now() - this.painting.told > WHILE_PAINTING) {
+      this.painting.told = performance.now();
+      this.send(all, true);
+    }
   }
 
   up() {
@@ -222,13 +232,15 @@ export class PaintRoom {
     return box;
   }
 
-  send([left, top, right, bottom]) {
+  /** Tell the server the ids of a box; `going`: the stroke goes on, and the whole of it will be one step. */
+  send([left, top, right, bottom], going = false) {
     const [width, height] = [right - left, bottom - top];
     if (width <= 0 || height <= 0) return;
     const bytes = new Uint8Array(width * height);
     for (let y = 0; y < height; y++)
       bytes.set(this.ids.subarray((top + y) * this.size[0] + left, (top + y) * this.size[0] + right), y * width);
-    this.ask({ do: "stroke", left, top, width, height }, bytes);
+    this.working = true;
+    this.ask({ do: "stroke", left, top, width, height, going }, bytes);
   }
 
   // --- keys ---

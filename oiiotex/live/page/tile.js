@@ -88,7 +88,7 @@ export class TileRoom {
     return make("aside", {},
       section("Texture", this.controls.preset, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
-        make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
+        make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Save", "Write the tile as a file beside the document, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
       section("Measures", this.measures),
       section("Where", this.controls.mask, this.controls.within, make("div", { className: "row" }, make("span", { className: "label", textContent: "Paint" }), make("span", { className: "wide" }, this.tools)), this.diameter,
         make("div", { className: "buttons" }, this.erase, button("Clear", "Nothing is painted any more", () => this.fill(0)), button("Invert", "What is painted and what is not change places", () => this.fill(null)))));
@@ -99,11 +99,15 @@ export class TileRoom {
     this.refresh(false);
     Object.assign(this.waiting, values);
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => {
-      const told = this.waiting;
-      this.waiting = {};
-      this.shell.set("tile", told);
-    }, LET_GO);
+    this.timer = setTimeout(() => this.tell(), LET_GO);
+  }
+
+  /** Tell the server what has been set. */
+  tell() {
+    clearTimeout(this.timer);
+    const told = this.waiting;
+    this.waiting = {};
+    if (Object.keys(told).length) this.shell.set("tile", told);
   }
 
   setSize(name, value) {
@@ -210,6 +214,7 @@ export class TileRoom {
   }
 
   askLine() {
+    this.tell();
     this.shell.ask("tile", { do: "line" });
   }
 

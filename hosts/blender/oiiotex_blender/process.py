@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The resident process of oiiotex, asked from Blender's Python: jobs that go on while Blender is used."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import threading
+
+from .link.errors import Error
+from .link.service.messages import Link
+
+_START = 60  # s that the process may take until it listens
+_CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
+
+
+class Failed(Exception):
+    """In one line, for who uses Blender."""
+
+
+class Process:
+    """That of a Python that has oiiotex, started where it does not run.
+
+    Parameters
+    ----------
+    python : str
+    """
+
+    def __init__(self, python: str):
+        self._python = python
+
+    def begin(self, op, pixels, space, values) -> Job:
+        """Begin an op of one image: (height, width, channels) float32, in a colour space or None for data."""
+        return Job(self._connected, op, pixels, space, values)
+
+    def _connected(self) -> socket.socket:
+        line = [self._python, "-I", "-m", "oiiotex.service.door", '{"device": null}']
+        try:
+            done = subprocess.run(line, capture_output=True, text=True, timeout=_START, stdin=subprocess.DEVNULL)
+            answer = json.loads(done.stdout)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise Failed(f"{self._python} cannot be started: the extension's preferences say which Python") from error
+        except ValueError as error:
+            said = done.stderr.strip().splitlines() or ["it says nothing"]
+            raise Failed(f"{self._python} cannot start oiiotex: {said[-1]}") from error
+        if "error" in answer:
+            raise Failed(answer["error"])
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection.connect(answer["socket"])
+        return connection
+
+
+class Job:
+    """An op that is under way, on a thread of its own. Blender's data is not touched there.
+
+    Attributes
+    ----------
+    progress : float
+        0 to 1.
+    """
+
+    def __init__(self, connected, op, pixels, space, values):
+        self.progress = 0.0
+        self._pixels = self._error = self._link = None
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run, args=(connected, op, pixels, space, values), daemon=True)
+        self._thread.start()
+
+    @property
+    def done(self) -> bool:
+        """Whether there is a result, or none will come."""
+        return not self._thread.is_alive()
+
+    def wait(self) -> None:
+        """Until it is done."""
+        self._thread.join()
+
+    def cancel(self) -> None:
+        """Hang up: the process forgets the job."""
+        self._stopped = True
+        if self._link is not None:
+            self._link.close()
+
+    def result(self):
+        """(height, width, channels) float32.
+
+        Raises
+        ------
+        Failed
+            There is none.
+        """
+        if self._stopped:
+            raise Failed("cancelled")
+        if self._error is not None:
+            raise Failed(self._error)
+        return self._pixels
+
+    def _run(self, connected, op, pixels, space, values) -> None:
+        try:
+            self._link = Link(connected())
+            number = self._ask({"do": "put", "image": _facts(pixels, space)}, [pixels])[0]["number"]
+            texts = {key: str(value) for key, value in values.items()}
+            asked = {"do": "make", "op": op, "images": [number], "values": texts, "read": "", "keep": False}
+            self._pixels = self._ask(asked)[1][0]
+        except (Failed, Error, OSError) as error:
+            self._error = str(error)
+        finally:
+            if self._link is not None:
+                self._link.close()
+
+    def _ask(self, facts, arrays=()):
+        self._link.send(facts | {"id": 1}, arrays)
+        while True:
+            answer, pixels = self._link.receive()
+            if answer["state"] == "progress":
+                self.progress = answer["done"] / max(1, answer["total"])
+            elif answer["state"] == "done":
+                return answer, pixels
+            else:
+                raise Failed(answer.get("text") or "cancelled")
+
+
+def _facts(pixels, space):
+    """What service/pictures.py wants to know of an image."""
+    height, width, count = pixels.shape
+    place = [0, 0, width, height, 0, 0, width, height]
+    tags = [["oiio:ColorSpace", "string", space]] if space else []
+    part = {
+        "name": "image", "place": place, "type": "float", "channels": _CHANNELS[count],
+        "alpha": 3 if count == 4 else -1, "stored": "float", "exact": False, "attributes": tags,
+    }  # fmt: skip
+    return {"source": "image", "parts": [part]}

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Build the plugin for the OpenImageIO of this Python's environment: `python hosts/openimageio/build.py`.
+
+The wheel of OpenImageIO brings no headers, so they are taken from its source at PyPI. CMake, a C++ compiler and the
+headers of fmt and Imath are the system's (Debian: apt install cmake g++ libfmt-dev libimath-dev).
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import tarfile
+from importlib import metadata
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+
+
+def source_of(version: str, folder: Path) -> Path:
+    """The headers of a version of OpenImageIO, unpacked in `folder`, where they are looked for first."""
+    unpacked = folder / f"openimageio-{version}"
+    if not (unpacked / "CMakeLists.txt").exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        wanted = f"OpenImageIO=={version}"
+        line = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", "OpenImageIO", wanted]
+        subprocess.run(line, cwd=folder, check=True)
+        with tarfile.open(folder / f"{unpacked.name}.tar.gz") as archive:
+            parts = ("/CMakeLists.txt", "/src/include/")
+            members = [m for m in archive if m.name.removeprefix(unpacked.name).startswith(parts)]
+            archive.extractall(folder, members, filter="data")
+    return unpacked
+
+
+def build(into: Path, work: Path, source: Path | None = None) -> Path:
+    """Build and install; the folder that OPENIMAGEIO_PLUGIN_PATH names.
+
+    Parameters
+    ----------
+    into : path
+        The plugin goes to its lib/oiiotex.
+    work : path
+        Where it is built.
+    source : path, optional
+        Of OpenImageIO, unpacked.
+
+    Raises
+    ------
+    subprocess.CalledProcessError
+        Something cannot be fetched or built; it has been printed.
+    """
+    installed = metadata.distribution("OpenImageIO")
+    source = source or source_of(installed.version, work)
+    library = next(Path(str(installed.locate_file("OpenImageIO/lib"))).glob("libOpenImageIO.so*"))
+    settings = {
+        "OIIO_SOURCE": source, "OIIO_LIBRARY": library, "OIIOTEX_PYTHON": sys.executable,
+        "OIIOTEX_VERSION": metadata.version("oiiotex"), "CMAKE_INSTALL_PREFIX": into,
+    }  # fmt: skip
+    tree = work / "tree"
+    subprocess.run(["cmake", "-S", HERE, "-B", tree, *(f"-D{k}={v}" for k, v in settings.items())], check=True)
+    subprocess.run(["cmake", "--build", tree, "--parallel", "2"], check=True)
+    subprocess.run(["cmake", "--install", tree], check=True)
+    return into / "lib" / "oiiotex"
+
+
+def main() -> None:
+    """Build as the words say."""
+    words = argparse.ArgumentParser(description=__doc__)
+    words.add_argument("--into", type=Path, default=Path(sys.prefix), help="lib/oiiotex of it; this environment")
+    words.add_argument("--source", type=Path, help="unpacked source of OpenImageIO; fetched when left out")
+    words.add_argument("--work", type=Path, default=HERE / "build", help="where it is built; build beside this file")
+    asked = words.parse_args()
+    if not shutil.which("cmake"):
+        sys.exit("cmake is not there (Debian: apt install cmake g++ libfmt-dev libimath-dev)")
+    try:
+        print(build(asked.into.resolve(), asked.work.resolve(), asked.source and asked.source.resolve()))
+    except subprocess.CalledProcessError as error:
+        sys.exit(f"not built: {error.cmd[0]} ended with {error.returncode}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+// `wall.oiiotex` as an image of OpenImageIO: endless texture, tiled and MIP-mapped, made where it is looked at.
+
+#include "resident.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/imageio.h>
+#include <OpenImageIO/strutil.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <memory>
+
+OIIO_PLUGIN_NAMESPACE_BEGIN
+
+class OiiotexInput final : public ImageInput {
+public:
+    const char* format_name() const override { return "oiiotex"; }
+
+    // "procedural": what stands behind '?' is ours, so hosts look for no file of that name.
+    int supports(string_view feature) const override { return feature == "procedural" || feature == "mipmap"; }
+
+    bool valid_file(const std::string& name) const override { return is_ours(name); }
+
+    bool open(const std::string& name, ImageSpec& newspec) override
+    {
+        close();
+        if (!is_ours(name)) {  // hosts ask every reader for a file that nobody knows
+            errorfmt("\"{}\" is no .oiiotex file", name);
+            return false;
+        }
+        return guarded([&] {
+            if (std::getenv("OIIOTEX_RESIDENT"))  // which would wait for itself
+                throw oiiotex::Error(name + " is a texture already: name the photo or graph that it is made from");
+            auto texture                = std::make_unique<oiiotex::Texture>(name);
+            const oiiotex::Reply answer = texture->ask("texture");
+            ImageSpec spec;
+            spec.from_xml(answer.facts["spec"].text.c_str());
+            const long long levels = answer.facts["levels"].whole();
+            if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.tile_width < 1 || spec.tile_height < 1
+                || spec.format == TypeUnknown || levels < 1 || levels > 31)
+                throw oiiotex::Error("the oiiotex process says what is no image");
+            spec.depth = spec.full_depth = spec.tile_depth = 1;
+            m_texture                                      = std::move(texture);
+            m_levels  = int(levels);
+            m_finest  = spec;
+            m_level   = 0;
+            m_spec = newspec = spec;
+        });
+    }
+
+    bool close() override
+    {
+        m_texture.reset();
+        m_levels = 0;
+        return true;
+    }
+
+    int current_miplevel() const override { return m_level; }
+
+    bool seek_subimage(int subimage, int miplevel) override
+    {
+        lock_guard guard(*this);
+        if (subimage != 0 || miplevel < 0 || miplevel >= m_levels)
+            return false;
+        m_level = miplevel;
+        m_spec  = level_spec(miplevel);
+        return true;
+    }
+
+    // Neither of these changes where we are, so that threads need not wait for each other.
+    ImageSpec spec(int subimage, int miplevel) override
+    {
+        return subimage == 0 && miplevel >= 0 && miplevel < m_levels ? level_spec(miplevel) : ImageSpec();
+    }
+    ImageSpec spec_dimensions(int subimage, int miplevel) override
+    {
+        ImageSpec dimensions;
+        if (subimage == 0 && miplevel >= 0 && miplevel < m_levels)
+            dimensions.copy_dimensions(level_spec(miplevel));
+        return dimensions;
+    }
+
+    bool read_native_tile(int subimage, int miplevel, int x, int y, int /*z*/, void* data) override
+    {
+        const ImageSpec level = spec_dimensions(subimage, miplevel);
+        if (!m_texture || level.undefined()) {
+            errorfmt("there is no level {} of image {}", miplevel, subimage);
+            return false;
+        }
+        return guarded([&] {
+            const std::string more = Strutil::fmt::format(", \"level\": {}, \"window\": [{}, {}, {}, {}]", miplevel, x,
+                                                          y, int64_t(x) + level.tile_width,
+                                                          int64_t(y) + level.tile_height);
+            m_texture->ask("tile", more).copy_pixels(data, level.tile_bytes(true));
+        });
+    }
+
+    bool read_native_scanline(int /*subimage*/, int /*miplevel*/, int /*y*/, int /*z*/, void* /*data*/) override
+    {
+        errorfmt("an .oiiotex file is read by tiles");
+        return false;
+    }
+
+private:
+    std::unique_ptr<oiiotex::Texture> m_texture;
+    ImageSpec m_finest;
+    int m_levels = 0;
+    int m_level  = 0;
+
+    static bool is_ours(const std::string& name)
+    {
+        return Strutil::iends_with(Filesystem::exists(name) ? name : name.substr(0, name.find('?')), ".oiiotex");
+    }
+
+    ImageSpec level_spec(int level) const
+    {
+        ImageSpec spec = m_finest;
+        spec.width = spec.full_width = std::max(1, spec.width >> level);
+        spec.height = spec.full_height = std::max(1, spec.height >> level);
+        return spec;
+    }
+
+    // Whether it was done; else the host is told why, and nothing passes into it.
+    template<typename Work> bool guarded(const Work& work)
+    {
+        try {
+            work();
+            return true;
+        } catch (const std::exception& error) {
+            errorfmt("oiiotex ERROR: {}", error.what());
+        }
+        return false;
+    }
+};
+
+OIIO_PLUGIN_EXPORTS_BEGIN
+
+OIIO_EXPORT int oiiotex_imageio_version = OIIO_PLUGIN_VERSION;
+
+OIIO_EXPORT const char* oiiotex_imageio_library_version()
+{
+    return "oiiotex " OIIOTEX_VERSION;
+}
+
+OIIO_EXPORT ImageInput* oiiotex_input_imageio_create()
+{
+    return new OiiotexInput;
+}
+
+OIIO_EXPORT const char* oiiotex_input_extensions[] = { "oiiotex", nullptr };
+
+OIIO_PLUGIN_EXPORTS_END
+
+OIIO_PLUGIN_NAMESPACE_END

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`wall.oiiotex`: a small document that stands for an endless texture, which hosts open as an image.
+
+    {"oiiotex": 1, "photo": "gravel.exr", "size": "1048576x1048576", "seed": 7, "colorspace": "ACEScg"}
+
+`oiiotex` is the version of the format. `photo` is the one exemplar, or `graph` an exemplar graph; both lie beside the
+document. `size` is that of the image, `level` the octaves of --texsynth that it shows (the finest when left out),
+`colorspace` says what space an untagged photo is in, `autocc` lets the names of files say it, `device` is as --device.
+Behind the file's name `?seed=7&size=4096x4096` says another seed, size, level, colorspace or device.
+
+With `plan`, an archive of --texquilt:plan, it is that quilt of the photo instead, or of any map of the photo's size.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.parameters import nearest
+from ..errors import ImageError
+from ..io.documents import read_document
+from ..multiscale.synthesizer import MOST_LEVEL
+from ..session import Session
+from .settings import Settings
+
+SUFFIX = ".oiiotex"
+VERSION = 1
+MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
+_TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
+_MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
+_KEYS = ("oiiotex", "photo", "graph", "size", "plan", "seed", "level", "colorspace", "autocc", "device")
+_WORDS = ("title", "note")  # for people
+_QUERY = ("seed", "size", "level", "colorspace", "device")
+_SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
+
+
+def tile_side(width: int, height: int) -> int:
+    """The side of an image's tiles, px: 64, more where they would be too many; 0 where they always are."""
+    fits = (n for n in _TILES if -(-width // n) * -(-height // n) <= _MOST_TILES)
+    return next(fits, 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextureFile:
+    """A checked document.
+
+    Attributes
+    ----------
+    name : str
+        The file's, for messages.
+    photo, graph, plan : str or None
+        Absolute path; one of the first two is None, and so is `plan` with a graph.
+    stamp : tuple of int
+        When these files were last changed, ns, and their bytes: changed, it is another texture.
+    width, height : int
+        px, 1 to 2^31 - 1024; 0 where a plan says them.
+    seed, level : int or None
+        As of --texsynth.
+    colorspace, device : str or None
+    autocc : bool
+    """
+
+    name: str
+    photo: str | None
+    graph: str | None
+    plan: str | None
+    stamp: tuple[int, ...]
+    width: int
+    height: int
+    seed: int | None = None
+    level: int | None = None
+    colorspace: str | None = None
+    device: str | None = None
+    autocc: bool = False
+
+    def text(self) -> str:
+        """As JSON, by which the resident process knows it."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+    @classmethod
+    def of_text(cls, text: str) -> TextureFile:
+        """What `text` has written.
+
+        Raises
+        ------
+        ValueError, TypeError
+            It is something else.
+        """
+        facts = json.loads(text)
+        return cls(**facts | {"stamp": tuple(facts["stamp"])})
+
+    def settings(self) -> Settings:
+        """Those of the resident process that makes it."""
+        return Settings.of(Session(device_name=self.device, autocc=self.autocc))
+
+    def require_unchanged(self) -> None:
+        """Refuse to go on with other pixels than those that a host has seen.
+
+        Raises
+        ------
+        ImageError
+            The photo, graph or plan is another than when it was opened.
+        """
+        files = list(filter(None, (self.photo, self.graph, self.plan)))
+        if _stamp(self.name, files) != self.stamp:
+            raise ImageError(f"{self.name}: {' or '.join(files)} has changed since it was opened: open it again")
+
+
+def read_texture_file(name: str) -> TextureFile:
+    """The texture that a file's name stands for, with what stands behind '?' in it.
+
+    Raises
+    ------
+    ImageError
+        It cannot be read, or something in it or in its name is wrong; the text says what.
+    """
+    path, query = Path(name), ""
+    if not path.exists() and "?" in name:
+        before, _, query = name.partition("?")
+        path = Path(before)
+    where = str(path)
+    document = read_document(path)
+    if not isinstance(document, dict):
+        raise ImageError(f"{where}: an object of {', '.join(_KEYS[:4])} is wanted, not {type(document).__name__}")
+    for key in document:
+        if key not in _KEYS + _WORDS:
+            raise ImageError(f"{where}: unknown '{key}'{nearest(str(key), _KEYS)}; there is {', '.join(_KEYS)}")
+    if document.get("oiiotex") != VERSION or document["oiiotex"] is True:
+        raise ImageError(f'{where}: "oiiotex": {VERSION}, the version of the format, is wanted')
+    return _checked(document | _asked(query, where), path)
+
+
+def _asked(query: str, where: str) -> dict[str, Any]:
+    """What stands behind '?': numbers and texts by name."""
+    values: dict[str, Any] = {}
+    for word in filter(None, query.split("&")):
+        key, _, value = word.partition("=")
+        if key not in _QUERY:
+            raise ImageError(f"{where}: '?{word}': allowed behind ? is {', '.join(_QUERY)}")
+        values[key] = int(value) if key in ("seed", "level") and value.isascii() and value.isdigit() else value
+    return values
+
+
+def _checked(document: dict[str, Any], path: Path) -> TextureFile:
+    where = str(path)
+    given = [key for key in ("photo", "graph") if document.get(key) is not None]
+    if len(given) != 1:
+        raise ImageError(f"{where}: one of photo and graph is wanted, not {' and '.join(given) or 'neither'}")
+    if document.get("plan") is not None:
+        for key in ("graph", "size", "seed", "level"):
+            if document.get(key) is not None:
+                raise ImageError(f"{where}: {key} beside plan: a plan is of a photo, and says the rest")
+        given.append("plan")
+    for key in (*given, "colorspace", "device"):
+        if document.get(key) is not None and not (isinstance(document[key], str) and document[key]):
+            raise ImageError(f"{where}: {key}={document[key]}: allowed is a text")
+    for key, most in (("seed", 2**32 - 1), ("level", MOST_LEVEL)):
+        value = document.get(key)
+        if value is not None and (type(value) is not int or not 0 <= value <= most):
+            raise ImageError(f"{where}: {key}={value}: allowed is a whole number >= 0 and <= {most}")
+    if not isinstance(document.get("autocc", False), bool):
+        raise ImageError(f"{where}: autocc={document['autocc']}: allowed is true or false")
+    if document.get("graph") is not None and document.get("colorspace") is not None:
+        raise ImageError(f"{where}: colorspace is a photo's; the files of a graph say theirs, or autocc lets names do")
+    files = {key: os.path.abspath(path.parent / document[key]) for key in given}
+    width, height = (0, 0) if "plan" in given else _size(document.get("size"), where)
+    return TextureFile(
+        name=os.path.abspath(where), stamp=_stamp(where, list(files.values())), width=width, height=height,
+        autocc=document.get("autocc", False), **{key: files.get(key) for key in ("photo", "graph", "plan")},
+        **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
+    )  # fmt: skip
+
+
+def _size(size: Any, where: str) -> tuple[int, int]:
+    match = _SIZE.fullmatch(size) if isinstance(size, str) else None
+    if not match or max(map(int, match.groups())) > MOST_SIDE:
+        raise ImageError(f"{where}: size={size}: allowed is WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
+    width, height = map(int, match.groups())
+    if not tile_side(width, height):
+        raise ImageError(
+            f"{where}: size={size}: OpenImageIO's cache holds no more than {_MOST_TILES} tiles of {_TILES[-1]} px:"
+            " allowed are 2^48 px in all, such as 16777216x16777216"
+        )
+    return width, height
+
+
+def _stamp(where: str, files: list[str]) -> tuple[int, ...]:
+    stamp: list[int] = []
+    for file in files:
+        try:
+            status = os.stat(file)
+        except (OSError, ValueError) as error:
+            raise ImageError(f"{where}: {file}: {getattr(error, 'strerror', None) or 'no such file'}") from error
+        stamp += status.st_mtime_ns, status.st_size
+    return tuple(stamp)

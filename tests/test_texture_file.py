@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`wall.oiiotex`: what is wrong is said in one line, and tiles of levels are windows of --texsynth."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import filters
+from oiiotex.core.window import Window
+from oiiotex.errors import Error, ImageError
+from oiiotex.service.door import answer
+from oiiotex.service.texture_file import TextureFile, read_texture_file, tile_side
+from oiiotex.service.textures import Texture, opened
+from oiiotex.session import Session
+from tests import pictures
+from tests.conftest import save
+
+WALL = {"oiiotex": 1, "photo": "photo.exr", "size": "1000x70000", "seed": 3}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a photo of 32 px that says no space, one that does, and a graph of it."""
+    path = tmp_path_factory.mktemp("texture")
+    pixels = pictures.stained(pictures.bricks(32, 40, seed=1))
+    save(pixels, path / "photo.exr", "half")
+    save(pixels, path / "tagged.exr", "half", "lin_rec709_scene")
+    graph = {"exemplars": [{"id": "a", "file": "tagged.exr"}], "edges": [{"from": "a", "to": "a", "r": 2}]}
+    (path / "loop.json").write_text(json.dumps(graph))
+    return path
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    """As a resident process has one."""
+    session = Session(budget=1 << 30)
+    session.resources.memories = 48
+    return session
+
+
+def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
+    """The name of a document; None leaves a key out."""
+    path = folder / name
+    path.write_text(json.dumps({key: value for key, value in (WALL | changes).items() if value is not None}))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "query", "text"),
+    [
+        ({"oiiotex": 2}, "", '"oiiotex": 1, the version of the format, is wanted'),
+        ({"oiiotex": True}, "", "the version of the format"),
+        ({"photo": None}, "", "one of photo and graph is wanted, not neither"),
+        ({"graph": "loop.json"}, "", "not photo and graph"),
+        ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
+        ({"photo": 7}, "", "photo=7: allowed is a text"),
+        ({"fotograph": "x.exr"}, "", "unknown 'fotograph'.*; there is oiiotex, photo, graph"),
+        ({"size": None}, "", "size=None: allowed is WIDTHxHEIGHT"),
+        ({"size": "0x4"}, "", "size=0x4: allowed"),
+        ({"size": f"{2**31}x4"}, "", r"<= 2147482624 px \(2\^31 - 1024\)"),
+        ({"size": "2147482624x131073"}, "", r"allowed are 2\^48 px in all"),
+        ({"plan": "loop.json"}, "", "size beside plan: a plan is of a photo, and says the rest"),
+        ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed beside plan"),
+        ({"seed": -1}, "", "seed=-1: allowed is a whole number >= 0 and <= 4294967295"),
+        ({"seed": True}, "", "seed=True: allowed"),
+        ({"level": 61}, "", "level=61: allowed is a whole number >= 0 and <= 60"),
+        ({"autocc": 1}, "", "autocc=1: allowed is true or false"),
+        ({"photo": None, "graph": "loop.json", "colorspace": "ACEScg"}, "", "colorspace is a photo's"),
+        ({}, "?sed=7", r"'\?sed=7': allowed behind \? is seed, size"),
+        ({}, "?seed=seven", "seed=seven: allowed is a whole number"),
+        ({}, "?size=8", "size=8: allowed is WIDTHxHEIGHT"),
+    ],
+)
+def test_what_is_wrong_in_a_document_is_said(folder, changes, query, text):
+    with pytest.raises(ImageError, match=text) as caught:
+        read_texture_file(wall(folder, **changes) + query)
+    assert str(caught.value).startswith(str(folder / "wall.oiiotex"))
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [("{", "not JSON"), ("[1]", "an object of oiiotex, photo, graph, size is wanted"), ("", "not JSON")],
+)
+def test_what_is_no_document_is_said(folder, content, text):
+    (folder / "bad.oiiotex").write_text(content)
+    with pytest.raises(ImageError, match=text):
+        read_texture_file(str(folder / "bad.oiiotex"))
+    assert text in answer(json.dumps({"name": str(folder / "bad.oiiotex")}))["error"]
+    with pytest.raises(ImageError, match="No such file"):
+        read_texture_file(str(folder / "none.oiiotex?seed=7"))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is unreadable for root")
+def test_a_file_that_may_not_be_read_is_said(folder):
+    path = Path(wall(folder, "theirs.oiiotex"))
+    path.chmod(0)
+    with pytest.raises(ImageError, match="Permission denied"):
+        read_texture_file(str(path))
+
+
+def test_a_name_overrides_and_a_text_brings_it_all_back(folder):
+    name = wall(folder, colorspace="ACEScg", device="cpu", note="words")
+    file = read_texture_file(f"{name}?seed=9&size=64x32")
+    assert (file.seed, file.width, file.height, file.device) == (9, 64, 32, "cpu")
+    assert file.photo == str(folder / "photo.exr") and file.settings().device == "cpu"
+    assert TextureFile.of_text(file.text()) == file
+    literal = Path(f"{name}?seed=9")
+    literal.write_text(Path(name).read_text())  # a file of that very name is that file
+    assert read_texture_file(str(literal)).seed == 3
+
+
+def test_tiles_grow_where_a_cache_could_not_count_them(folder):
+    for size, tile in (("9x9", 64), (f"{2**20}x{2**20}", 64), (f"{2**21}x{2**20}", 128), ("2147482624x131072", 1024)):
+        file = read_texture_file(wall(folder, size=size))
+        assert tile_side(file.width, file.height) == tile
+
+
+def test_tiles_are_windows_of_the_levels(folder, session):
+    file = read_texture_file(wall(folder, colorspace="lin_rec709_scene"))
+    texture = opened(file.text(), session)
+    assert (texture.spec.width, texture.spec.height, texture.levels) == (1000, 70000, 17)
+    assert texture.spec["oiio:ColorSpace"] == "lin_rec709_scene" and texture.spec.format == oiio.TypeDesc("half")
+    photo = oiio.ImageBuf(str(folder / "photo.exr"))
+    for level, left, top, width, height in ((0, 250, 60000, 64, 64), (2, 64, 0, 300, 20), (5, 0, 64, 64, 64)):
+        tile = texture.tile(level, Window.sized(left, top, width, height), session)
+        window = f"{width}x{height}+{left}+{top}"
+        same = filters.synth(photo, window=window, level=5 - level, seed=3, colorspace="lin_rec709_scene")
+        np.testing.assert_array_equal(tile.astype(np.float32), same.get_pixels(oiio.FLOAT))
+    coarsest = texture.tile(5, Window(0, 0, 1, 1), session)
+    assert (texture.tile(9, Window(0, 64, 64, 128), session) == coarsest).all()
+
+
+def test_a_graph_is_a_texture_too_at_any_level(folder, session):
+    name = wall(folder, photo=None, graph="loop.json")
+    texture = opened(read_texture_file(f"{name}?level=7").text(), session)
+    tile = texture.tile(1, Window(128, 0, 192, 64), session)
+    same = filters.synth(graph=folder / "loop.json", window="64x64+128+0", level=6, seed=3)
+    np.testing.assert_array_equal(tile.astype(np.float32), same.get_pixels(oiio.FLOAT))
+
+
+def test_a_plan_is_a_texture_of_one_level(folder, session):
+    photo = oiio.ImageBuf(str(folder / "tagged.exr"))
+    whole = filters.quilt(photo, size=(300, 130), patch=16, seed=5, plan=folder / "plan.npz").get_pixels(oiio.FLOAT)
+    name = wall(folder, photo="tagged.exr", plan="plan.npz", size=None, seed=None)
+    texture = opened(read_texture_file(name).text(), session)
+    assert (texture.spec.width, texture.spec.height, texture.spec.tile_width, texture.levels) == (300, 130, 64, 1)
+    tile = texture.tile(0, Window(256, 64, 320, 192), session).astype(np.float32)
+    np.testing.assert_array_equal(tile[:66, :44], whole[64:, 256:])
+    assert not tile[66:].any() and not tile[:, 44:].any()
+
+
+def test_colour_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):
+    with pytest.raises(Error, match="does not say its colour space"):
+        Texture(read_texture_file(wall(folder)).text(), session)
+    file = read_texture_file(wall(folder, photo="tagged.exr"))
+    os.utime(folder / "tagged.exr", ns=(1, 1))
+    with pytest.raises(ImageError, match=r"tagged\.exr has changed since it was opened: open it again"):
+        Texture(file.text(), session)
+
+
+@pytest.mark.parametrize(
+    ("level", "window"),
+    [(0, (0, 0, 0, 4)), (0, (0, 0, 1 << 20, 1 << 20)), (0, (1 << 50, 0, (1 << 50) + 1, 1)), (17, (0, 0, 1, 1))],
+)
+def test_what_is_no_tile_is_refused(folder, session, level, window):
+    texture = opened(read_texture_file(wall(folder, colorspace="lin_rec709_scene")).text(), session)
+    with pytest.raises(ImageError, match=r"allowed are up to|there are 17"):
+        texture.tile(level, Window(*window), session)
