@@ -30,6 +30,7 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m docs.stationarized
 	$(BIN)/python -m docs.comparison
 	$(BIN)/python -m docs.dominant_pictures
+	$(BIN)/python -m docs.atlas_pictures
 	$(BIN)/python -m docs.capture_pictures
 	$(BIN)/python -m docs.structure_pictures
 	$(BIN)/python -m docs.measure_pictures

@@ -34,7 +34,9 @@ def page_text(op: type[Op], path: Path) -> str:
     if op.modifiers():
         lines += ["| modifier | default | allowed | |", "|---|---|---|---|"]
         for p in op.modifiers():
-            default = "" if p.default is None else int(p.default) if isinstance(p.default, bool) else p.default
+            default = (
+                "" if p.required or p.default is None else int(p.default) if isinstance(p.default, bool) else p.default
+            )
             allowed = p.allowed().replace("|", "\\|")
             lines.append(f"| `{p.name}` | {default} | {allowed} | {p.help} |")
         lines.append("")

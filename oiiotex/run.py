@@ -244,7 +244,7 @@ class _Runner:
             write_palette(path, value)
             return
         with temporary_beside(path) as temporary, open(temporary, "wb") as file:
-            np.savez_compressed(file, **value)
+            file.write(value.encode()) if output.kind is Kind.MESH else np.savez_compressed(file, **value)
 
     def _part(self, output: Output, name: str, path: Path | None, value: Any, is_image: bool) -> Part:
         """A part as its kind has it, of colours that were said to be none as data."""

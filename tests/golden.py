@@ -18,7 +18,8 @@ FOLDER = Path(__file__).parents[1] / "golden"
 
 
 _SYNTHESES = tuple(
-    f"--tex{n}" for n in ("stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "synth")
+    f"--tex{n}"
+    for n in ("stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "synth", "atlas")
 )
 
 
@@ -30,6 +31,7 @@ class Case:
     words: tuple[str, ...]
     space: str = "srgb_rec709_scene"
     second: Callable[[], np.ndarray] | None = None  # another image on the stack
+    mesh: Callable[[], str] | None = None  # the text of mesh.obj
 
     @property
     def synthesis(self) -> bool:
@@ -133,6 +135,9 @@ CASES = {
         second=lambda: 1.0 + (np.indices((120, 144)).sum(0) // 60 % 2)[..., None],
     ),
     "cut_pebbles": Case(lambda: pictures.pebbles(96, 128, 2), ("--texcut:seed=1:patch=40:size=128x112",)),
+    "atlas_pebbles_on_a_cube": Case(
+        lambda: pictures.pebbles(96, 112, 2), ("--texatlas:mesh=mesh.obj:size=128x96:seed=1",), mesh=pictures.cube_obj
+    ),
     "quilt_pebbles": Case(
         lambda: pictures.pebbles(96, 112, 2), ("--texquilt:size=160x128:patch=24:tile=xy:seed=3:candidates=64",)
     ),
@@ -159,6 +164,8 @@ def make(name: str, folder: Path) -> Path:
     save(case.picture(), folder / "in.exr", "half", case.space)
     if case.second is not None:
         save(case.second(), folder / "second.exr", "float")
+    if case.mesh is not None:
+        (folder / "mesh.obj").write_text(case.mesh())
     done = oiiotex("in.exr", *words, "-o", f"{name}.exr", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / f"{name}.exr"

@@ -3,6 +3,12 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
+import shutil
+import tempfile
+from pathlib import Path
+
 import numpy as np
 
 from oiiotex.patchmatch.field import hash_at
@@ -69,3 +75,26 @@ def stained(picture: np.ndarray) -> np.ndarray:
     light = 1.25 - 0.5 * (x + y) / 2
     spill = np.exp(-((((x - 0.65) / 0.18) ** 2 + ((y - 0.4) / 0.15) ** 2) ** 2))
     return np.clip(picture * light[..., None] * (1 - spill[..., None] * (1 - np.array([0.8, 0.55, 0.35]))), 0, 1)
+
+
+def cube_obj(side: float = 1.0) -> str:
+    """A cube as the text of an OBJ: six charts, one for each side, a gap between them."""
+    corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    lines = [f"v {side * x} {side * y} {side * z}" for x, y, z in corners]
+    for n, around in enumerate(sides):
+        left, low = n % 3 / 3 + 0.02, n // 3 / 2 + 0.02
+        lines += [f"vt {left + u * 0.29:.6f} {low + v * 0.29:.6f}" for u, v in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        point, at = [c + 1 for c in around], [4 * n + k + 1 for k in range(4)]
+        lines += [" ".join(["f", *(f"{point[k]}/{at[k]}" for k in three)]) for three in ((0, 1, 2), (0, 2, 3))]
+    return "\n".join(lines) + "\n"
+
+
+@functools.cache
+def cube_file() -> Path:
+    """The cube in a file that lies as long as the tests run."""
+    folder = tempfile.mkdtemp(prefix="oiiotex-cube-")
+    atexit.register(shutil.rmtree, folder, True)
+    path = Path(folder) / "cube.obj"
+    path.write_text(cube_obj())
+    return path

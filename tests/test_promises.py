@@ -33,6 +33,7 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     found |= {"n": 3} if op.name == "sigmas" else {"filter": "quilt", "seeds": 2} if op.name == "variants" else {}
     found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
     found |= {"fail": "none"} if op.name == "checkmaterial" else {}
+    found |= {"mesh": pictures.cube_file()} if op.name == "atlas" else {}
     return {**found, "labels": quarters()} if op.name in LABELLED else found
 
 
@@ -400,7 +401,8 @@ def test_what_streams_needs_memory_for_its_statistics_alone(op):
 
 @of([op for op in COLOUR if issubclass(op, Whole) and "size" in {p.name for p in op.parameters()}])
 def test_what_does_not_fit_the_budget_says_how_much_it_needs(op, fails, photo):
-    line = fails(photo, f"{op.flag()}:size=3000x2000", "--cache", "64")
+    needed = f":mesh={pictures.cube_file()}" if op.name == "atlas" else ""
+    line = fails(photo, f"{op.flag()}:size=3000x2000{needed}", "--cache", "64")
     assert "3000x2000" in line and "the budget is 64 MB" in line and " needs " in line
 
 
@@ -427,12 +429,13 @@ def test_progress_is_reported_and_can_stop_a_run(op):
 
 @of(list(filters.FILTERS))
 def test_what_is_no_image_is_refused(op):
+    needed = {"mesh": pictures.cube_file()} if op.name == "atlas" else {}
     for wrong in (np.zeros((0, 64, 3)), np.zeros(64), np.zeros((64, 64, 3), complex), "no.png", {}, oiio.ImageBuf()):
         with pytest.raises(errors.ImageError):
-            getattr(filters, op.name)(*[wrong] * len(op.images()))
+            getattr(filters, op.name)(*[wrong] * len(op.images()), **needed)
     for wrong in (None, 3, [[0.5]], b"photo.png", {"a": "photo.png"}):
         with pytest.raises(TypeError) as caught:
-            getattr(filters, op.name)(*[wrong] * len(op.images()))
+            getattr(filters, op.name)(*[wrong] * len(op.images()), **needed)
         assert isinstance(caught.value, errors.Error)
 
 

@@ -33,7 +33,7 @@ stationarity
 regularity projections
 patchmatch
 exemplar graphcut
-quilting multiscale capture
+quilting multiscale capture atlas
 charts
 materials
 python_types plugin

@@ -40,6 +40,7 @@ class Kind(enum.Enum):
     ARRAYS = ".npz"
     MOVIE = "GIF or MP4"
     PAINTS = ".gpl or .aco"
+    MESH = ".obj"
 
     @property
     def is_data(self) -> bool:
@@ -54,7 +55,7 @@ class Kind(enum.Enum):
     @property
     def is_image(self) -> bool:
         """Whether it can be a part of an image."""
-        return self not in (Kind.TABLE, Kind.ARRAYS, Kind.MOVIE, Kind.PAINTS)
+        return self not in (Kind.TABLE, Kind.ARRAYS, Kind.MOVIE, Kind.PAINTS, Kind.MESH)
 
 
 @dataclass(frozen=True)
@@ -277,8 +278,9 @@ class Op:
         What is an image comes as an `image.Part`, of which nothing need be computed before it is read; a picture as
         (height, width, 3) sRGB values, floats in 0 .. 1 or 8 bits; a table as what JSON can hold, arrays by their
         names, a movie as (frames of 8-bit sRGB, frames a second), paints as a list of `io.paint_palette.Paint`,
-        Cryptomatte as its label maps. Instead of an output its maker may come, a callable without arguments: it is
-        called where the output is asked for. An `image.Image` alone is the op's image with all its parts.
+        a mesh as text, Cryptomatte as its label maps. Instead of an output its maker may come, a callable without
+        arguments: it is called where the output is asked for. An `image.Image` alone is the op's image with all its
+        parts.
         `session` is a `session.Session`.
 
         A line is looked through before it is run: there, what asks for pixels or for the device raises `Unseen`, and

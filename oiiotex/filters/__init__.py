@@ -28,6 +28,7 @@ SHELVES = tuple(
         ("zoom", "zoom", "Zoom"),
         ("graph", "graph", "ExemplarGraph"),
         ("join", "join", "Join"),
+        ("atlas", "atlas", "Atlas"),
         ("cut", "cut", "Cut"),
         ("composite", "composite", "Composite"),
         ("palette", "palette", "Palette"),

@@ -15,6 +15,128 @@ OURS: tuple[type[Op], ...]
 FILTERS: tuple[type[Op], ...]
 
 @overload
+def atlas(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    mesh: FileName,
+    size: tuple[int, int] | None = None,
+    scale: float | None = None,
+    unwrapped: FileName | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: FileName | Literal[False] = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf:
+    """Make a texture for a 3-D object, that runs on over its surface where its charts end.
+
+    Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
+    Manifolds, 2009): a mask of the dominant texture (filters.dominant) keeps the photo's other things off the object. The
+    pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
+    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
+    edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
+    everywhere, whatever the charts' own. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts by
+    xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
+
+    Parameters
+    ----------
+    exemplar : ImageLike
+        the photo; where labels are spoken of, with label maps as filters.label(keep=True) makes them
+    mask : ImageLike | None, default None
+        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
+    labels : ImageLike | None, default None
+        label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+    mesh : FileName
+        OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones
+    size : tuple[int, int] | None, default None
+        of the result; the exemplar's own when left out; (width, height) >= 16 and <= 16384 px
+    scale : float | None, default None
+        how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out; a number >= 1e-09
+    unwrapped : FileName | None, default None
+        the mesh with the charts of the result goes to this file (.obj)
+    label : int | None, default None
+        take only pixels of that label, by its id; a whole number >= 1
+    level : int | None, default None
+        which label map: label.N of the exemplar or of labels; the coarsest when left out; a whole number >= 1
+    data : bool, default False
+        the channels are no colours: compare them as they are
+    seed : int, default 0
+        same seed, same pixels; a whole number >= 0 and <= 4294967295
+    stmap : bool | FileName, default False
+        True: source coordinates as part 'st' of the result; a file name: there
+    colorspace : str | None, default None
+        colour space of the images that come first; their own tag where it is None
+    roi : ROI | None, default None
+        compute only this region of the result
+    nthreads : int, default 0
+        CPU threads, where no session says it; 0: as many as the process may use
+    session : Session | None, default None
+        device, memory budget, colour config, progress
+
+    Returns
+    -------
+    ImageBuf | dict[str, ImageBuf]
+        a dict where more than one part was asked for
+        atlas: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
+        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        mesh: the mesh with the charts that the result is for [.obj; with unwrapped]
+
+    Raises
+    ------
+    oiiotex.Error
+        with one line that says what is wrong and what is allowed
+    """
+@overload
+def atlas(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    mesh: FileName,
+    size: tuple[int, int] | None = None,
+    scale: float | None = None,
+    unwrapped: FileName | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: Literal[True],
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> dict[str, ImageBuf]: ...
+@overload
+def atlas(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    mesh: FileName,
+    size: tuple[int, int] | None = None,
+    scale: float | None = None,
+    unwrapped: FileName | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> ImageBuf | dict[str, ImageBuf]: ...
+
+@overload
 def checkmaterial(
     source: ImageLike,
     /,

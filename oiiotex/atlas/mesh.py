@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A triangle mesh with charts: read, welded, and checked for all that synthesis on it relies on."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..deferred import np
+from ..errors import ImageError, ParameterError
+
+log = logging.getLogger("oiiotex")
+
+_INSTALL = "pip install 'oiiotex[atlas]'"
+_FLAT = 1e-12  # of the square of the mesh's extent, or of the unit square: what has less area is no triangle
+_FINE = 5000  # triangles: a mesh of fewer is cut finer
+_PADDING = 8  # px between charts that are made here
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A surface in triangles, flattened into charts.
+
+    Attributes
+    ----------
+    points : (vertices, 3) float64
+        Corners, each place once.
+    faces : (faces, 3) int64
+        Their corners, against the clock as seen from outside.
+    across : (faces, 3) int64
+        The face beyond the edge that lies opposite to a corner; -1 where the surface ends.
+    uv : (faces, 3, 2) float64
+        Of each corner of each face, in 0 .. 1, v upwards.
+    chart : (faces,) int64
+        From 0 on.
+    unwrapped : bool
+        The charts were made here.
+    """
+
+    points: np.ndarray
+    faces: np.ndarray
+    across: np.ndarray
+    uv: np.ndarray
+    chart: np.ndarray
+    unwrapped: bool
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(faces, 3, 3) float64."""
+        return self.points[self.faces]
+
+    def areas(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of all faces on the surface, and in the atlas as parts of the unit square."""
+        flat = np.concatenate([self.uv, np.zeros_like(self.uv[..., :1])], -1)
+        return _areas(self.corners), _areas(flat)
+
+    def refined(self) -> Mesh:
+        """The same surface, triangles cut in four while they are few: each has one direction, so it turns gradually."""
+        mesh = self
+        while 4 * len(mesh.faces) <= _FINE:
+            ends = np.sort(np.stack([np.roll(mesh.faces, -1, 1), np.roll(mesh.faces, -2, 1)], -1), -1)
+            edges, middle = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
+            points = np.concatenate([mesh.points, mesh.points[edges].mean(1)])
+            faces = _quarter(*(middle.reshape(-1, 3) + len(mesh.points)).T, *mesh.faces.T)
+            corners = np.moveaxis(mesh.uv, 1, 0)
+            halves = [(corners[(n + 1) % 3] + corners[(n + 2) % 3]) / 2 for n in range(3)]
+            uv, chart = _quarter(*halves, *corners), np.repeat(mesh.chart, 4)
+            mesh = Mesh(points, faces, _neighbours(faces, "the mesh"), uv, chart, mesh.unwrapped)
+        return mesh
+
+    def obj(self) -> str:
+        """The mesh with its charts as the text of a Wavefront OBJ."""
+        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in self.points]
+        lines += [f"vt {u:.9g} {v:.9g}" for u, v in self.uv.reshape(-1, 2)]
+        corners = np.arange(1, self.faces.size + 1).reshape(-1, 3)
+        for face, uv in zip(self.faces + 1, corners, strict=True):
+            lines.append("f " + " ".join(f"{point}/{at}" for point, at in zip(face, uv, strict=True)))
+        return "\n".join(lines) + "\n"
+
+
+def read_mesh(path: Path, width: int, height: int) -> Mesh:
+    """The mesh of a file of any kind that trimesh reads; with charts of xatlas where it has none of its own.
+
+    Parameters
+    ----------
+    path : Path
+        OBJ, PLY, glTF, GLB, STL, OFF, ...
+    width, height : int
+        Of the atlas, for which charts are made.
+
+    Raises
+    ------
+    ParameterError
+        A library is missing.
+    ImageError
+        The file cannot be read, is empty, or is no surface with charts; the text says what is wrong.
+    """
+    points, faces, uv = _loaded(path)
+    name = path.name
+    if not len(faces):
+        raise ImageError(f"{name} has no triangles")
+    used = np.unique(faces)
+    broken = np.count_nonzero(~np.isfinite(points[used]).all(-1))
+    if broken:
+        raise ImageError(f"{name} has {broken} vertices with NaN or Inf")
+    extent = np.ptp(points[used], axis=0).max()
+    # vertices are split where UVs are: the same place is the same point
+    points, welded = np.unique(points, axis=0, return_inverse=True)
+    corners = welded.reshape(-1)[faces]
+    _require_area(_areas(points[corners]), _FLAT * extent**2, f"{name} has {{}} degenerate triangles, without area")
+    across = _neighbours(corners, name)
+    unwrapped = uv is None
+    flat = _unwrapped(points, corners, width, height) if unwrapped else uv[faces]
+    _check_charts(flat, name)
+    return Mesh(points, corners, across, flat, _charts(corners, across, flat), unwrapped)
+
+
+def _quarter(
+    at_a: np.ndarray, at_b: np.ndarray, at_c: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray
+) -> np.ndarray:
+    """Four triangles of each, from its corners and the middles opposite to them: (4 n, 3, ...)."""
+    four = [(a, at_c, at_b), (at_c, b, at_a), (at_b, at_a, c), (at_a, at_b, at_c)]
+    return np.stack([np.stack(one, 1) for one in four], 1).reshape(-1, 3, *a.shape[1:])
+
+
+def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Vertices, faces and UVs as the file has them, all its objects together."""
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ParameterError(f"mesh={path.name}: meshes are read by trimesh: {_INSTALL}") from error
+    # of OBJ groups by material would split the surface; materials are not looked at
+    more = {"group_material": False, "split_objects": False, "skip_materials": True}
+    try:
+        scene = trimesh.load_scene(path, process=False, **(more if path.suffix.lower() == ".obj" else {}))
+        placed = [(scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
+        objects = [(matrix, geometry[name]) for (matrix, name), geometry in placed]
+        meshes = [(matrix, one) for matrix, one in objects if hasattr(one, "faces") and len(one.faces)]
+    except Exception as error:  # readers of a dozen formats fail in as many ways
+        raise ImageError(f"{path} cannot be read as a mesh: {error}") from error
+    points, faces, uvs, count = [], [], [], 0
+    for matrix, one in meshes:
+        vertices = np.asarray(one.vertices, np.float64)
+        points.append(vertices @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3])
+        faces.append(np.asarray(one.faces, np.int64) + count)
+        uv = getattr(one.visual, "uv", None)
+        uvs.append(None if uv is None or len(uv) != len(vertices) else np.asarray(uv, np.float64))
+        count += len(vertices)
+    if not meshes:
+        return np.empty((0, 3)), np.empty((0, 3), np.int64), None
+    complete = [uv for uv in uvs if uv is not None]
+    return np.concatenate(points), np.concatenate(faces), np.concatenate(uvs) if len(complete) == len(uvs) else None
+
+
+def _areas(corners: np.ndarray) -> np.ndarray:
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.linalg.norm(np.cross(a, b), axis=-1) / 2
+
+
+def _require_area(areas: np.ndarray, least: float, text: str) -> None:
+    count = np.count_nonzero(areas <= least)
+    if count:
+        raise ImageError(f"{text.format(count)}: remove them, as by merging close vertices")
+
+
+def _neighbours(faces: np.ndarray, name: str) -> np.ndarray:
+    """The face beyond each edge."""
+    start, end = np.roll(faces, -1, 1).reshape(-1), np.roll(faces, -2, 1).reshape(-1)  # of the edge opposite a corner
+    edges = np.stack([np.minimum(start, end), np.maximum(start, end)], -1)
+    _, edge, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    edge = edge.reshape(-1)
+    if (count > 2).any():
+        raise ImageError(
+            f"{name} has {np.count_nonzero(count > 2)} non-manifold edges, where more than two triangles meet:"
+            " split the mesh there"
+        )
+    order = np.argsort(edge, kind="stable")
+    two = np.flatnonzero(edge[order][1:] == edge[order][:-1])
+    one, other = order[two], order[two + 1]
+    turned = np.count_nonzero(start[one] == start[other])
+    if turned:
+        raise ImageError(f"{name} has {turned} edges whose two triangles face opposite sides: make its normals agree")
+    across = np.full(faces.size, -1, np.int64)
+    across[one], across[other] = other // 3, one // 3
+    return across.reshape(-1, 3)
+
+
+def _unwrapped(points: np.ndarray, faces: np.ndarray, width: int, height: int) -> np.ndarray:
+    """UVs of charts that are made here."""
+    try:
+        import xatlas
+    except ImportError as error:
+        raise ParameterError(f"the mesh has no UVs, and charts are made by xatlas: {_INSTALL}") from error
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(points.astype(np.float32), faces.astype(np.uint32))
+    packing = xatlas.PackOptions()
+    packing.resolution, packing.padding = min(width, height), _PADDING
+    atlas.generate(pack_options=packing)
+    _, indices, uv = atlas[0]
+    # its atlas has sides of its own: charts keep their shape
+    scale = min(width / atlas.width, height / atlas.height)
+    return uv.astype(np.float64)[indices] * (atlas.width, atlas.height) * scale / (width, height)
+
+
+def _check_charts(uv: np.ndarray, name: str) -> None:
+    broken = np.count_nonzero(~np.isfinite(uv).all((1, 2)))
+    if broken:
+        raise ImageError(f"{name} has {broken} triangles with NaN or Inf UVs")
+    outside = np.count_nonzero(((uv < -1e-6) | (uv > 1 + 1e-6)).any((1, 2)))
+    if outside:
+        raise ImageError(f"{name} has {outside} triangles with UVs outside 0 to 1: pack its charts into one tile")
+    flat = np.concatenate([uv, np.zeros_like(uv[..., :1])], -1)
+    _require_area(_areas(flat), _FLAT, f"{name} has {{}} triangles whose UVs have no area")
+
+
+def _charts(faces: np.ndarray, across: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Faces that are joined where their UVs agree along an edge."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    joined = across >= 0
+    for corner in range(3):
+        face = np.flatnonzero(across[:, corner] >= 0)
+        other = across[face, corner]
+        for end in ((corner + 1) % 3, (corner + 2) % 3):
+            at = np.argmax(faces[other] == faces[face, end][:, None], axis=1)
+            joined[face, corner] &= (np.abs(uv[other, at] - uv[face, end]) < 1e-7).all(-1)
+    face, corner = np.nonzero(joined)
+    links = coo_matrix((np.ones(len(face), bool), (face, across[face, corner])), shape=(len(faces), len(faces)))
+    return connected_components(links, directed=False)[1].astype(np.int64)

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pixels of an atlas at one scale, and who their neighbours on the surface are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..deferred import np
+from .charts import Frames, covered, in_pixels, walk
+from .mesh import Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The pixels of an atlas whose centres lie in charts, at one level of scale.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    frames : Frames
+        Of the photo at this level.
+    shape : (height, width)
+    scale : (float, float)
+        Pixels that the unit square is wide and high.
+    face : (n,) int32
+        That covers the pixel.
+    place : (n,) int64
+        Of the pixel in the atlas, row by row.
+    index : (height, width) int32
+        Its inverse; -1 outside of charts.
+    step : (faces, 2, 2) float64
+        What pixels of the atlas, x and y, a step in the photo, x and y, is inside of a face.
+    """
+
+    mesh: Mesh
+    frames: Frames
+    shape: tuple[int, int]
+    scale: tuple[float, float]
+    face: np.ndarray
+    place: np.ndarray
+    index: np.ndarray
+    step: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: Mesh, frames: Frames, width: int, height: int, level: int, name: str = "") -> Surface:
+        """Of an atlas of that size, halved `level` times; raises as `covered` does."""
+        half = 2.0**-level
+        shape = -(-height // (1 << level)), -(-width // (1 << level))
+        scale = width * half, height * half
+        owner = covered(mesh, shape[1], shape[0], scale, name)
+        place = np.flatnonzero(owner >= 0)
+        index = np.full(owner.size, -1, np.int32)
+        index[place] = np.arange(len(place), dtype=np.int32)
+        coarse = Frames(frames.step * 2.0**level, frames.gradient)
+        face = owner.reshape(-1)[place]
+        return cls(mesh, coarse, shape, scale, face, place, index.reshape(shape), coarse.in_atlas(mesh, scale))
+
+    def nearest(self) -> np.ndarray:
+        """The pixel in a chart that is nearest to each pixel of the atlas: (height, width) int32."""
+        from scipy.ndimage import distance_transform_edt
+
+        y, x = distance_transform_edt(self.index < 0, return_distances=False, return_indices=True)
+        return self.index[y, x]
+
+    def centres(self, pixels: np.ndarray) -> np.ndarray:
+        """Of some pixels of charts, x and y in the atlas."""
+        y, x = np.divmod(self.place[pixels], self.shape[1])
+        return np.stack([x, y], -1) + 0.5
+
+    def straight(self, pixels: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels at offsets in the photo, as long as no border of a chart is crossed.
+
+        Parameters
+        ----------
+        pixels : (n,) int
+        offsets : (k, 2) int
+            x and y in the photo.
+
+        Returns
+        -------
+        there : (n, k) int32
+        known : (n, k) bool
+            Where it is a pixel of the same chart.
+        """
+        step = self.step[self.face[pixels]]
+        ends = self.centres(pixels)[:, None] + np.einsum("nij,kj->nki", step, offsets, optimize=False)
+        x, y = np.moveaxis(np.floor(ends).astype(np.int64), -1, 0)
+        height, width = self.shape
+        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+        there = self.index.reshape(-1)[np.where(inside, y * width + x, 0)]
+        there[~inside] = -1
+        chart = self.mesh.chart
+        known = (there >= 0) & (chart[self.face[there]] == chart[self.face[pixels]][:, None])
+        return there, known
+
+    def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> np.ndarray:
+        """Pixels where steps along the surface lead from some pixels, over borders of charts.
+
+        Parameters
+        ----------
+        pixels : (n,) int
+        steps : (n, 3) float64
+            In the planes of their faces.
+        nearest : (height, width) int32
+            As `nearest` gives it: the last pixel of a chart stands for what it covers in part.
+
+        Returns
+        -------
+        (n,) int32
+        """
+        face = self.face[pixels]
+        corners = in_pixels(self.mesh.uv[face], self.scale)
+        weights = barycentric(corners, self.centres(pixels))
+        end, weights = walk(self.mesh, self.frames, face, weights, steps)
+        x, y = np.einsum("nc,nck->kn", weights, in_pixels(self.mesh.uv[end], self.scale), optimize=False)
+        row = np.clip(np.floor(y).astype(np.int64), 0, self.shape[0] - 1)
+        column = np.clip(np.floor(x).astype(np.int64), 0, self.shape[1] - 1)
+        return nearest[row, column]
+
+    def gutter_steps(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
+        """What moves (n, 2) in the atlas, in its pixels, are along the surface: (n, 3)."""
+        face = self.face[pixels]
+        photo = np.linalg.solve(self.step[face], moves[..., None])
+        return (self.frames.step[face] @ photo)[..., 0]
+
+
+def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Of places (n, 2) in triangles (n, 3, 2): (n, 3), which add up to 1 and are not negative."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    matrix = np.stack([b - a, c - a], -1)
+    second, third = np.linalg.solve(matrix, (at - a)[..., None])[..., 0].T
+    weights = np.maximum(np.stack([1 - second - third, second, third], -1), 0)
+    return weights / weights.sum(-1, keepdims=True)
+
+
+class Neighbours:
+    """The pixels around each pixel of a surface, at some offsets in the photo."""
+
+    def __init__(self, surface: Surface, offsets: np.ndarray, at_once: int = 1 << 14):
+        self._surface, self._offsets = surface, offsets
+        nearest = surface.nearest()
+        self.row = np.full(len(surface.place), -1, np.int32)
+        rows, count = [], 0
+        for start in range(0, len(surface.place), at_once):
+            pixels = np.arange(start, min(start + at_once, len(surface.place)))
+            there, known = surface.straight(pixels, offsets)
+            beside = np.flatnonzero(~known.all(1))
+            if not len(beside):
+                continue
+            there = there[beside]
+            which, offset = np.nonzero(~known[beside])
+            leaving = pixels[beside][which]
+            steps = np.einsum("nij,nj->ni", surface.frames.step[surface.face[leaving]], offsets[offset], optimize=False)
+            there[which, offset] = surface.around(leaving, steps, nearest)
+            self.row[pixels[beside]] = count + np.arange(len(beside))
+            count += len(beside)
+            rows.append(there)
+        self._beside = np.concatenate(rows) if rows else np.empty((0, len(offsets)), np.int32)
+
+    def of(self, pixels: np.ndarray) -> np.ndarray:
+        """(n, offsets) int32."""
+        there, _ = self._surface.straight(pixels, self._offsets)
+        row = self.row[pixels]
+        there[row >= 0] = self._beside[row[row >= 0]]
+        return there

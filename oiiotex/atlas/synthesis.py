@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Texture from coarse to fine on the pixels of a surface: each is a copy of one pixel of the photo.
+
+As the anisometric synthesis of Lefebvre and Hoppe (Appearance-space texture synthesis, SIGGRAPH 2006, section 5): what
+lies around a pixel is looked up along the surface, turned and scaled, so borders of charts are nothing special.
+Candidates are those of the neighbours, moved on by the step between them, and random ones as PatchMatch has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from ..color.lab_grid import FINE_STEPS, to_grid
+from ..core.source_map import SourceMap
+from ..deferred import np
+from ..errors import ImageError
+from ..patchmatch.field import hash_at
+from .charts import Frames
+from .mesh import Mesh
+from .surface import Neighbours, Surface
+
+REACH = 2  # px that a neighbourhood goes to each side
+_DIMENSIONS = 16  # of neighbourhoods as they are compared
+_BASIS_BITS = 12
+_LEVELS = 6
+_LEAST_SIDE = 12  # px of the coarsest photo
+_PASSES = (5, 2)  # over
+_RANDOM = (4, 0)  # random candidates there
+_STRANGER = 1.6  # how many times as near a random candidate must be: HRRG08's kappa
+_AT_ONCE = 1 << 14
+GUTTER = 8  # px around charts that are taken from beyond the border
+
+
+def offsets() -> np.ndarray:
+    """Steps x, y of a neighbourhood, row by row: (25, 2) int64."""
+    side = np.arange(-REACH, REACH + 1)
+    y, x = np.meshgrid(side, side, indexing="ij")
+    return np.stack([x, y], -1).reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Exemplar:
+    """The photo at one level.
+
+    Attributes
+    ----------
+    colour : (height * width, channels) int16
+        Lab on the fine grid.
+    looks : (height * width, dimensions) int32
+        Neighbourhoods, projected.
+    basis : (25 * channels, dimensions) float64
+        Of whole numbers, so that products are exact in any order.
+    snap : (height, width) int32
+        The nearest pixel whose whole neighbourhood may be taken.
+    """
+
+    colour: np.ndarray
+    looks: np.ndarray
+    basis: np.ndarray
+    snap: np.ndarray
+
+    @classmethod
+    def of(cls, lab: np.ndarray, usable: np.ndarray) -> Exemplar | None:
+        """None where no whole neighbourhood may be taken."""
+        from scipy.ndimage import binary_erosion, distance_transform_edt
+
+        whole = binary_erosion(usable, np.ones((2 * REACH + 1,) * 2, bool), border_value=0)
+        if not whole.any():
+            return None
+        height, width = usable.shape
+        y, x = distance_transform_edt(~whole, return_distances=False, return_indices=True)
+        snap = (y * width + x).astype(np.int32)
+        colour = to_grid(lab, FINE_STEPS)
+        places = np.flatnonzero(whole)
+        rows = offsets() @ (1, width)
+        flat = colour.reshape(-1, colour.shape[-1])
+
+        def seen(at: np.ndarray) -> np.ndarray:
+            return flat[at[:, None] + rows].reshape(len(at), -1).astype(np.float64)
+
+        sampled = seen(places[:: -(-len(places) // 16384)])
+        centred = sampled - np.rint(sampled.mean(0))
+        _, vectors = np.linalg.eigh(centred.T @ centred)
+        basis = np.rint(vectors[:, ::-1][:, :_DIMENSIONS] * (1 << _BASIS_BITS))
+        looks = np.zeros((height * width, basis.shape[1]), np.int32)
+        for start in range(0, len(places), _AT_ONCE):
+            at = places[start : start + _AT_ONCE]
+            looks[at] = projected(seen(at), basis)
+        return cls(flat, looks, basis, snap)
+
+    def moved(self, source: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Pixels that lie at steps (..., 2), x and y, from others; where none may be taken, the nearest that may."""
+        height, width = self.snap.shape
+        y, x = np.divmod(source.astype(np.int64), width)
+        return self.snap[np.clip(y + steps[..., 1], 0, height - 1), np.clip(x + steps[..., 0], 0, width - 1)]
+
+
+def projected(neighbourhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """(n, 25 * channels) whole numbers -> (n, dimensions) int32."""
+    return np.rint((neighbourhoods @ basis) / (1 << _BASIS_BITS)).astype(np.int32)
+
+
+def stack(values: np.ndarray, usable: np.ndarray | None) -> list[Exemplar]:
+    """The photo, finest first, as long as it has enough to take.
+
+    Raises
+    ------
+    ImageError
+        Not one whole neighbourhood may be taken.
+    """
+    usable = np.ones(values.shape[:2], bool) if usable is None else usable
+    levels: list[Exemplar] = []
+    while len(levels) < _LEVELS and (not levels or min(values.shape[:2]) >= _LEAST_SIDE):
+        found = Exemplar.of(values, usable)
+        if found is None or (levels and len(np.unique(found.snap)) < 64):
+            break
+        levels.append(found)
+        height, width = (n // 2 * 2 for n in values.shape[:2])
+        quads = values[:height, :width].reshape(height // 2, 2, width // 2, 2, -1)
+        values = quads.mean((1, 3), dtype=np.float32)
+        usable = usable[:height, :width].reshape(height // 2, 2, width // 2, 2).all((1, 3))
+    if not levels:
+        raise ImageError(f"no {2 * REACH + 1}x{2 * REACH + 1} px of the photo may be taken whole")
+    return levels
+
+
+Spread = Callable[[Callable, Iterable], Iterable]
+
+
+def synthesize(
+    mesh: Mesh,
+    frames: Frames,
+    size: tuple[int, int],
+    levels: list[Exemplar],
+    seed: int,
+    name: str,
+    spread: Spread = map,
+    advance: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[SourceMap, Surface]:
+    """Where every pixel of an atlas comes from.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    frames : Frames
+        Of the photo at full size.
+    size : (width, height)
+        Of the atlas.
+    levels : list of Exemplar
+        As `stack` gives them.
+    seed : int
+    name : str
+        Of the mesh, for errors.
+    spread : callable
+        `map`, on threads.
+    advance : callable
+        Told how far it has come.
+
+    Returns
+    -------
+    source : SourceMap
+        Of all pixels, those outside of charts, too.
+    surface : Surface
+        Of the finest level.
+
+    Raises
+    ------
+    ImageError
+        Charts overlap, or cover not one pixel.
+    """
+    width, height = size
+    finest = Surface.of(mesh, frames, width, height, 0, name)
+    if not len(finest.place):
+        raise ImageError(f"{name}: its charts cover not one pixel of {width}x{height}: make the atlas larger")
+    coarser: tuple[Surface, np.ndarray] | None = None
+    for level in range(len(levels) - 1, -1, -1):
+        surface = finest if level == 0 else Surface.of(mesh, frames, width, height, level)
+        if not len(surface.place):
+            continue
+        exemplar = levels[level]
+        if coarser is None:
+            y, x = np.divmod(surface.place, surface.shape[1])
+            chance = hash_at(seed, level, y, x)
+            source = exemplar.snap.reshape(-1)[chance % np.uint32(exemplar.snap.size)]
+        else:
+            source = _inherited(surface, *coarser, exemplar, levels[level + 1])
+        first = coarser is None
+        source = _corrected(surface, exemplar, source, seed, level, first, spread)
+        coarser = surface, source
+        advance(len(levels) - level, len(levels))
+    return _with_gutters(finest, source, levels[0]), finest
+
+
+def _inherited(
+    surface: Surface, coarse: Surface, source: np.ndarray, exemplar: Exemplar, before: Exemplar
+) -> np.ndarray:
+    """What the coarser level says of each pixel: its source there, and the step from the coarse pixel's centre on."""
+    pixels = np.arange(len(surface.place))
+    centres = surface.centres(pixels)
+    x, y = np.floor(centres / 2).astype(np.int64).T
+    height, width = coarse.shape
+    parent = coarse.nearest()[np.minimum(y, height - 1), np.minimum(x, width - 1)]
+    away = centres - 2 * coarse.centres(parent)
+    # where the nearest coarse pixel is of another chart or far off, a step says nothing
+    away[(np.abs(away) > 4).any(1)] = 0
+    steps = np.linalg.solve(surface.step[surface.face], away[..., None])[..., 0]
+    y, x = np.divmod(source[parent].astype(np.int64), before.snap.shape[1])
+    height, width = exemplar.snap.shape
+    # the centre of a coarse pixel of the photo is a corner of four fine ones
+    y = np.clip(np.floor(2 * y + 1 + steps[:, 1]).astype(np.int64), 0, height - 1)
+    x = np.clip(np.floor(2 * x + 1 + steps[:, 0]).astype(np.int64), 0, width - 1)
+    return exemplar.snap[y, x]
+
+
+def _corrected(
+    surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool, spread: Spread
+) -> np.ndarray:
+    """Sources that fit each other better: passes over four sets of pixels, none of which sees what its own set does."""
+    passes, random = (pair[0 if first else 1] for pair in (_PASSES, _RANDOM))
+    around = offsets()
+    neighbours = Neighbours(surface, around)
+    near = np.flatnonzero((np.abs(around) <= 1).all(1))
+    rows, columns = np.divmod(surface.place, surface.shape[1])
+    parity = (rows % 2) * 2 + columns % 2
+    colour = exemplar.colour[source]
+    height, width = exemplar.snap.shape
+    reaches = np.array([max(height, width) / 2 ** (2 * n) for n in range(random)] if first else [8.0, 2.0])
+
+    for number in range(passes):
+        for turn in range(4):
+            chosen = np.flatnonzero(parity == turn)
+
+            def work(pixels: np.ndarray, step: int = (level * 64 + number) * 8 + 16) -> np.ndarray:
+                there = neighbours.of(pixels)
+                looks = projected(colour[there].reshape(len(pixels), -1).astype(np.float64), exemplar.basis)
+                known = exemplar.moved(source[there[:, near]], -around[near])
+                strange = []
+                for which, reach in enumerate(reaches):
+                    chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
+                    dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
+                    moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int64)
+                    strange.append(exemplar.moved(source[pixels], moves))
+                candidates = np.concatenate([known, np.stack(strange, -1)], 1)
+                apart = (exemplar.looks[candidates] - looks[:, None]).astype(np.int64)
+                cost = np.einsum("nkd,nkd->nk", apart, apart).astype(np.float64)
+                cost[:, len(near) :] *= _STRANGER
+                return candidates[np.arange(len(pixels)), cost.argmin(1)]
+
+            pieces = [chosen[n : n + _AT_ONCE] for n in range(0, len(chosen), _AT_ONCE)]
+            if pieces:
+                better = np.concatenate(list(spread(work, pieces)))
+                source[chosen] = better
+                colour[chosen] = exemplar.colour[better]
+    return source
+
+
+def _with_gutters(surface: Surface, source: np.ndarray, exemplar: Exemplar) -> SourceMap:
+    """Of all pixels of the atlas: around charts what lies beyond their borders on the surface, else the nearest."""
+    nearest = surface.nearest()
+    outside = np.flatnonzero(surface.index.reshape(-1) < 0)
+    owner = nearest.reshape(-1)[outside]
+    y, x = np.divmod(outside, surface.shape[1])
+    moves = np.stack([x, y], -1) + 0.5 - surface.centres(owner)
+    close = np.flatnonzero((moves**2).sum(1) <= GUTTER**2)
+    for start in range(0, len(close), _AT_ONCE * 4):
+        some = close[start : start + _AT_ONCE * 4]
+        owner[some] = surface.around(owner[some], surface.gutter_steps(owner[some], moves[some]), nearest)
+    whole = np.empty(surface.index.size, np.int64)
+    whole[surface.place] = source
+    whole[outside] = source[owner]
+    y, x = np.divmod(whole.reshape(surface.shape), exemplar.snap.shape[1])
+    return SourceMap.of(y, x)

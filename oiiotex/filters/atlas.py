@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texatlas: the texture of a photo on the surface of a mesh."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..atlas.charts import Frames
+from ..atlas.mesh import Mesh, read_mesh
+from ..atlas.synthesis import stack, synthesize
+from ..core.access import Whole
+from ..core.op import Kind, Output
+from ..core.parameters import Size, param
+from ..core.source_map import COPIED, ST, require_addressable
+from ..deferred import np
+from ..errors import ImageError, ParameterError
+from ..exemplar.exemplar_op import ExemplarOp
+from ..session import Session
+
+log = logging.getLogger("oiiotex")
+
+_FINEST, _COARSEST = 0.5, 2.0  # px of the atlas that a pixel of the photo is wide
+_PIXEL_BYTES, _PHOTO_BYTES = 120, 200  # at the widest, for each pixel of the atlas and of the photo
+
+
+@dataclass(frozen=True, kw_only=True)
+class Atlas(ExemplarOp, Whole):
+    """Make a texture for a 3-D object, that runs on over its surface where its charts end.
+
+    Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
+    Manifolds, 2009): a mask of the dominant texture (--texdominant) keeps the photo's other things off the object. The
+    pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
+    synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
+    edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
+    everywhere, whatever the charts' own. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts by
+    xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
+    """
+
+    name: ClassVar[str] = "atlas"
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("atlas", Kind.PIXELS, COPIED),
+        ST,
+        Output("mesh", Kind.MESH, "the mesh with the charts that the result is for", asked_by="unwrapped"),
+    )
+
+    mesh: Path = param(help="OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones")
+    size: Size | None = param(None, ge=16, le=16384, unit="px", help="of the result; the exemplar's own when left out")
+    scale: float | None = param(
+        None, ge=1e-9, help="how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out"
+    )
+    unwrapped: Path | None = param(None, help="the mesh with the charts of the result goes to this file (.obj)")
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The atlas, and where its pixels come from."""
+        if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
+            raise ParameterError(f"unwrapped={self.unwrapped}: allowed is a file that ends in .obj")
+        photo = self.exemplar.first.spec
+        size = self.size or Size(photo.width, photo.height)
+        require_addressable((photo.height, photo.width))
+        need = size.width * size.height * _PIXEL_BYTES + photo.width * photo.height * _PHOTO_BYTES
+        session.require(need, f"an atlas of {size}", "make size smaller")
+        with session.stats.time("mesh"):
+            mesh = read_mesh(self.mesh, *size)
+        unit = self._unit(mesh, size, photo.width)
+        seen = self.read(session)
+        with session.stats.time("directions"):
+            fine = mesh.refined()
+            frames = Frames.of(fine, unit)
+        with session.stats.time("synthesis"):
+            try:
+                levels = stack(np.ascontiguousarray(seen.values[..., :3]), seen.usable)
+            except ImageError as error:
+                raise ImageError(f"{self.exemplar.source}: {error}, without {seen.why or 'its border'}") from error
+            name = self.mesh.name
+            source = synthesize(fine, frames, size, levels, self.seed, name, session.spread, session.advance)[0]
+        self.say_what_stays()
+        return {**source.parts("atlas", self.exemplar.first), "mesh": mesh.obj}
+
+    def _unit(self, mesh: Mesh, size: Size, photo_width: int) -> float:
+        """How wide a pixel of the photo is on the surface; says what charts do to areas."""
+        solid, flat = mesh.areas()
+        texel = (solid.sum() / (flat.sum() * size.width * size.height)) ** 0.5
+        unit = texel if self.scale is None else self.scale / photo_width
+        if not _FINEST <= unit / texel <= _COARSEST:
+            raise ParameterError(
+                f"scale={self.scale:g}: a pixel of the photo is {unit / texel:.3g} pixels of {size} on this mesh;"
+                f" allowed is {_FINEST:g} to {_COARSEST:g}: a scale about {texel * photo_width:.3g}, another size, or"
+                " --resize of the photo"
+            )
+        stretch = np.sort(flat / solid)
+        low, high = stretch[[len(stretch) // 20, -1 - len(stretch) // 20]]
+        log.info(
+            "%s: %d charts%s on %.0f %% of the atlas; areas of triangles are stretched by a factor of up to %.3g",
+            self.flag(), mesh.chart.max() + 1, " by xatlas" if mesh.unwrapped else "", 100 * flat.sum(), high / low,
+        )  # fmt: skip
+        return float(unit)

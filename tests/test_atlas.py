@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texatlas: texture on the surface of a mesh, over the borders of its charts."""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from oiiotex import errors, filters
+from oiiotex.atlas.charts import Frames, walk
+from oiiotex.atlas.mesh import read_mesh
+from oiiotex.atlas.surface import Neighbours, Surface
+from tests import pictures
+from tests.conftest import oiiotex, save
+from tests.test_promises import buffer, pixels
+
+SIDE = 192
+PLANE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"
+OWN = {"cube": pictures.cube_obj(), "plane": PLANE}  # with UVs of their own
+
+
+def bumpy(seed: int = 0) -> trimesh.Trimesh:
+    """As a scan of a stone: a sphere with bumps of three sizes."""
+    ball = trimesh.creation.icosphere(4)
+    directions = np.random.default_rng(seed).normal(size=(3, 3))
+    bumps = sum(np.sin(ball.vertices @ way * 2**n + n) / 2**n for n, way in enumerate(directions))
+    ball.vertices *= (1 + 0.12 * bumps)[:, None]
+    return ball
+
+
+def mesh_file(kind: str, folder: Path) -> Path:
+    """A mesh in a file; see OWN."""
+    path = folder / f"{kind}.{'obj' if kind in OWN else 'ply'}"
+    if kind in OWN:
+        path.write_text(OWN[kind])
+    else:
+        made = {"sphere": lambda: trimesh.creation.icosphere(3), "torus": lambda: trimesh.creation.torus(1, 0.4)}
+        {**made, "scan": bumpy}[kind]().export(path)
+    return path
+
+
+def parsed(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Points, UVs, and of each face the numbers of its points and of its UVs."""
+    words = [line.split() for line in text.splitlines() if line]
+    points, uvs = (np.array([w[1:] for w in words if w[0] == key], float) for key in ("v", "vt"))
+    faces = np.array([[corner.split("/") for corner in w[1:]] for w in words if w[0] == "f"], int) - 1
+    return points, uvs, faces[..., 0], faces[..., 1]
+
+
+def jump(text: str, image: np.ndarray) -> float:
+    """How much more colours differ across borders of charts than beside them, at the same distance on the surface.
+
+    Pairs of places 0.75 px to both sides of points of seam edges, and pairs 2.5 and 4 px beside these: nearer ones
+    would often be one pixel inside of a chart, and never across its border.
+    """
+    points, uvs, faces, corners = parsed(text)
+    height, width = image.shape[:2]
+
+    def area(a: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(np.cross(a[:, 1] - a[:, 0], a[:, 2] - a[:, 0]), axis=-1)
+
+    flat = np.concatenate([uvs[corners] * (width, height), np.zeros((*corners.shape, 1))], -1)
+    texel = np.sqrt(area(points[faces]).sum() / area(flat).sum())
+    sharing = defaultdict(list)
+    for face in range(len(faces)):
+        for corner in range(3):
+            ends = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+            sharing[tuple(sorted(ends))].append((face, corner))
+
+    def colour(face: int, corner: int, at: np.ndarray, depth: float) -> np.ndarray:
+        """At a place of an edge, so many texels inwards."""
+        a, b, c = points[faces[face]]
+        apex, low = points[faces[face, corner]], points[faces[face, (corner + 1) % 3]]
+        edge = points[faces[face, (corner + 2) % 3]] - low
+        edge /= np.linalg.norm(edge)
+        inwards = apex - low - ((apex - low) @ edge) * edge
+        place = at + inwards / np.linalg.norm(inwards) * depth * texel
+        s, t = np.linalg.lstsq(np.stack([b - a, c - a], 1), place - a, rcond=None)[0]
+        u, v = np.array([1 - s - t, s, t]) @ uvs[corners[face]]
+        return image[min(int((1 - v) * height), height - 1), min(int(u * width), width - 1)]
+
+    across, beside = [], []
+    for (low, high), two in sharing.items():
+        uv = [{faces[f, k]: tuple(np.round(uvs[corners[f, k]], 6)) for k in range(3)} for f, _ in two]
+        if len(two) < 2 or all(uv[0][end] == uv[1][end] for end in (low, high)):
+            continue
+        steps = max(1, int(np.linalg.norm(points[high] - points[low]) / texel))
+        for share in (np.arange(steps) + 0.5) / steps:
+            at = points[low] + share * (points[high] - points[low])
+            across.append(colour(*two[0], at, 0.75) - colour(*two[1], at, 0.75))
+            beside += [colour(*one, at, 2.5) - colour(*one, at, 4) for one in two]
+    return float(np.linalg.norm(across, axis=-1).mean() / np.linalg.norm(beside, axis=-1).mean())
+
+
+PHOTO = pictures.pebbles(96, 96, 1)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "cube", "torus", "scan"])
+def test_texture_runs_on_over_borders_of_charts(kind, tmp_path):
+    path, out = mesh_file(kind, tmp_path), tmp_path / "out.obj"
+    made = filters.atlas(buffer(PHOTO), mesh=path, size=(SIDE, SIDE), unwrapped=out)
+    assert jump(out.read_text(), pixels(made)) <= 1.15
+
+
+def test_a_photo_laid_over_the_charts_jumps(tmp_path):
+    """The measure sees what it should: the same charts, filled without regard to the surface."""
+    laid = np.tile(PHOTO, (2, 2, 1))
+    assert jump(pictures.cube_obj(), laid) > 1.5
+
+
+def test_a_way_over_a_flat_surface_is_straight(tmp_path):
+    """Whatever its triangles are, and with it whatever is unfolded."""
+    plane = trimesh.creation.box((2, 2, 1e-3)).subdivide().subdivide().subdivide()
+    plane.vertices[:, :2] += np.random.default_rng(1).uniform(-0.03, 0.03, (len(plane.vertices), 2))
+    plane.export(tmp_path / "plane.ply")
+    mesh = read_mesh(tmp_path / "plane.ply", 128, 128)
+    frames = Frames.of(mesh, 0.01)
+    centre = mesh.corners.mean(1)
+    start = np.flatnonzero((np.abs(centre[:, :2]).max(1) < 0.5) & (np.ptp(mesh.corners[..., 2], axis=1) == 0))
+    assert len(start) > 50
+    step = np.zeros((len(start), 3))
+    step[:, :2] = np.random.default_rng(2).uniform(-0.4, 0.4, (len(start), 2))
+    end, weights = walk(mesh, frames, start, np.full((len(start), 3), 1 / 3), step)
+    np.testing.assert_allclose(np.einsum("nc,nck->nk", weights, mesh.corners[end]), centre[start] + step, atol=1e-9)
+
+
+TWO_CHARTS = """v 0 0 0\nv 1 0 0\nv 2 0 0\nv 0 1 0\nv 1 1 0\nv 2 1 0
+vt 0.05 0.05\nvt 0.45 0.05\nvt 0.45 0.45\nvt 0.05 0.45
+vt 0.9 0.6\nvt 0.9 0.8\nvt 0.7 0.8\nvt 0.7 0.6
+f 1/1 2/2 5/3\nf 1/1 5/3 4/4\nf 2/5 3/6 6/7\nf 2/5 6/7 5/8
+"""
+
+
+def test_neighbours_lie_where_steps_on_the_surface_lead(tmp_path):
+    """Two squares side by side, the other one turned by a quarter and half as large in the atlas."""
+    (tmp_path / "two.obj").write_text(TWO_CHARTS)
+    mesh = read_mesh(tmp_path / "two.obj", 100, 100)
+    assert mesh.chart.max() == 1
+    frames = Frames.of(mesh, 1 / 40)
+    surface = Surface.of(mesh, frames, 100, 100, 0, "two.obj")
+    offsets = np.array([[2, 0], [0, 2], [-2, 1], [0, 0]])
+    every = np.arange(len(surface.place))
+    x, y = surface.centres(every).T / 100
+    first = x < 0.5
+    solid = np.where(first, [(x - 0.05) / 0.4, (0.95 - y) / 0.4], [1 + (0.4 - y) / 0.2, (0.9 - x) / 0.2]).T
+    there = Neighbours(surface, offsets).of(every)
+    steps = np.einsum("nij,kj->nki", frames.step[surface.face], offsets)[..., :2]
+    wanted = solid[:, None] + steps
+    inside = ((wanted > 0) & (wanted < (2, 1))).all(-1)
+    away = np.abs(solid[there] - wanted)
+    assert away[inside].max() <= 0.5 / 20 + 1e-6  # half a pixel of the coarser chart, which is a twentieth wide
+    assert (first[there] != first[:, None])[inside].sum() > 100
+    np.testing.assert_array_equal(there[:, 3], every)
+
+
+def test_threads_do_not_show_and_the_map_says_where_pixels_come_from(tmp_path):
+    path, photo = mesh_file("cube", tmp_path), buffer(PHOTO)
+    one = filters.atlas(photo, mesh=path, size=(128, 96), stmap=True, nthreads=1)
+    three = filters.atlas(photo, mesh=path, size=(128, 96), nthreads=3)
+    image, st = one["atlas"], one["st"]
+    np.testing.assert_array_equal(pixels(image), pixels(three))
+    np.testing.assert_array_equal(pixels(filters.warp(photo, st)), pixels(image))
+
+
+def test_only_what_the_mask_allows_is_taken(tmp_path):
+    picture = np.where(np.arange(96)[:, None, None] < 60, PHOTO, [1.0, 0.0, 0.0])
+    mask = buffer((np.indices((96, 96))[0] < 60)[..., None] * 1.0, names=("Y",))
+    made = filters.atlas(buffer(picture), mask=mask, mesh=mesh_file("cube", tmp_path), size=(96, 96))
+    assert not (pixels(made) == np.float32([1, 0, 0])).all(-1).any()
+
+
+def test_charts_that_are_made_are_handed_out(tmp_path):
+    path, out = mesh_file("sphere", tmp_path), tmp_path / "out.obj"
+    save(PHOTO, tmp_path / "photo.png")
+    done = oiiotex("photo.png", f"--texatlas:mesh={path}:size=96x96:unwrapped={out}", "-v", "-o", "a.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "charts by xatlas" in done.stderr + done.stdout
+    made, again = read_mesh(path, 96, 96), read_mesh(out, 96, 96)
+    assert made.unwrapped and not again.unwrapped
+    assert made.chart.max() == again.chart.max()
+    np.testing.assert_allclose(np.sort(made.areas()[1]), np.sort(again.areas()[1]), atol=1e-6)
+
+
+CUBE = pictures.cube_obj()
+WRONG = {
+    "non-manifold": (CUBE + "v 3 3 3\nf 1/1 2/2 9/3\n", "non-manifold edges"),
+    "degenerate": (CUBE + "v 5 5 5\nv 6 6 6\nv 7 7 7\nf 9/1 10/2 11/3\n", "1 degenerate triangles"),
+    "overlapping": (CUBE + "v 5 5 5\nv 6 5 5\nv 6 6 5\nf 9/1 10/2 11/3\n", "charts overlap on"),
+    "NaN": (CUBE.replace("v 0.0 0.0 0.0", "v nan 0 0", 1), "vertices with NaN or Inf"),
+    "NaN UV": (CUBE.replace("vt 0.02", "vt 1e999", 1), "NaN or Inf UVs"),
+    "empty": ("# nothing\n", ""),
+    "points": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", ""),
+    "outside": (CUBE.replace("vt 0.02", "vt -3.02", 1), "UVs outside 0 to 1"),
+    "turned": (CUBE.replace("f 1/1 2/2 4/3", "f 1/1 4/3 2/2", 1), "face opposite sides"),
+    "flat UVs": (CUBE.replace("f 1/1 2/2 4/3", "f 1/1 2/1 4/1", 1), "UVs have no area"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_mesh_that_is_no_surface_is_refused_in_one_line(case, tmp_path):
+    text, says = WRONG[case]
+    (tmp_path / "m.obj").write_text(text)
+    save(PHOTO, tmp_path / "photo.png")
+    done = oiiotex("photo.png", "--texatlas:mesh=m.obj:size=64x64", "-o", "a.exr", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1 and done.stderr.startswith("oiiotex ERROR: --texatlas")
+    assert says in done.stderr and "m.obj" in done.stderr
+    assert not (tmp_path / "a.exr").exists()
+
+
+def test_what_is_missing_or_does_not_fit_is_said(tmp_path, monkeypatch):
+    cube, sphere = mesh_file("cube", tmp_path), mesh_file("sphere", tmp_path)
+    photo = buffer(PHOTO)
+    with pytest.raises(errors.ImageError, match=r"nowhere\.obj cannot be read as a mesh"):
+        filters.atlas(photo, mesh=tmp_path / "nowhere.obj")
+    with pytest.raises(errors.ParameterError, match=r"a pixel of the photo is .* allowed is 0.5 to 2"):
+        filters.atlas(photo, mesh=cube, scale=100.0)
+    with pytest.raises(errors.ParameterError, match=r"ends in \.obj"):
+        filters.atlas(photo, mesh=cube, unwrapped=tmp_path / "out.ply")
+    monkeypatch.setitem(sys.modules, "xatlas", None)
+    with pytest.raises(errors.ParameterError, match=r"no UVs.*pip install 'oiiotex\[atlas\]'"):
+        filters.atlas(photo, mesh=sphere)
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    with pytest.raises(errors.ParameterError, match=r"pip install 'oiiotex\[atlas\]'"):
+        filters.atlas(photo, mesh=cube)
+
+
+def test_scale_is_the_width_of_the_photo_on_the_surface(tmp_path):
+    """Pieces that are copied whole go on by so many pixels of the photo for one of the atlas."""
+    path = mesh_file("plane", tmp_path)
+    for scale in (0.8, 1.2):
+        st = pixels(filters.atlas(buffer(PHOTO), mesh=path, size=(120, 120), scale=scale, stmap=True)["st"])
+        on = np.rint(np.diff(st[..., 0], axis=1) * 96)
+        whole = (on >= 0) & (on <= 2)
+        assert whole.mean() > 0.5
+        assert on[whole].mean() == pytest.approx(96 / (120 * scale), rel=0.05)
