@@ -48,6 +48,7 @@ OURS = {
     ".ocio",
     ".pyi",
     ".toml",
+    ".obj",
     ".zip",
 }
 NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`

@@ -6,11 +6,8 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..atlas.charts import Frames
-from ..atlas.mesh import Mesh, read_mesh
-from ..atlas.synthesis import stack, synthesize
 from ..core.access import Whole
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
@@ -19,6 +16,9 @@ from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..exemplar.exemplar_op import ExemplarOp
 from ..session import Session
+
+if TYPE_CHECKING:
+    from ..atlas.mesh import Mesh
 
 log = logging.getLogger("oiiotex")
 
@@ -55,6 +55,10 @@ class Atlas(ExemplarOp, Whole):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The atlas, and where its pixels come from."""
+        from ..atlas.charts import Frames  # trimesh and its like are slow to import
+        from ..atlas.mesh import read_mesh
+        from ..atlas.synthesis import stack, synthesize
+
         if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
             raise ParameterError(f"unwrapped={self.unwrapped}: allowed is a file that ends in .obj")
         photo = self.exemplar.first.spec
@@ -87,8 +91,8 @@ class Atlas(ExemplarOp, Whole):
         if not _FINEST <= unit / texel <= _COARSEST:
             raise ParameterError(
                 f"scale={self.scale:g}: a pixel of the photo is {unit / texel:.3g} pixels of {size} on this mesh;"
-                f" allowed is {_FINEST:g} to {_COARSEST:g}: a scale about {texel * photo_width:.3g}, another size, or"
-                " --resize of the photo"
+                f" allowed is {_FINEST:g} to {_COARSEST:g}: a scale about {texel * photo_width:.3g}, another size, or a"
+                " smaller or larger photo"
             )
         stretch = np.sort(flat / solid)
         low, high = stretch[[len(stretch) // 20, -1 - len(stretch) // 20]]
