@@ -137,6 +137,26 @@ def test_a_job_template_has_shares_and_a_join_behind_them(folder):
         openjd.share_template("x", ["--echo", "{{x}}"], 2, 100)
 
 
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        ("a.png", "reads or writes that file"),
+        ("./out.exr", "reads or writes that file"),
+        ("notes.txt", "no job template of oiiotex"),
+        ("job.json,0", "allowed is openjd=FILE or openjd=FILE,SHARES"),
+        ("job.json,999999", "allowed is openjd=FILE or openjd=FILE,SHARES"),
+    ],
+)
+def test_a_job_template_takes_no_other_files_place(folder, place, text):
+    (folder / "notes.txt").write_text("mine")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(errors.Error, match=text):
+        run(["a.png", "--flip", "-o", "out.exr", "--farm", f"openjd={place}"])
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    for _ in range(2):  # an older one it does take
+        run(["a.png", "--flip", "-o", "out.exr", "--farm", "openjd=job.json"])
+
+
 def test_a_template_over_frames_has_a_task_for_each(folder):
     for n in (1, 2, 5):
         shutil.copy("a.png", f"in.{n:04d}.png")
