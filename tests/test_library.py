@@ -425,6 +425,27 @@ def test_a_second_run_makes_only_what_has_changed(photos, tmp_path, here, monkey
     assert len(list(library.glob("assets/*/*"))) == 2
 
 
+def test_an_asset_whose_folder_has_gone_is_made_again(photos, tmp_path, here):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    (folder,) = library.glob("assets/gravel/*")
+    shutil.rmtree(folder)
+    tally, _ = brought_in(photos, library, recipe())
+    assert (tally.made, tally.unchanged) == (1, 1) and folder.is_dir()
+    with Catalogue(library) as catalogue:
+        assert list(check(catalogue)) == []
+
+
+def test_nothing_is_exported_into_the_library(photos, tmp_path, here):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    for target in (library, library / "assets", tmp_path / "photos/../library/new"):
+        with pytest.raises(errors.Error, match="lies in the library: export to a folder outside of it"):
+            run(["export", str(library), str(target)])
+    with Catalogue(library) as catalogue:
+        assert list(check(catalogue)) == [] and orphans(catalogue) == []
+
+
 def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
     save(drawn.noise(24, 24, 3)[..., None], photos / "scans" / "wall_disp_1k.png")
     told = recipe(LINE + "[judge]\nlimits = ['height_steps>0.1']\n")

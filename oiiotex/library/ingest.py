@@ -131,7 +131,7 @@ class _Run:
                 if not before or (not before.folder and before.reasons != questions):  # what is there stays there
                     asked.append((Asset(material.name, key, "asked", "", questions, str(self.photos)), (), {}, ()))
                 continue
-            if before and before.key == key and before.status in ("ok", "review"):
+            if before and self._is_made(before, key):
                 self._count(before.status)
                 continue
             folder = str(self.library / before.folder) if before and before.folder else ""
@@ -152,6 +152,10 @@ class _Run:
         if not os.path.isdir(before.root):  # the folder has moved
             return ()
         return (f"{before.root} has a material of that name, too: rename the files of one",)
+
+    def _is_made(self, asset: Asset, key: str) -> bool:
+        """Whether there is nothing to do: its folder is there, too."""
+        return asset.key == key and asset.status in ("ok", "review") and (self.library / asset.folder).is_dir()
 
     def _count(self, status: str) -> None:
         self.counts[status] = self.counts.get(status, 0) + 1
@@ -178,7 +182,7 @@ class _Run:
                 continue
             tried.add(name)
             asset = self.catalogue.asset(name)
-            if asset and asset.key == self._key(job) and asset.status in ("ok", "review"):  # by another run, meanwhile
+            if asset and self._is_made(asset, self._key(job)):  # by another run, meanwhile
                 self.catalogue.release(name, self.name)
                 self._count(asset.status)
                 continue

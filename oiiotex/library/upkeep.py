@@ -149,9 +149,11 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
     Raises
     ------
     Error
-        The folder cannot be written.
+        The folder cannot be written, lies in the library, or has a folder of an asset's name that is none.
     """
     count, index = 0, []
+    if target.resolve().is_relative_to(catalogue.library.resolve()):
+        raise ParameterError(f"{target}: lies in the library: export to a folder outside of it")
     try:
         target.mkdir(parents=True, exist_ok=True)
         for asset in chosen:
