@@ -446,6 +446,22 @@ def test_nothing_is_exported_into_the_library(photos, tmp_path, here):
         assert list(check(catalogue)) == [] and orphans(catalogue) == []
 
 
+def test_an_export_replaces_assets_alone(photos, tmp_path, here):
+    library, target = tmp_path / "library", tmp_path / "target"
+    brought_in(photos, library, recipe())
+    (target / "wall").mkdir(parents=True)
+    (target / "wall/mine.txt").write_text("mine")
+    for sidecar in (None, "[]", '{"schema": "mine/1"}'):
+        if sidecar:
+            (target / "wall/asset.json").write_text(sidecar)
+        with pytest.raises(errors.Error, match="is no asset, and would be replaced by one: remove it"):
+            run(["export", str(library), str(target)])
+    assert (target / "wall/mine.txt").read_text() == "mine" and not (target / "gravel").exists()
+    (target / "wall/asset.json").write_text('{"schema": "oiiotex.asset/0"}')
+    run(["export", str(library), str(target)])
+    assert (target / "wall/wall.mtlx").is_file() and not (target / "wall/mine.txt").exists()
+
+
 def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
     save(drawn.noise(24, 24, 3)[..., None], photos / "scans" / "wall_disp_1k.png")
     told = recipe(LINE + "[judge]\nlimits = ['height_steps>0.1']\n")
