@@ -185,6 +185,14 @@ def test_what_cannot_be_read_is_asked_for_and_a_library_is_no_photo(tmp_path):
     assert "bad.zip" in found["bad"].questions[0] and "licence: allowed is a text" in found["b"].questions[0]
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="NOT RUN: no pipes with names")
+def test_a_pipe_is_no_photo(tmp_path):
+    touched(tmp_path, "a.png")
+    for name in ("a.toml", "b.png", "c.zip"):
+        os.mkfifo(tmp_path / name)
+    assert list(names_of(tmp_path, recipe())) == ["a"]
+
+
 # --- recipes and lines ---
 
 

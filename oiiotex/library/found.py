@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import stat
 import zipfile
 from collections import defaultdict
 from collections.abc import Iterable
@@ -150,7 +151,7 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
 
 
 def _files(photos: Path) -> Iterable[str]:
-    """Files below the folder that matter, hidden ones left out."""
+    """Files below the folder that matter, hidden ones left out; a link that leads nowhere is said where it is read."""
     if not photos.is_dir():
         raise Error(f"{photos}: no such folder")
     wanted = _IMAGES | {".zip", ".toml"}
@@ -161,8 +162,17 @@ def _files(photos: Path) -> Iterable[str]:
         folders[:] = [name for name in folders if not name.startswith(".")]
         below = os.path.relpath(folder, photos).replace(os.sep, "/")
         for name in names:
-            if not name.startswith(".") and os.path.splitext(name)[1].lower() in wanted:
+            matters = not name.startswith(".") and os.path.splitext(name)[1].lower() in wanted
+            if matters and _is_file(os.path.join(folder, name)):
                 yield name if below == "." else f"{below}/{name}"
+
+
+def _is_file(path: str) -> bool:
+    """Whether it is no pipe, socket or device, which would be waited for."""
+    try:
+        return stat.S_ISREG(os.stat(path).st_mode)
+    except OSError:  # it says why when it is read
+        return True
 
 
 def _images(photos: Path, path: str) -> list[MapFile]:
