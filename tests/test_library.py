@@ -480,6 +480,35 @@ def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
     assert (folder / "card.jpg").is_file()
 
 
+def test_a_photo_that_is_not_there_fails_alone(photos, tmp_path, here, monkeypatch):
+    (photos / "linked_diff.png").symlink_to("nowhere.png")
+    (photos / "gone_diff.png").touch()
+    digest = ingest.digest_of
+    monkeypatch.setattr(ingest, "digest_of", lambda p: (p.name == "gone_diff.png" and p.unlink(), digest(p))[1])
+    tally, said = brought_in(photos, tmp_path / "library", recipe())
+    assert (tally.status, tally.counts) == (1, {"failed": 2, "ok": 2})
+    for name in ("gone", "linked"):
+        assert f"{name}: failed: {name}_diff.png: cannot be read: No such file or directory" in said
+    with Catalogue(tmp_path / "library") as catalogue:
+        assert catalogue.assets()["linked"].status == "failed" and list(check(catalogue)) == []
+
+
+def test_a_photo_whose_name_is_no_text_fails_alone(photos, tmp_path, here, capsys):
+    try:
+        (photos / os.fsdecode(b"caf\xe9_diff.png")).touch()
+        (photos / os.fsdecode(b"caf\xe9_x_col.png")).touch()
+        (photos / os.fsdecode(b"caf\xe9_x_col.jpg")).touch()
+    except OSError:
+        pytest.skip("NOT RUN: file names are text here")
+    library = tmp_path / "library"
+    tally, said = brought_in(photos, library, recipe())
+    assert (tally.status, tally.counts) == (1, {"failed": 1, "asked": 1, "ok": 2})
+    assert r"caf: failed: caf\udce9_diff.png: its name is not UTF-8: rename it" in said
+    with Catalogue(library) as catalogue:
+        write_report(catalogue, "library")
+    assert run(["list", str(library), "--status", "asked"]) == 0 and r"caf\udce9_x_col" in capsys.readouterr().out
+
+
 def test_a_broken_material_fails_alone(photos, tmp_path, here):
     (photos / "broken_diff.png").write_bytes(b"no picture")
     library = tmp_path / "library"
