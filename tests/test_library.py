@@ -19,6 +19,7 @@ from oiiotex import errors
 from oiiotex.cli.progress import Display
 from oiiotex.library import asset as making
 from oiiotex.library import catalogue as catalogues
+from oiiotex.library import found as finding
 from oiiotex.library import ingest
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.found import MapFile, materials
@@ -179,9 +180,13 @@ def test_what_is_known_lies_beside_the_photo_or_in_the_recipe(tmp_path):
 def test_what_cannot_be_read_is_asked_for_and_a_library_is_no_photo(tmp_path):
     touched(tmp_path, "a.png", "b.png", "lib/library.sqlite", "lib/assets/x/k/thumbnail.jpg", "other.toml")
     (tmp_path / "bad.zip").write_bytes(b"no archive")
+    with zipfile.ZipFile(tmp_path / "name.zip", "w") as archive:
+        archive.writestr("\u00e9.png", b"")
+    (tmp_path / "name.zip").write_bytes((tmp_path / "name.zip").read_bytes().replace(b"\xc3\xa9", b"\xff\xff"))
     (tmp_path / "b.toml").write_text("licence = 3\n")
     found = {material.name: material for material in materials(tmp_path, recipe())}
-    assert sorted(found) == ["a", "b", "bad"] and found["a"].questions == ()
+    assert sorted(found) == ["a", "b", "bad", "name"] and found["a"].questions == ()
+    assert "name.zip: 'utf-8' codec" in found["name"].questions[0]
     assert "bad.zip" in found["bad"].questions[0] and "licence: allowed is a text" in found["b"].questions[0]
 
 
@@ -191,6 +196,20 @@ def test_a_pipe_is_no_photo(tmp_path):
     for name in ("a.toml", "b.png", "c.zip"):
         os.mkfifo(tmp_path / name)
     assert list(names_of(tmp_path, recipe())) == ["a"]
+
+
+def test_an_archive_of_zeros_is_not_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(finding, "_LARGE", 1 << 18)
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("bomb.png", bytes(1 << 20))
+        archive.writestr("small.png", bytes(1 << 17))
+        archive.writestr("photo.png", os.urandom(1 << 10) * (1 << 9))  # 512 KB, and packed by far less than zeros
+    with pytest.raises(errors.Error, match=r"a\.zip!bomb\.png: unpacks to over 200 times its size"):
+        finding.extract(tmp_path, MapFile("a.zip", "bomb.png"), tmp_path / "bomb.png")
+    assert not (tmp_path / "bomb.png").exists()
+    for name in ("small.png", "photo.png"):
+        finding.extract(tmp_path, MapFile("a.zip", name), tmp_path / name)
+        assert (tmp_path / name).stat().st_size >= 1 << 17
 
 
 # --- recipes and lines ---

@@ -22,6 +22,8 @@ from .recipe import Facts, Recipe, facts_beside
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
 _FLOATS = {".exr", ".hdr"}
 _MOST_MEMBER = 8 << 30  # bytes that a member of an archive may have
+_LARGE = 64 << 20  # bytes from which on a member may not unpack to more than
+_MOST_UNPACKED = 200  # times what it takes in the archive: zeros, which fill disks
 _CHANNELS = "RGB"
 
 
@@ -134,7 +136,7 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
     Raises
     ------
     Error
-        The archive is broken, or the member is not there or too large.
+        The archive is broken, or the member is not there, too large, or packed as no photo is.
     """
     source = (photos / file.path).resolve()
     if not file.member:
@@ -142,8 +144,13 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
         return
     try:
         with zipfile.ZipFile(source) as archive:
-            if archive.getinfo(file.member).file_size > _MOST_MEMBER:
+            info = archive.getinfo(file.member)
+            if info.file_size > _MOST_MEMBER:
                 raise Error(f"{file}: larger than {_MOST_MEMBER >> 30} GB")
+            if info.file_size > max(_LARGE, _MOST_UNPACKED * info.compress_size):
+                raise Error(
+                    f"{file}: unpacks to over {_MOST_UNPACKED} times its size: unpack the archive if you trust it"
+                )
             with archive.open(file.member) as packed, open(target, "wb") as out:
                 shutil.copyfileobj(packed, out, 1 << 20)
     except (OSError, KeyError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
@@ -181,7 +188,7 @@ def _images(photos: Path, path: str) -> list[MapFile]:
     try:
         with zipfile.ZipFile(photos / path) as archive:
             members = [info.filename for info in archive.infolist() if not info.is_dir()]
-    except (OSError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:  # ValueError: of names
         raise Error(f"{path}: {error}") from error
     return [
         MapFile(path, member)
