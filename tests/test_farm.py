@@ -97,6 +97,7 @@ def test_shares_of_another_line_and_of_another_photo_are_not_taken(folder):
     ("words", "text"),
     [
         (["--share", "4/3"], "--share 4/3: allowed is I/N, I from 1 to N"),
+        (["--share", "1/1000000"], "--share 1/1000000: allowed is I/N, I from 1 to N, N to 999999"),
         (["--share", "1/2", "--join"], "--share and --join: a run does one of them"),
         (["--farm", "slurm=x"], "--farm slurm=x: allowed are dask="),
         (["--farm", "dask=here"], "dask=here: allowed is tcp://HOST:PORT"),

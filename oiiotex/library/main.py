@@ -133,7 +133,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     if given.share:
         match = _SHARE.fullmatch(given.share)
         if not match or int(match[1]) > int(match[2]) or given.join:
-            raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, without --join")
+            raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, N to 999999, without --join")
         share = int(match[1]), int(match[2])
     from .catalogue import Catalogue
     from .ingest import Settings, ingest
