@@ -496,6 +496,21 @@ def test_an_export_replaces_assets_alone(photos, tmp_path, here):
     assert (target / "wall/wall.mtlx").is_file() and not (target / "wall/mine.txt").exists()
 
 
+def test_a_broken_catalogue_is_written_anew_from_the_folders(photos, tmp_path, here, monkeypatch):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    (library / catalogues.FILE).write_bytes(b"no database" * 1000)
+    with pytest.raises(
+        errors.Error, match=r"library.sqlite: file is not a database: remove .*library.sqlite[*] and ingest"
+    ):
+        run(["list", str(library)])
+    (library / catalogues.FILE).unlink()
+    monkeypatch.setattr(ingest, "_in_processes", lambda jobs, workers: [pytest.fail(f"{job}") for job in jobs])
+    brought_in(photos, library, recipe())
+    with Catalogue(library) as catalogue:
+        assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
+
+
 def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
     save(drawn.noise(24, 24, 3)[..., None], photos / "scans" / "wall_disp_1k.png")
     told = recipe(LINE + "[judge]\nlimits = ['height_steps>0.1']\n")
