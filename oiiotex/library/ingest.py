@@ -122,6 +122,7 @@ class _Run:
     def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[Job]:
         """What is to be made; questions and what cannot be read are recorded, and what is as it was is counted."""
         old, asked, todo = self.catalogue.assets(), [], []
+        self.total = len(found)  # until it is known how many are to be made
         for material in found:
             before = old.get(material.name)
             own = {role: digests.get(file.path, "") for role, file in material.maps.items()}
