@@ -97,6 +97,7 @@ def test_shares_of_another_line_and_of_another_photo_are_not_taken(folder):
     ("words", "text"),
     [
         (["--share", "4/3"], "--share 4/3: allowed is I/N, I from 1 to N"),
+        (["--share", "1/1000000"], "--share 1/1000000: allowed is I/N, I from 1 to N, N to 999999"),
         (["--share", "1/2", "--join"], "--share and --join: a run does one of them"),
         (["--farm", "slurm=x"], "--farm slurm=x: allowed are dask="),
         (["--farm", "dask=here"], "dask=here: allowed is tcp://HOST:PORT"),
@@ -135,6 +136,26 @@ def test_a_job_template_has_shares_and_a_join_behind_them(folder):
     assert "--farm" not in json.dumps(template)
     with pytest.raises(errors.Error, match="which it cannot say"):
         openjd.share_template("x", ["--echo", "{{x}}"], 2, 100)
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        ("a.png", "reads or writes that file"),
+        ("./out.exr", "reads or writes that file"),
+        ("notes.txt", "no job template of oiiotex"),
+        ("job.json,0", "allowed is openjd=FILE or openjd=FILE,SHARES"),
+        ("job.json,999999", "allowed is openjd=FILE or openjd=FILE,SHARES"),
+    ],
+)
+def test_a_job_template_takes_no_other_files_place(folder, place, text):
+    (folder / "notes.txt").write_text("mine")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(errors.Error, match=text):
+        run(["a.png", "--flip", "-o", "out.exr", "--farm", f"openjd={place}"])
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    for _ in range(2):  # an older one it does take
+        run(["a.png", "--flip", "-o", "out.exr", "--farm", "openjd=job.json"])
 
 
 def test_a_template_over_frames_has_a_task_for_each(folder):

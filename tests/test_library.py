@@ -19,6 +19,7 @@ from oiiotex import errors
 from oiiotex.cli.progress import Display
 from oiiotex.library import asset as making
 from oiiotex.library import catalogue as catalogues
+from oiiotex.library import found as finding
 from oiiotex.library import ingest
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.found import MapFile, materials
@@ -179,10 +180,36 @@ def test_what_is_known_lies_beside_the_photo_or_in_the_recipe(tmp_path):
 def test_what_cannot_be_read_is_asked_for_and_a_library_is_no_photo(tmp_path):
     touched(tmp_path, "a.png", "b.png", "lib/library.sqlite", "lib/assets/x/k/thumbnail.jpg", "other.toml")
     (tmp_path / "bad.zip").write_bytes(b"no archive")
+    with zipfile.ZipFile(tmp_path / "name.zip", "w") as archive:
+        archive.writestr("\u00e9.png", b"")
+    (tmp_path / "name.zip").write_bytes((tmp_path / "name.zip").read_bytes().replace(b"\xc3\xa9", b"\xff\xff"))
     (tmp_path / "b.toml").write_text("licence = 3\n")
     found = {material.name: material for material in materials(tmp_path, recipe())}
-    assert sorted(found) == ["a", "b", "bad"] and found["a"].questions == ()
+    assert sorted(found) == ["a", "b", "bad", "name"] and found["a"].questions == ()
+    assert "name.zip: 'utf-8' codec" in found["name"].questions[0]
     assert "bad.zip" in found["bad"].questions[0] and "licence: allowed is a text" in found["b"].questions[0]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="NOT RUN: no pipes with names")
+def test_a_pipe_is_no_photo(tmp_path):
+    touched(tmp_path, "a.png")
+    for name in ("a.toml", "b.png", "c.zip"):
+        os.mkfifo(tmp_path / name)
+    assert list(names_of(tmp_path, recipe())) == ["a"]
+
+
+def test_an_archive_of_zeros_is_not_unpacked(tmp_path, monkeypatch):
+    monkeypatch.setattr(finding, "_LARGE", 1 << 18)
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("bomb.png", bytes(1 << 20))
+        archive.writestr("small.png", bytes(1 << 17))
+        archive.writestr("photo.png", os.urandom(1 << 10) * (1 << 9))  # 512 KB, and packed by far less than zeros
+    with pytest.raises(errors.Error, match=r"a\.zip!bomb\.png: unpacks to over 200 times its size"):
+        finding.extract(tmp_path, MapFile("a.zip", "bomb.png"), tmp_path / "bomb.png")
+    assert not (tmp_path / "bomb.png").exists()
+    for name in ("small.png", "photo.png"):
+        finding.extract(tmp_path, MapFile("a.zip", name), tmp_path / name)
+        assert (tmp_path / name).stat().st_size >= 1 << 17
 
 
 # --- recipes and lines ---
@@ -210,6 +237,13 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         ('[[product]]\nname = "t"\nline = "$map $outputs"\n', "[$]map is no placeholder"),
         ('[[product]]\nname = "t"\nline = "x$color $outputs"\n', "[$]color must be a word of its own"),
         ('[[product]]\nname = "t"\nline = "$maps \\"$outputs"\n', "No closing quotation"),
+        ('[[product]]\nname = "t"\nline = "$maps --texlive $outputs"\n', "t: --texlive: nobody looks on"),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs --tev"\n', "--tev: nobody looks on"),
+        ('[[product]]\nname = "t"\nline = "$maps --farm dask=local:2 $outputs"\n', "--farm: .*ingest. spreads"),
+        ('[[product]]\nname = "t"\nline = "$maps --share 1/2 $outputs"\n', "--share: .*ingest. spreads"),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs --join"\n', "--join: .*ingest. spreads"),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs $outputs"\n', "[$]outputs stands twice"),
+        ('[[product]]\nname = "t"\nline = "$maps $outputs x.png"\n', "'x.png' behind [$]outputs: only options"),
         ('[[product]]\nname = "T"\nline = "$maps $outputs"\n', "name 'T': allowed are a-z"),
         ('[[product]]\nname = "t"\n', "line must be given"),
         ("", "there is no .*product"),
@@ -425,6 +459,58 @@ def test_a_second_run_makes_only_what_has_changed(photos, tmp_path, here, monkey
     assert len(list(library.glob("assets/*/*"))) == 2
 
 
+def test_an_asset_whose_folder_has_gone_is_made_again(photos, tmp_path, here):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    (folder,) = library.glob("assets/gravel/*")
+    shutil.rmtree(folder)
+    tally, _ = brought_in(photos, library, recipe())
+    assert (tally.made, tally.unchanged) == (1, 1) and folder.is_dir()
+    with Catalogue(library) as catalogue:
+        assert list(check(catalogue)) == []
+
+
+def test_nothing_is_exported_into_the_library(photos, tmp_path, here):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    for target in (library, library / "assets", tmp_path / "photos/../library/new"):
+        with pytest.raises(errors.Error, match="lies in the library: export to a folder outside of it"):
+            run(["export", str(library), str(target)])
+    with Catalogue(library) as catalogue:
+        assert list(check(catalogue)) == [] and orphans(catalogue) == []
+
+
+def test_an_export_replaces_assets_alone(photos, tmp_path, here):
+    library, target = tmp_path / "library", tmp_path / "target"
+    brought_in(photos, library, recipe())
+    (target / "wall").mkdir(parents=True)
+    (target / "wall/mine.txt").write_text("mine")
+    for sidecar in (None, "[]", '{"schema": "mine/1"}'):
+        if sidecar:
+            (target / "wall/asset.json").write_text(sidecar)
+        with pytest.raises(errors.Error, match="is no asset, and would be replaced by one: remove it"):
+            run(["export", str(library), str(target)])
+    assert (target / "wall/mine.txt").read_text() == "mine" and not (target / "gravel").exists()
+    (target / "wall/asset.json").write_text('{"schema": "oiiotex.asset/0"}')
+    run(["export", str(library), str(target)])
+    assert (target / "wall/wall.mtlx").is_file() and not (target / "wall/mine.txt").exists()
+
+
+def test_a_broken_catalogue_is_written_anew_from_the_folders(photos, tmp_path, here, monkeypatch):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    (library / catalogues.FILE).write_bytes(b"no database" * 1000)
+    with pytest.raises(
+        errors.Error, match=r"library.sqlite: file is not a database: remove .*library.sqlite[*] and ingest"
+    ):
+        run(["list", str(library)])
+    (library / catalogues.FILE).unlink()
+    monkeypatch.setattr(ingest, "_in_processes", lambda jobs, workers: [pytest.fail(f"{job}") for job in jobs])
+    brought_in(photos, library, recipe())
+    with Catalogue(library) as catalogue:
+        assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
+
+
 def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
     save(drawn.noise(24, 24, 3)[..., None], photos / "scans" / "wall_disp_1k.png")
     told = recipe(LINE + "[judge]\nlimits = ['height_steps>0.1']\n")
@@ -433,6 +519,35 @@ def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
     (folder,) = (tmp_path / "library").glob("review/wall/*")
     assert (folder / "reason.txt").read_text().startswith("height_steps>0.1: 0.")
     assert (folder / "card.jpg").is_file()
+
+
+def test_a_photo_that_is_not_there_fails_alone(photos, tmp_path, here, monkeypatch):
+    (photos / "linked_diff.png").symlink_to("nowhere.png")
+    (photos / "gone_diff.png").touch()
+    digest = ingest.digest_of
+    monkeypatch.setattr(ingest, "digest_of", lambda p: (p.name == "gone_diff.png" and p.unlink(), digest(p))[1])
+    tally, said = brought_in(photos, tmp_path / "library", recipe())
+    assert (tally.status, tally.counts) == (1, {"failed": 2, "ok": 2})
+    for name in ("gone", "linked"):
+        assert f"{name}: failed: {name}_diff.png: cannot be read: No such file or directory" in said
+    with Catalogue(tmp_path / "library") as catalogue:
+        assert catalogue.assets()["linked"].status == "failed" and list(check(catalogue)) == []
+
+
+def test_a_photo_whose_name_is_no_text_fails_alone(photos, tmp_path, here, capsys):
+    try:
+        (photos / os.fsdecode(b"caf\xe9_diff.png")).touch()
+        (photos / os.fsdecode(b"caf\xe9_x_col.png")).touch()
+        (photos / os.fsdecode(b"caf\xe9_x_col.jpg")).touch()
+    except OSError:
+        pytest.skip("NOT RUN: file names are text here")
+    library = tmp_path / "library"
+    tally, said = brought_in(photos, library, recipe())
+    assert (tally.status, tally.counts) == (1, {"failed": 1, "asked": 1, "ok": 2})
+    assert r"caf: failed: caf\udce9_diff.png: its name is not UTF-8: rename it" in said
+    with Catalogue(library) as catalogue:
+        write_report(catalogue, "library")
+    assert run(["list", str(library), "--status", "asked"]) == 0 and r"caf\udce9_x_col" in capsys.readouterr().out
 
 
 def test_a_broken_material_fails_alone(photos, tmp_path, here):

@@ -130,6 +130,12 @@ def test_two_runs_at_once_share_the_work(folder):
         (["ingest", "photos"], "the following arguments are required: LIBRARY, --recipe"),
         (["ingest", "photos", "x", "--recipe", "none.toml"], "none.toml: no such file"),
         (["ingest", "photos", "x", "--recipe", "bad.toml"], "product tile: unknown option '--texflat'"),
+        (
+            ["ingest", "photos", "x", "--recipe", "recipe.toml", "--farm", "openjd=recipe.toml"],
+            "reads or writes that file",
+        ),
+        (["ingest", "photos", "x", "--recipe", "recipe.toml", "--farm", "openjd=j.json,0"], "openjd=FILE,SHARES"),
+        (["ingest", "photos", "x", "--recipe", "recipe.toml", "--share", "1/1000000"], "I from 1 to N, N to 999999"),
         (["list", "photos"], "photos: no library: oiiotex-library ingest PHOTOS photos makes one"),
         (["lst", "photos"], "invalid choice: 'lst'"),
     ],

@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from ..core.access import Whole
 from ..errors import Error, ParameterError
-from ..io.atomic import temporary_beside
 from ..session import Session
 from .parse import CommandLine
 from .progress import Display
@@ -21,8 +17,6 @@ from .shares import Shares, line_of
 from .tasks import Job, Task, run_task, work
 
 _SHARES_A_WORKER = 4  # so that who is slow holds nobody up
-_SHARES = 16  # of a job template, when the line does not say
-_OPENJD = re.compile(r"(.+?)(?:,([1-9]\d{0,4}))?", re.ASCII)
 _LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
 
 
@@ -54,7 +48,7 @@ def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], sessio
         _require_shares(command)
     if engine == "dask":
         return _on_dask(place, words, tasks, session, display)
-    _write_template(place, command, words, session)
+    _write_template(place, command, words, tasks, session)
     return 0
 
 
@@ -91,13 +85,14 @@ def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Ses
     return status if len(tasks) > 1 else run_task(tasks[0], session, Shares.of(line))
 
 
-def _write_template(place: str, command: CommandLine, words: Sequence[str], session: Session) -> None:
-    from ..farm.openjd import frame_template, share_template
+def _write_template(
+    place: str, command: CommandLine, words: Sequence[str], tasks: Sequence[Task], session: Session
+) -> None:
+    from ..farm.openjd import frame_template, place_of, share_template, write_template
 
-    match = _OPENJD.fullmatch(place)
-    assert match is not None
-    path, shares = Path(match[1]), int(match[2] or _SHARES)
+    path, shares = place_of(place)
     line = list(line_of(words))
+    own = {word for task in tasks for word in line_of(task.frame.words)}
     memory = session.budget >> 20 if "--cache" in command.settings else _LEAST_MEMORY
     if "--frames" in command.settings:
         at = line.index("--frames")
@@ -105,5 +100,4 @@ def _write_template(place: str, command: CommandLine, words: Sequence[str], sess
         template = frame_template(path.stem, line, frame_numbers(command.settings["--frames"][0]), memory)
     else:
         template = share_template(path.stem, line, shares, memory)
-    with temporary_beside(path) as temporary:
-        temporary.write_text(json.dumps(template, indent=2) + "\n")
+    write_template(path, template, own)

@@ -7,11 +7,19 @@ its other parameter says.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import os
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from ..errors import ParameterError
+from ..io.atomic import temporary_beside
 
+_VERSION = "jobtemplate-2023-09"
+_PLACE = re.compile(r"((?:.*/)?[^/,]+)(?:,([1-9][0-9]{0,4}))?", re.DOTALL)
+_SHARES = 16  # when the line does not say
 _IN_FOLDER = 'cd "$0" && exec "$@"'
 _TIMEOUT = 86_400  # s that a task may take
 
@@ -61,6 +69,66 @@ def frame_template(name: str, words: Sequence[str], frames: Sequence[int], memor
     return _template(name, [step], "oiiotex")
 
 
+def place_of(text: str) -> tuple[Path, int]:
+    """FILE or FILE,SHARES -> the file and how many shares.
+
+    Raises
+    ------
+    ParameterError
+        It is neither: what follows a comma is no number of shares.
+    """
+    match = _PLACE.fullmatch(text)
+    if not match:
+        raise ParameterError(
+            f"--farm openjd={text}: allowed is openjd=FILE or openjd=FILE,SHARES, 1 to 99999, no comma in FILE"
+        )
+    return Path(match[1]), int(match[2] or _SHARES)
+
+
+def write_template(path: Path, template: dict[str, Any], words: Iterable[str]) -> None:
+    """Write a template, over an older one but over nothing else.
+
+    Parameters
+    ----------
+    path : Path
+    template : dict
+    words : iterable of str
+        Of the line: what it reads and writes is among them, or among their modifiers' values.
+
+    Raises
+    ------
+    ParameterError
+        The file is one of the line's, or there is one that is no template.
+    ImageError
+        It cannot be written.
+    """
+    target = os.path.realpath(path)
+    for word in words:
+        values = [word, *re.split("[:=]", word)] if word.startswith("-") else [word]
+        if any(os.path.realpath(value) == target for value in values if value):
+            raise ParameterError(
+                f"--farm openjd={path}: the line reads or writes that file: give the template another name"
+            )
+    if os.path.lexists(path) and not _is_template(path):
+        raise ParameterError(
+            f"--farm openjd={path}: there is a file that is no job template of oiiotex: remove it first"
+        )
+    with temporary_beside(path) as temporary:
+        temporary.write_text(json.dumps(template, indent=2) + "\n")
+
+
+def _is_template(path: Path) -> bool:
+    """Whether a file is what `write_template` writes."""
+    if not path.is_file():  # reading a pipe would wait
+        return False
+    try:
+        found = json.loads(path.read_bytes())
+        names = [parameter["name"] for parameter in found["parameterDefinitions"]]
+        return bool(found["specificationVersion"] == _VERSION and names == ["Folder", "Program"])
+    except (OSError, ValueError, TypeError, KeyError):
+        return False
+
+
 def _require_sayable(words: Sequence[str]) -> None:
     """Templates have no way to say two braces."""
     for word in words:
@@ -83,7 +151,7 @@ def _numbers(name: str, range_of: str) -> dict[str, Any]:
 
 def _template(name: str, steps: list[dict[str, Any]], program: str) -> dict[str, Any]:
     return {
-        "specificationVersion": "jobtemplate-2023-09",
+        "specificationVersion": _VERSION,
         "name": name,
         "parameterDefinitions": [
             {

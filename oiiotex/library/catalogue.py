@@ -27,6 +27,7 @@ except ImportError:  # Windows
 FILE = "library.sqlite"
 WORK = ".making"  # folders of runs, each with what it works on
 _VERSION = 1
+_BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # files of which SQLite reads nothing
 _PATIENCE = 60.0  # s that one writer waits for another
 _TABLES = """
 CREATE TABLE assets (
@@ -349,6 +350,11 @@ def _said(library: Path) -> Iterator[None]:
     """SQLite's errors as ours."""
     try:
         yield
+    except sqlite3.DatabaseError as error:
+        if getattr(error, "sqlite_errorname", "").startswith(_BROKEN):
+            told = f"remove {library / FILE}* and ingest again, which records what is made"
+            raise Error(f"{library / FILE}: {error}: {told}") from error
+        raise Error(f"{library}: {error}") from error
     except (sqlite3.Error, OSError) as error:
         raise Error(f"{library}: {error}") from error
 

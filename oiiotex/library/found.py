@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import stat
 import zipfile
 from collections import defaultdict
 from collections.abc import Iterable
@@ -21,6 +22,8 @@ from .recipe import Facts, Recipe, facts_beside
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
 _FLOATS = {".exr", ".hdr"}
 _MOST_MEMBER = 8 << 30  # bytes that a member of an archive may have
+_LARGE = 64 << 20  # bytes from which on a member may not unpack to more than
+_MOST_UNPACKED = 200  # times what it takes in the archive: zeros, which fill disks
 _CHANNELS = "RGB"
 
 
@@ -133,7 +136,7 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
     Raises
     ------
     Error
-        The archive is broken, or the member is not there or too large.
+        The archive is broken, or the member is not there, too large, or packed as no photo is.
     """
     source = (photos / file.path).resolve()
     if not file.member:
@@ -141,8 +144,13 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
         return
     try:
         with zipfile.ZipFile(source) as archive:
-            if archive.getinfo(file.member).file_size > _MOST_MEMBER:
+            info = archive.getinfo(file.member)
+            if info.file_size > _MOST_MEMBER:
                 raise Error(f"{file}: larger than {_MOST_MEMBER >> 30} GB")
+            if info.file_size > max(_LARGE, _MOST_UNPACKED * info.compress_size):
+                raise Error(
+                    f"{file}: unpacks to over {_MOST_UNPACKED} times its size: unpack the archive if you trust it"
+                )
             with archive.open(file.member) as packed, open(target, "wb") as out:
                 shutil.copyfileobj(packed, out, 1 << 20)
     except (OSError, KeyError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
@@ -150,7 +158,7 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
 
 
 def _files(photos: Path) -> Iterable[str]:
-    """Files below the folder that matter, hidden ones left out."""
+    """Files below the folder that matter, hidden ones left out; a link that leads nowhere is said where it is read."""
     if not photos.is_dir():
         raise Error(f"{photos}: no such folder")
     wanted = _IMAGES | {".zip", ".toml"}
@@ -161,8 +169,17 @@ def _files(photos: Path) -> Iterable[str]:
         folders[:] = [name for name in folders if not name.startswith(".")]
         below = os.path.relpath(folder, photos).replace(os.sep, "/")
         for name in names:
-            if not name.startswith(".") and os.path.splitext(name)[1].lower() in wanted:
+            matters = not name.startswith(".") and os.path.splitext(name)[1].lower() in wanted
+            if matters and _is_file(os.path.join(folder, name)):
                 yield name if below == "." else f"{below}/{name}"
+
+
+def _is_file(path: str) -> bool:
+    """Whether it is no pipe, socket or device, which would be waited for."""
+    try:
+        return stat.S_ISREG(os.stat(path).st_mode)
+    except OSError:  # it says why when it is read
+        return True
 
 
 def _images(photos: Path, path: str) -> list[MapFile]:
@@ -171,7 +188,7 @@ def _images(photos: Path, path: str) -> list[MapFile]:
     try:
         with zipfile.ZipFile(photos / path) as archive:
             members = [info.filename for info in archive.infolist() if not info.is_dir()]
-    except (OSError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:  # ValueError: of names
         raise Error(f"{path}: {error}") from error
     return [
         MapFile(path, member)

@@ -25,7 +25,7 @@ from ..cli.parallel import without_interrupts, worker_processes
 from ..cli.progress import Display
 from ..cli.streams import loud
 from ..core.machine import memory, usable_threads
-from ..errors import Error, ParameterError
+from ..errors import Error, ParameterError, one_line
 from .asset import SIDECAR, Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
 from .catalogue import WORK, Asset, Catalogue, FoldersAlone
 from .found import Material, materials
@@ -90,13 +90,16 @@ def ingest(
         raise ParameterError(f"{library}: photos and library are one folder: give the library one of its own")
     found = materials(photos, recipe)
     photos, library = photos.resolve(), library.resolve()
+    for folder in (photos, library):
+        if not _is_text(folder):
+            raise ParameterError(f"{folder}: its name is not UTF-8: rename it")
     number, count = settings.share
     if count:
         found = found[number - 1 :: count]
     with FoldersAlone(library) if count else Catalogue(library, create=True) as catalogue, catalogue.run() as run:
-        digests = _digests(photos, found, catalogue)
+        digests, unread = _digests(photos, found, catalogue)
         work = _Run(photos, library, recipe, settings, say, display, catalogue, run)
-        todo = work.plan(found, digests)
+        todo = work.plan(found, digests, unread)
         return work.carry_out(todo, len(found), start)
 
 
@@ -116,14 +119,24 @@ class _Run:
     made: int = 0
     total: int = 0
 
-    def plan(self, found: Sequence[Material], digests: dict[str, str]) -> list[Job]:
-        """What is to be made; questions are recorded, and what is as it was is counted."""
+    def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[Job]:
+        """What is to be made; questions and what cannot be read are recorded, and what is as it was is counted."""
         old, asked, todo = self.catalogue.assets(), [], []
+        self.total = len(found)  # until it is known how many are to be made
         for material in found:
             before = old.get(material.name)
-            own = {role: digests[file.path] for role, file in material.maps.items()}
+            own = {role: digests.get(file.path, "") for role, file in material.maps.items()}
             key = key_of(material, self.recipe, own)
-            questions = material.questions or self._taken_by_another(before, key)
+            folder = str(self.library / before.folder) if before and before.folder else ""
+            job = Job(
+                material, self.recipe, str(self.photos), str(self.library), "", folder,
+                tuple(sorted(own.items())), 0, 0,
+            )  # fmt: skip
+            wrong = next((unread[file.path] for file in material.maps.values() if file.path in unread), "")
+            if wrong:
+                self._record(Outcome(material.name, None, wrong), job)
+                continue
+            questions = tuple(map(one_line, material.questions)) or self._taken_by_another(before, key)
             if questions:
                 self._count("asked")
                 if not before or before.reasons != questions:
@@ -131,16 +144,10 @@ class _Run:
                 if not before or (not before.folder and before.reasons != questions):  # what is there stays there
                     asked.append((Asset(material.name, key, "asked", "", questions, str(self.photos)), (), {}, ()))
                 continue
-            if before and before.key == key and before.status in ("ok", "review"):
+            if before and self._is_made(before, key):
                 self._count(before.status)
                 continue
-            folder = str(self.library / before.folder) if before and before.folder else ""
-            todo.append(
-                Job(
-                    material, self.recipe, str(self.photos), str(self.library), "", folder,
-                    tuple(sorted(own.items())), 0, 0,
-                )
-            )  # fmt: skip
+            todo.append(job)
         if asked:
             self.catalogue.put_all(asked)
         return todo
@@ -153,12 +160,16 @@ class _Run:
             return ()
         return (f"{before.root} has a material of that name, too: rename the files of one",)
 
+    def _is_made(self, asset: Asset, key: str) -> bool:
+        """Whether there is nothing to do: its folder is there, too."""
+        return asset.key == key and asset.status in ("ok", "review") and (self.library / asset.folder).is_dir()
+
     def _count(self, status: str) -> None:
         self.counts[status] = self.counts.get(status, 0) + 1
 
     def carry_out(self, todo: list[Job], total: int, start: float) -> Tally:
         """Do all jobs; those that another run is at are waited for."""
-        later, self.total = list(todo), len(todo)
+        later, self.total = list(todo), self.made + len(todo)
         self.display.stage("ingest", True)
         while later:
             self.catalogue.sweep()
@@ -178,7 +189,7 @@ class _Run:
                 continue
             tried.add(name)
             asset = self.catalogue.asset(name)
-            if asset and asset.key == self._key(job) and asset.status in ("ok", "review"):  # by another run, meanwhile
+            if asset and self._is_made(asset, self._key(job)):  # by another run, meanwhile
                 self.catalogue.release(name, self.name)
                 self._count(asset.status)
                 continue
@@ -340,20 +351,51 @@ def _in_processes(jobs: Iterator[Job], workers: int) -> Iterator[tuple[Outcome |
         first = list(itertools.islice(jobs, workers)) if lost else []
 
 
-def _digests(photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone) -> dict[str, str]:
-    """The SHA-256 of every file that is used; those that are as they were are not read again."""
-    known, digests, new = catalogue.sources(), {}, []
+def _digests(
+    photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone
+) -> tuple[dict[str, str], dict[str, str]]:
+    """The SHA-256 of every file that is used, and why others have none; what is as it was is not read again."""
+    known, digests, new = catalogue.sources(), dict[str, str](), []
+    unread: dict[str, str] = {}
     for path in sorted({file.path for material in found for file in material.maps.values()}):
-        status = os.stat(photos / path)
+        if not _is_text(path):
+            unread[path] = f"{one_line(path)}: its name is not UTF-8: rename it"
+            continue
+        try:
+            status = os.stat(photos / path)
+        except OSError as error:
+            unread[path] = _why(path, error)
+            continue
         facts = status.st_size, status.st_mtime_ns
         size, changed, digest = known.get(str(photos / path), (None, None, ""))
         if facts == (size, changed):
             digests[path] = digest
         else:
             new.append((path, *facts))
+
+    def digest_or_error(row: tuple[str, int, int]) -> str | OSError:
+        try:
+            return digest_of(photos / row[0])
+        except OSError as error:
+            return error
+
     with ThreadPoolExecutor(_READERS) as readers:
-        made = list(readers.map(lambda row: digest_of(photos / row[0]), new))
-    if new:
-        pairs = zip(new, made, strict=True)
-        catalogue.remember_sources((str(photos / path), *facts, digest) for (path, *facts), digest in pairs)
-    return digests | {row[0]: digest for row, digest in zip(new, made, strict=True)}
+        made = list(zip(new, readers.map(digest_or_error, new), strict=True))
+    unread |= {row[0]: _why(row[0], digest) for row, digest in made if isinstance(digest, OSError)}
+    read = [(row, digest) for row, digest in made if isinstance(digest, str)]
+    if read:
+        catalogue.remember_sources((str(photos / path), *facts, digest) for (path, *facts), digest in read)
+    return digests | {row[0]: digest for row, digest in read}, unread
+
+
+def _why(path: str, error: OSError) -> str:
+    return f"{path}: cannot be read: {error.strerror or error}"
+
+
+def _is_text(path: str | Path) -> bool:
+    """Whether a name is more than bytes: SQLite and JSON hold text."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True

@@ -19,6 +19,12 @@ from .recipe import Deliver, Recipe
 SOURCE = "source"  # the folder of a material's maps while lines run
 _HOLE = re.compile(r"\$(?:(\$)|\{([a-z_0-9.]+)\}|([a-z_0-9]+(?:\.[a-z_0-9]+)?))")
 _FLIP = ("--mulc", "1,-1,1", "--addc", "0,1,0")  # of normals in 0..1: what DirectX has downwards is upwards in OpenGL
+_SPREADS = "`oiiotex-library ingest` spreads materials itself"
+_SHOWS = "nobody looks on while a library is made"
+_NOT_HERE = {
+    "--farm": _SPREADS, "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS,
+    "--tev": _SHOWS,
+}  # fmt: skip
 _KINDS = {"color": "colour", "normal": "normal", "height": "height"}
 
 
@@ -75,19 +81,36 @@ def require_lines(recipe: Recipe) -> str:
     Raises
     ------
     ParameterError
-        An option or a modifier is unknown, a placeholder is none, or not one line has `$outputs`.
+        An option or a modifier is unknown or no library's, a placeholder is none, or not one line has `$outputs`, once
+        and behind all images.
     """
     every = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
     steps = steps_of(recipe, every)
     for step in steps:
         try:
-            parse(list(step.words), LANGUAGE)
+            _require_deliverable(step)
         except ParameterError as error:
             raise ParameterError(f"product {step.product}: {error}") from error
     delivered = [step.product for step in steps if step.outputs]
     if len(delivered) != 1:
         raise ParameterError(f"{len(delivered)} products have $outputs: one must, whose files are delivered")
     return delivered[0]
+
+
+def _require_deliverable(step: Step) -> None:
+    """Refuse what would wait for somebody, spread or share the line itself, or read images behind what is delivered."""
+    command = parse(list(step.words), LANGUAGE)
+    named = {*command.settings, *(each.option.name for each in command.steps if each.option)}
+    for name in sorted(named & _NOT_HERE.keys()):
+        raise ParameterError(f"{name}: {_NOT_HERE[name]}: leave it out")
+    places = [place for place, word in enumerate(step.words) if word in step.outputs.values()]
+    if len(places) > len(step.outputs):
+        raise ParameterError("$outputs stands twice, or another -o writes the same file")
+    if places:
+        before = parse(list(step.words[: places[-1] + 1]), LANGUAGE).steps
+        for each in command.steps[len(before) :]:
+            if not each.op and not each.option:
+                raise ParameterError(f"'{each.word}' behind $outputs: only options may follow it")
 
 
 @dataclass

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from .upkeep import Search
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
-_OPENJD = re.compile(r"openjd=(.+?)(?:,([1-9]\d{0,4}))?", re.ASCII)
-_SHARES = 16  # of a job template, when the line does not say
 _LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
 _LOG = "ingest.log"
 
@@ -135,7 +133,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     if given.share:
         match = _SHARE.fullmatch(given.share)
         if not match or int(match[1]) > int(match[2]) or given.join:
-            raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, without --join")
+            raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, N to 999999, without --join")
         share = int(match[1]), int(match[2])
     from .catalogue import Catalogue
     from .ingest import Settings, ingest
@@ -186,19 +184,15 @@ def _display(given: argparse.Namespace) -> Iterator[Display]:
 
 
 def _write_template(given: argparse.Namespace, words: list[str]) -> int:
-    from ..farm.openjd import share_template
-    from ..io.atomic import temporary_beside
+    from ..farm.openjd import place_of, share_template, write_template
 
-    match = _OPENJD.fullmatch(given.farm)
-    if not match:
-        raise ParameterError(f"--farm {given.farm}: allowed is openjd=FILE or openjd=FILE,SHARES")
-    path, line = Path(match[1]), list(words)
+    path, shares = place_of(given.farm.removeprefix("openjd="))
+    line = list(words)
     at = next(n for n, word in enumerate(line) if word.startswith("--farm"))
     del line[at : at + (1 if "=" in line[at] and line[at].startswith("--farm=") else 2)]
     memory = given.cache or _LEAST_MEMORY
-    template = share_template(path.stem, line, int(match[2] or _SHARES), memory, program="oiiotex-library")
-    with temporary_beside(path) as temporary:
-        temporary.write_text(json.dumps(template, indent=2) + "\n")
+    template = share_template(path.stem, line, shares, memory, program="oiiotex-library")
+    write_template(path, template, line)
     return 0
 
 

@@ -18,7 +18,7 @@ from typing import Any
 from ..errors import Error, ParameterError
 from ..io.atomic import temporary_beside
 from ..materials import documents
-from .asset import SIDECAR, faults, read_sidecar
+from .asset import SCHEMA, SIDECAR, faults, read_sidecar
 from .catalogue import WORK, Asset, Catalogue
 from .recipe import Limit
 
@@ -149,9 +149,13 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
     Raises
     ------
     Error
-        The folder cannot be written.
+        The folder cannot be written, lies in the library, or has a folder of an asset's name that is none.
     """
     count, index = 0, []
+    if target.resolve().is_relative_to(catalogue.library.resolve()):
+        raise ParameterError(f"{target}: lies in the library: export to a folder outside of it")
+    for asset in chosen:
+        _require_replaceable(target / asset.name)
     try:
         target.mkdir(parents=True, exist_ok=True)
         for asset in chosen:
@@ -204,6 +208,17 @@ def shown(catalogue: Catalogue, name: str) -> dict[str, Any]:
     if asset.folder:
         facts |= {"folder": str(catalogue.library / asset.folder)} | read_sidecar(catalogue.library / asset.folder)
     return facts
+
+
+def _require_replaceable(folder: Path) -> None:
+    """Refuse what is no asset's folder, of whatever version: it is the user's."""
+    if not os.path.lexists(folder):
+        return
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        schema = json.loads((folder / SIDECAR).read_bytes()).get("schema")
+        if not folder.is_symlink() and str(schema).partition("/")[0] == SCHEMA.partition("/")[0]:
+            return
+    raise Error(f"{folder}: is no asset, and would be replaced by one: remove it, or export to another folder")
 
 
 def _same(folder: Path, asset: Asset) -> bool:
