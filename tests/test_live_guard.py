@@ -27,6 +27,8 @@ from tests import pictures
 from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import save
 
+VIEWS = {"d": ["v"], "e": ["w"]}  # of a colour config
+
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[Served]:
@@ -238,14 +240,14 @@ def test_beyond_this_machine_a_token_is_demanded():
 def test_a_document_is_reopened_and_anothers_refused(tmp_path):
     state = default_state("d", "v", 256)
     path = tmp_path / "x.texlive.json"
-    document = Document(path, json.loads(json.dumps(state)), "photo.png")
+    document = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
     assert document.change("tile", {"seed": 7, "sigma": 8}) == {"seed": 7, "sigma": 8.0}
     assert document.change("tile", {"seed": 7}) == {}
     document.save()
-    again = Document(path, json.loads(json.dumps(state)), "photo.png")
+    again = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
     assert again.state == document.state and again.state["tile"]["seed"] == 7
     with pytest.raises(Error, match=r"is of photo\.png, not of other\.png"):
-        Document(path, state, "other.png")
+        Document(path, state, "other.png", VIEWS)
     content = json.loads(path.read_text())
     for changed, text in (
         ({"oiiotex.live": 2}, "version 2"),
@@ -253,10 +255,23 @@ def test_a_document_is_reopened_and_anothers_refused(tmp_path):
     ):
         path.write_text(json.dumps(content | changed))
         with pytest.raises(Error, match=text):
-            Document(path, json.loads(json.dumps(state)), "photo.png")
+            Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
     path.write_text("{}")
     with pytest.raises(Error, match="no document of --texlive"):
-        Document(path, state, "photo.png")
+        Document(path, state, "photo.png", VIEWS)
+
+
+def test_views_that_the_config_has_not_are_refused_and_left_out_of_a_document(tmp_path):
+    path, state = tmp_path / "x.texlive.json", default_state("d", "v", 256)
+    document = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
+    for values in ({"display": "x"}, {"view": "x"}, {"display": "e"}, {"display": "d", "view": "w"}):
+        with pytest.raises(ParameterError, match="the colour config has no view"):
+            document.change("view", values)
+    assert document.state == state
+    assert document.change("view", {"display": "e", "view": "w"}) and document.change("view", {"exposure": 2})
+    document.save()
+    again = Document(path, json.loads(json.dumps(state)), "photo.png", {"d": ["v"]})
+    assert again.state["view"] == {"display": "d", "view": "v", "exposure": 2.0}
 
 
 def test_a_line_says_the_same_numbers():
