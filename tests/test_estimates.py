@@ -129,6 +129,17 @@ def test_a_photo_without_shading_is_flat():
     np.testing.assert_allclose(pixels(made["normal"]) - np.float32([0.5, 0.5, 1]), 0, atol=1e-6)
 
 
+@pytest.mark.parametrize("value", [0.0, -0.3])
+@pytest.mark.parametrize("more", [{"light": 90.0}, {"overcast": True}], ids=["light", "overcast"])
+def test_a_black_photo_is_flat(value, more):
+    assert np.ptp(pixels(filters.estimateheight(gray(np.full((32, 40), value)), **more))) < 1e-6
+
+
+def test_a_photo_of_which_nothing_is_to_be_seen_is_refused():
+    with pytest.raises(errors.ImageError, match="alpha is 0 everywhere"):
+        filters.estimateheight(buffer(np.zeros((16, 16, 4))))
+
+
 # --- ambient occlusion ---
 
 
@@ -202,3 +213,9 @@ def test_roughness_is_the_middle_where_nothing_is_to_be_seen():
 def test_roughness_stays_within_its_amount():
     made = pixels(filters.estimateroughness(buffer(pictures.pebbles(96, 96, 1)), middle=0.5, amount=0.2))
     assert 0.3 <= made.min() < made.max() <= 0.7
+
+
+def test_photos_of_huge_values_have_finite_estimates():
+    photo = gray(np.where(np.indices((64, 64)).sum(0) % 7 < 3, 1e38, 0.1))
+    for made in (filters.estimateroughness(photo), filters.estimateheight(photo)):
+        assert np.isfinite(pixels(made)).all()
