@@ -191,6 +191,21 @@ def test_occlusion_looks_around_what_tiles(tile):
     assert behind.pop(tile) < 0.75 and next(iter(behind.values())) > 0.95
 
 
+@pytest.mark.parametrize(("value", "text"), [(np.nan, "1 NaN and 0 Inf"), (-np.inf, "0 NaN and 1 Inf")])
+def test_occlusion_of_broken_heights_is_refused(value, text):
+    heights = np.zeros((24, 24))
+    heights[0, 5] = value  # which lies beyond the border too
+    with pytest.raises(errors.ImageError, match=f"{text} values: repair them first"):
+        pixels(filters.estimateao(gray(heights, "data"), radius=4))
+
+
+def test_occlusion_of_huge_heights_is_that_of_high_ones():
+    heights = np.zeros((32, 32))
+    heights[8:12, 8:12], heights[20:24, 8:12] = 1.0, -1.0
+    huge, high = (pixels(filters.estimateao(gray(heights * v, "data"), radius=4, scale=1e6)) for v in (3e38, 1e6))
+    np.testing.assert_allclose(huge, high, atol=1e-4)
+
+
 # --- roughness ---
 
 
