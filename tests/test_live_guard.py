@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
@@ -25,7 +26,7 @@ from oiiotex.live.guard import token_for
 from oiiotex.live.lines import text_of, word_of
 from tests import pictures
 from tests.browser import TOKEN, Served, end_resident
-from tests.conftest import save
+from tests.conftest import oiiotex, save
 
 VIEWS = {"d": ["v"], "e": ["w"]}  # of a colour config
 
@@ -272,6 +273,19 @@ def test_views_that_the_config_has_not_are_refused_and_left_out_of_a_document(tm
     document.save()
     again = Document(path, json.loads(json.dumps(state)), "photo.png", {"d": ["v"]})
     assert again.state["view"] == {"display": "d", "view": "v", "exposure": 2.0}
+
+
+def test_what_stands_behind_and_a_port_that_is_taken_are_refused_in_one_line(tmp_path):
+    save(np.zeros((16, 16, 3)), tmp_path / "p.png")
+    for behind in (["-o", "x.png"], ["--resize", "8x8"], ["q.png"]):
+        done = oiiotex("p.png", "--texlive:open=0", *behind, cwd=tmp_path)
+        wanted = f"--texlive : nothing behind it is done, as {behind[0]}: the page saves what is made there"
+        assert (done.returncode, done.stderr.strip()) == (1, f"oiiotex ERROR: {wanted}")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = oiiotex("p.png", f"--texlive:open=0:port={port}", "--threads", "1", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"oiiotex ERROR: --texlive : port={port} of 127.0.0.1 cannot be listened at: ")
 
 
 def test_a_line_says_the_same_numbers():

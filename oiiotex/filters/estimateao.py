@@ -77,9 +77,7 @@ class EstimateAO(Gather):
         return {"ao": Part(part.name, spec, fetch)}
 
 
-def _around(
-    part: Part, window: Window, reach: int, wraps: tuple[bool, bool], channel: int, name: str
-) -> np.ndarray:
+def _around(part: Part, window: Window, reach: int, wraps: tuple[bool, bool], channel: int, name: str) -> np.ndarray:
     """Heights of a window grown by `reach`; beyond the border those of the other side, or the border's own again."""
     whole, places = part.window, []
     for low, high, begin, size, wrap in zip(window[:2], window[2:], whole[:2], whole.size, wraps, strict=True):

@@ -70,7 +70,7 @@ def serve(
         import uvicorn
         import websockets  # uvicorn looks for it
     except ImportError as error:
-        raise Error(f"--texlive: {error.name} is not installed: pip install oiiotex[live]") from error
+        raise Error(f"{error.name} is not installed: pip install oiiotex[live]") from error
     assert starlette and websockets
     token = token_for(host, token)
     application = _application(_hub(image, session, words, graph, document))
@@ -155,4 +155,4 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        raise Error(f"--texlive: port={port} of {host} cannot be listened at: {error.strerror}") from error
+        raise Error(f"port={port} of {host} cannot be listened at: {error.strerror}") from error
