@@ -180,6 +180,7 @@ def docstring(op: type[Op]) -> str:
 
 _OPTIONS = (
     (r"(add|say) --iscolorspace NAME( after it)?", "say colorspace=NAME"),
+    (r"--iscolorspace data", "colorspace='data'"),
     (r"--interchange SPACE lin_rec709 says", "Session(interchange=(SPACE, 'lin_rec709')) says"),
     (r"; oiiotex --colorconfiginfo lists them", ""),
     (r"--st_warp", "OpenImageIO.ImageBufAlgo.st_warp"),

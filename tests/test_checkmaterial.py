@@ -63,6 +63,19 @@ def test_broken_values(kind, value):
     assert ("error", kind, "broken") in found(material(**{kind: broken}))
 
 
+def test_words_of_findings():
+    images = [from_buffer(buffer(pixels, space=space, names=None)) for pixels, space in (
+        (np.ones((32, 32, 2)), "lin_rec709_scene"), (np.full((32, 32, 3), 1.5), "lin_rec709_scene"),
+        (np.ones((32, 32, 3)), None),
+    )]  # fmt: skip
+    named = tuple(type(one)(one.parts, f"{n}.exr") for n, one in enumerate(images))
+    _, findings = material_checks.check_material(named, ["colour"] * 3, "opengl", Session())
+    said = [str(one) for one in findings]
+    assert "error: 0.exr: has 2 channels beside alpha: colours have one or three" in said
+    assert "error: 1.exr: 100 % of its pixels reflect more light than they get, or less than none" in said
+    assert any(one.startswith("error: 2.exr: does not say its colour space: ") for one in said)
+
+
 def test_sizes_and_densities_that_differ():
     maps = material(height=np.indices((64, 64)).sum(0)[..., None] / 126)
     maps[0].specmod().attribute("XResolution", 100.0)

@@ -268,7 +268,7 @@ def test_two_or_no_channels_are_no_colour_but_may_be_data(config, names):
     count = len(names.replace("A", ""))
     with pytest.raises(ImageError) as caught:
         seen(image, config)
-    assert str(caught.value) == f"photo.exr has {count} channels beside alpha: no colour; add :data=1"
+    assert str(caught.value) == f"photo.exr has {count} channels beside alpha: no colour; say --iscolorspace data"
     assert seen(image, None)[0].shape == (2, 2, 3)
     tagged_as_data = image_of(np.ones((2, 2, len(names)), np.float32), names, "Raw")
     assert seen(tagged_as_data, config)[0].shape == (2, 2, 3)

@@ -74,7 +74,7 @@ def test_an_untagged_image_is_refused_with_what_to_add(config):
     text = str(caught.value)
     assert text.startswith("photo.exr does not say its colour space")
     assert "--iscolorspace NAME" in text
-    assert ":data=1" in text
+    assert "--iscolorspace data" in text and "data=1" not in text  # not all ops have that
     assert f"'{TAG}'" in text
     assert "\n" not in text
 

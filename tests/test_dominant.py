@@ -381,6 +381,8 @@ def test_paper_is_ldr09_by_the_letter():
     assert (op.rule, op.mode, op.step) == ("paper", "diffusion", 1)
     with pytest.raises(errors.ParameterError, match="step=2: paper=1 says step=1"):
         filters.Dominant(source=None, paper=True, step=2)
+    with pytest.raises(errors.ParameterError, match="preset=clean: paper=1 leaves preset out"):
+        filters.Stationarize(exemplar=None, paper=True, preset="clean")
     noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
     assert "noise" in dominant_texture(noise, Session()).rejected
     assert "noise" not in dominant_texture(noise, Session(), rule="paper", step=1).rejected

@@ -129,6 +129,17 @@ def test_a_photo_without_shading_is_flat():
     np.testing.assert_allclose(pixels(made["normal"]) - np.float32([0.5, 0.5, 1]), 0, atol=1e-6)
 
 
+@pytest.mark.parametrize("value", [0.0, -0.3])
+@pytest.mark.parametrize("more", [{"light": 90.0}, {"overcast": True}], ids=["light", "overcast"])
+def test_a_black_photo_is_flat(value, more):
+    assert np.ptp(pixels(filters.estimateheight(gray(np.full((32, 40), value)), **more))) < 1e-6
+
+
+def test_a_photo_of_which_nothing_is_to_be_seen_is_refused():
+    with pytest.raises(errors.ImageError, match="alpha is 0 everywhere"):
+        filters.estimateheight(buffer(np.zeros((16, 16, 4))))
+
+
 # --- ambient occlusion ---
 
 
@@ -180,6 +191,21 @@ def test_occlusion_looks_around_what_tiles(tile):
     assert behind.pop(tile) < 0.75 and next(iter(behind.values())) > 0.95
 
 
+@pytest.mark.parametrize(("value", "text"), [(np.nan, "1 NaN and 0 Inf"), (-np.inf, "0 NaN and 1 Inf")])
+def test_occlusion_of_broken_heights_is_refused(value, text):
+    heights = np.zeros((24, 24))
+    heights[0, 5] = value  # which lies beyond the border too
+    with pytest.raises(errors.ImageError, match=f"{text} values: repair them first"):
+        pixels(filters.estimateao(gray(heights, "data"), radius=4))
+
+
+def test_occlusion_of_huge_heights_is_that_of_high_ones():
+    heights = np.zeros((32, 32))
+    heights[8:12, 8:12], heights[20:24, 8:12] = 1.0, -1.0
+    huge, high = (pixels(filters.estimateao(gray(heights * v, "data"), radius=4, scale=1e6)) for v in (3e38, 1e6))
+    np.testing.assert_allclose(huge, high, atol=1e-4)
+
+
 # --- roughness ---
 
 
@@ -202,3 +228,9 @@ def test_roughness_is_the_middle_where_nothing_is_to_be_seen():
 def test_roughness_stays_within_its_amount():
     made = pixels(filters.estimateroughness(buffer(pictures.pebbles(96, 96, 1)), middle=0.5, amount=0.2))
     assert 0.3 <= made.min() < made.max() <= 0.7
+
+
+def test_photos_of_huge_values_have_finite_estimates():
+    photo = gray(np.where(np.indices((64, 64)).sum(0) % 7 < 3, 1e38, 0.1))
+    for made in (filters.estimateroughness(photo), filters.estimateheight(photo)):
+        assert np.isfinite(pixels(made)).all()

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
@@ -25,7 +26,9 @@ from oiiotex.live.guard import token_for
 from oiiotex.live.lines import text_of, word_of
 from tests import pictures
 from tests.browser import TOKEN, Served, end_resident
-from tests.conftest import save
+from tests.conftest import oiiotex, save
+
+VIEWS = {"d": ["v"], "e": ["w"]}  # of a colour config
 
 
 @pytest.fixture(scope="module")
@@ -238,14 +241,14 @@ def test_beyond_this_machine_a_token_is_demanded():
 def test_a_document_is_reopened_and_anothers_refused(tmp_path):
     state = default_state("d", "v", 256)
     path = tmp_path / "x.texlive.json"
-    document = Document(path, json.loads(json.dumps(state)), "photo.png")
+    document = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
     assert document.change("tile", {"seed": 7, "sigma": 8}) == {"seed": 7, "sigma": 8.0}
     assert document.change("tile", {"seed": 7}) == {}
     document.save()
-    again = Document(path, json.loads(json.dumps(state)), "photo.png")
+    again = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
     assert again.state == document.state and again.state["tile"]["seed"] == 7
     with pytest.raises(Error, match=r"is of photo\.png, not of other\.png"):
-        Document(path, state, "other.png")
+        Document(path, state, "other.png", VIEWS)
     content = json.loads(path.read_text())
     for changed, text in (
         ({"oiiotex.live": 2}, "version 2"),
@@ -253,10 +256,36 @@ def test_a_document_is_reopened_and_anothers_refused(tmp_path):
     ):
         path.write_text(json.dumps(content | changed))
         with pytest.raises(Error, match=text):
-            Document(path, json.loads(json.dumps(state)), "photo.png")
+            Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
     path.write_text("{}")
     with pytest.raises(Error, match="no document of --texlive"):
-        Document(path, state, "photo.png")
+        Document(path, state, "photo.png", VIEWS)
+
+
+def test_views_that_the_config_has_not_are_refused_and_left_out_of_a_document(tmp_path):
+    path, state = tmp_path / "x.texlive.json", default_state("d", "v", 256)
+    document = Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS)
+    for values in ({"display": "x"}, {"view": "x"}, {"display": "e"}, {"display": "d", "view": "w"}):
+        with pytest.raises(ParameterError, match="the colour config has no view"):
+            document.change("view", values)
+    assert document.state == state
+    assert document.change("view", {"display": "e", "view": "w"}) and document.change("view", {"exposure": 2})
+    document.save()
+    again = Document(path, json.loads(json.dumps(state)), "photo.png", {"d": ["v"]})
+    assert again.state["view"] == {"display": "d", "view": "v", "exposure": 2.0}
+
+
+def test_what_stands_behind_and_a_port_that_is_taken_are_refused_in_one_line(tmp_path):
+    save(np.zeros((16, 16, 3)), tmp_path / "p.png")
+    for behind in (["-o", "x.png"], ["--resize", "8x8"], ["q.png"]):
+        done = oiiotex("p.png", "--texlive:open=0", *behind, cwd=tmp_path)
+        wanted = f"--texlive : nothing behind it is done, as {behind[0]}: the page saves what is made there"
+        assert (done.returncode, done.stderr.strip()) == (1, f"oiiotex ERROR: {wanted}")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = oiiotex("p.png", f"--texlive:open=0:port={port}", "--threads", "1", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"oiiotex ERROR: --texlive : port={port} of 127.0.0.1 cannot be listened at: ")
 
 
 def test_a_line_says_the_same_numbers():

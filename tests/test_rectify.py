@@ -185,3 +185,9 @@ def test_a_window_reads_what_it_shows():
     assert asked == []
     assert (part.read(Window(8000, 8000, 8100, 8060)) == 128).all()
     assert sum(w.width * w.height for w in asked) < 200 * 200
+
+
+def test_a_narrow_strip_has_no_lattice_and_nothing_else_is_said(capfd):
+    strip = np.random.default_rng(1).random((48, 20000, 3), np.float32)
+    assert slanted_lattice(strip) is None
+    assert capfd.readouterr() == ("", "")

@@ -19,6 +19,7 @@ from oiiotex.core.parameters import declared
 from oiiotex.errors import Error
 from oiiotex.filters import FILTERS
 from oiiotex.library import main as library
+from oiiotex.session import Session
 
 ROOT = Path(__file__).parents[1]
 # docs/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
@@ -51,6 +52,8 @@ OURS = {
     ".obj",
     ".zip",
 }
+SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
+PLACEHOLDERS = {"NAME", "SPACE"}  # for a colour space
 NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`
 OTHER_FILES = {".venv", ".gitignore", ".typed"}
 
@@ -110,6 +113,15 @@ def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
                 name, given = split_modifiers(word)
                 known = modifiers_of(name)
                 assert known is None or set(given) <= known, line
+
+
+def test_every_colour_space_that_is_named_is_in_the_config_that_is_built_in():
+    config, named = Session().color, set()
+    for text in TEXTS.values():
+        named |= {"".join(found) for found in re.findall(SPACES, text)}
+    assert "sRGB" in named
+    for name in named - PLACEHOLDERS:
+        config.resolve(name)
 
 
 @pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex-library " in text])

@@ -21,7 +21,7 @@ from ..core.demand import bands
 from ..core.image import Image, channels_of
 from ..core.window import Window
 from ..deferred import np
-from ..errors import BrokenValues, ColorError, ImageError
+from ..errors import BrokenValues, ColorError, Error, ImageError
 from ..io.description import is_tagged
 from ..scan import scan
 from ..session import Session
@@ -177,11 +177,16 @@ def _tagged(one: _Map, session: Session) -> Iterator[Finding]:
 
 def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     name, part = one.image.source, one.image.first
+    count = len(channels_of(part.spec).colour)
+    if count not in (1, 3):
+        one.usable = False
+        yield Finding(ERROR, name, "channels", f"has {count} channels beside alpha: colours have one or three")
+        return
     try:
         space = colour_space(one.image, session.color, session.autocc)
     except (ColorError, ImageError) as error:
         one.usable = False
-        yield Finding(ERROR, name, "colourspace", str(error))
+        yield Finding(ERROR, name, "colourspace", _without_name(error, name))
         return
     if space is None:
         one.usable = False
@@ -202,7 +207,7 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
         scan(part, lens, session, look, keep)
     except BrokenValues as error:  # of alpha
         one.usable = False
-        yield Finding(ERROR, name, "broken", str(error))
+        yield Finding(ERROR, name, "broken", _without_name(error, name))
         return
     dark, bright, impossible = (counts[1:] / max(1, counts[0])).tolist()
     one.measures |= {"dark": dark, "bright": bright, "impossible": impossible}
@@ -224,7 +229,13 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    percent = 100 * share
+    return "less than 0.01 %" if percent < 0.01 else f"{percent:{'.0f' if percent >= 99 else '.2g'}} %"
+
+
+def _without_name(error: Error, name: str) -> str:
+    """What a finding says, which names the map itself."""
+    return str(error).removeprefix(f"{name} ")
 
 
 # --- normals, heights, data ---

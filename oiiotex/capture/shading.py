@@ -20,6 +20,7 @@ _DEEP = 0.5  # of |w|, by which overcast shading is divided: between heights the
 _SLOPES = 12.0  # times overcast shading: s; root mean square slope is s / (1 + s): .32 to .59, rendered .39 to .67
 _DARKEST = 1e-4  # luminance that is not black
 _BRIGHTEST = 3.0  # of shading: more is a highlight
+_LIGHTEST = 1e6  # L, either way: 6e11 times white, whose sums are finite
 _FINE = math.pi / 4  # radians a px, beyond which light is not asked for
 _LEVEL = 10.0  # degrees
 _DIRECTED = 1.4  # power along over across, from where light has a direction; 3 where relief has none
@@ -67,7 +68,7 @@ def relief(
     luminance : (height, width) float32
         Linear; only ratios count.
     opaque : (height, width) bool or None
-        Pixels that count; None: all.
+        Pixels that count, one at least; None: all.
     sigma : float
         px; what is larger is colour or uneven light, and no relief.
     light : float or None
@@ -101,7 +102,7 @@ def relief(
         heights = np.fft.irfft2(integrated(slope, along, square), shape)
     heights = heights[: luminance.shape[0], : luminance.shape[1]].astype(np.float32)
     seen = heights if opaque is None else heights[opaque]
-    return Relief(heights - (seen.mean(dtype=np.float64) if seen.size else 0).astype(np.float32), light)
+    return Relief(heights - seen.mean(dtype=np.float64).astype(np.float32), light)
 
 
 def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
@@ -169,7 +170,9 @@ def _shading(
     weight = np.ones(luminance.shape) if opaque is None else opaque.astype(np.float64)
     values = np.where(weight > 0, np.maximum(luminance, 0), 0).astype(np.float64)
     mean = seen(values) / np.maximum(seen(weight), 1e-6)
-    shading = np.where(weight > 0, np.clip(values / np.maximum(mean, _DARKEST) - 1, -1, _BRIGHTEST), 0)
+    light = np.maximum(mean, _DARKEST)
+    # less than 1 is taken off where all is black, which has no shading
+    shading = np.where(weight > 0, np.clip(values / light - np.minimum(mean / light, 1), -1, _BRIGHTEST), 0)
     for axis, (n, wide) in enumerate(zip(luminance.shape, shape, strict=True)):
         if wide > n:  # mirrored beyond both ends, fading, where a transform that wraps has its seam
             behind = np.arange(wide - n)
@@ -182,7 +185,8 @@ def _shading(
 
 
 def luminance(lightness: np.ndarray) -> np.ndarray:
-    """Linear luminance, 1 of white, of CIE L; float32."""
+    """Linear luminance, 1 of white, of CIE L; float32. It is finite also where L is not."""
+    lightness = np.clip(lightness, np.float32(-_LIGHTEST), np.float32(_LIGHTEST))
     root = (lightness + np.float32(16)) / np.float32(116)
     return np.where(lightness > 8, root * root * root, lightness * np.float32(27 / 24389))
 

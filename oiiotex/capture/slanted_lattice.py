@@ -82,6 +82,8 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
     values = values[..., :3] if opaque is None else values[..., :3] * usable
     values, usable = _at_most(_LARGEST_SIDE, values, usable)
     looked = np.array(usable.shape[1::-1])
+    if looked.min() <= _SAME:  # of a narrow strip nothing is left across
+        return None
     usable = usable[..., 0]
     vanishing = _most_alike(values, usable) / looked
     for _ in range(_FITS):

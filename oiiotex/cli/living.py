@@ -10,7 +10,7 @@ from typing import Any
 from ..core.parameters import param
 from ..errors import ParameterError
 from .chain import Chain
-from .parse import Option
+from .parse import Option, parse
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,17 @@ def show(chain: Chain, **modifiers: Any) -> None:
         raise ParameterError("graph says what is zoomed into: leave the image out")
     else:
         image = None
+    from .language import LANGUAGE  # which has this option
+
+    words = list(chain.session.words)
+    end = next(n for n, word in enumerate(words) if word.lstrip("-").split(":")[0] == "texlive")
+    for step in parse(words[end + 1 :], LANGUAGE).steps:
+        if step.option is None or not (step.option.throughout or step.option.control):
+            raise ParameterError(f"nothing behind it is done, as {step.word}: the page saves what is made there")
     if not chain.acts():
         return
     from ..live.server import serve
 
-    words = list(chain.session.words)
-    end = next(n for n, word in enumerate(words) if word.lstrip("-").split(":")[0] == "texlive")
     serve(
         image, chain.session, tuple(words[:end]), host=given.host, port=given.port, token=given.token,
         open_page=given.open, graph=given.graph, document=given.document,

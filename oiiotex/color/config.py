@@ -217,7 +217,7 @@ def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
     if by_name is None:
         raise ColorError(
             f"{image.source} does not say its colour space: add --iscolorspace NAME after it"
-            f" (or set the attribute '{TAG}'), or :data=1 where its channels are no colours"
+            f" (or set the attribute '{TAG}'), or --iscolorspace data where its channels are no colours"
         )
     return by_name
 
@@ -240,7 +240,7 @@ def colour_space(image: Image, config: ColorConfig | None, autocc: bool = False)
     config.warn_once(image)
     count = len(channels_of(image.first.spec).colour)
     if count not in (1, 3):
-        raise ImageError(f"{image.source} has {count} channels beside alpha: no colour; add :data=1")
+        raise ImageError(f"{image.source} has {count} channels beside alpha: no colour; say --iscolorspace data")
     return space
 
 

@@ -143,9 +143,9 @@ class Op:
             if parameter.attribute in values:
                 value = values[parameter.attribute]
                 if getattr(self, parameter.attribute) not in (parameter.default, value):
+                    says = f"leaves {parameter.name} out" if value is None else f"says {parameter.name}={value}"
                     raise ParameterError(
-                        f"{self.name}: {parameter.name}={getattr(self, parameter.attribute)}: {switch}=1 says"
-                        f" {parameter.name}={value}"
+                        f"{self.name}: {parameter.name}={getattr(self, parameter.attribute)}: {switch}=1 {says}"
                     )
                 object.__setattr__(self, parameter.attribute, value)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..color.config import as_float
+from ..color.lab import count_broken
 from ..core.access import Gather
 from ..core.attributes import ESTIMATE, HEIGHT_PX
 from ..core.demand import PIECE_PIXELS, cached
@@ -16,10 +17,12 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np
+from ..errors import BrokenValues
 from ..session import Session
 
 log = logging.getLogger("oiiotex")
 
+_HIGHEST = 1e12  # px, up or down: what is higher hides no more, and squares of differences are finite
 _RELIEF = 1 / 32  # of the longer side: what a height of 1 is taken for where nothing says it
 
 
@@ -60,11 +63,11 @@ class EstimateAO(Gather):
         def look(heights: np.ndarray) -> np.ndarray:
             from ..capture.occlusion import visible_sky  # what a line alone says needs none of it
 
-            with np.errstate(invalid="ignore"):  # around NaN and Inf is NaN
-                return visible_sky(heights, self.radius)[..., None]
+            return visible_sky(heights, self.radius)[..., None]
 
         def fetch(window: Window) -> np.ndarray:
-            around = as_float(_around(near, window, self.radius, wraps)[..., channel]) * np.float32(scale)
+            around = _around(near, window, self.radius, wraps, channel, self.source.source)
+            around = np.clip(around, -_HIGHEST / scale, _HIGHEST / scale) * np.float32(scale)
             high = max(1, PIECE_PIXELS // max(1, window.width))
             pieces = [around[y : y + high + 2 * self.radius] for y in range(0, window.height, high)]
             return np.concatenate(list(session.spread(look, pieces)))
@@ -74,8 +77,8 @@ class EstimateAO(Gather):
         return {"ao": Part(part.name, spec, fetch)}
 
 
-def _around(part: Part, window: Window, reach: int, wraps: tuple[bool, bool]) -> np.ndarray:
-    """Pixels of a window grown by `reach`; beyond the border those of the other side, or the border's own again."""
+def _around(part: Part, window: Window, reach: int, wraps: tuple[bool, bool], channel: int, name: str) -> np.ndarray:
+    """Heights of a window grown by `reach`; beyond the border those of the other side, or the border's own again."""
     whole, places = part.window, []
     for low, high, begin, size, wrap in zip(window[:2], window[2:], whole[:2], whole.size, wraps, strict=True):
         at = np.arange(low - reach, high + reach) - begin
@@ -85,4 +88,8 @@ def _around(part: Part, window: Window, reach: int, wraps: tuple[bool, bool]) ->
     wanted = np.unique(rows)
     runs = np.split(wanted, np.flatnonzero(np.diff(wanted) > 1) + 1)
     bands = [part.read(Window(left, whole.top + int(r[0]), right, whole.top + int(r[-1]) + 1)) for r in runs]
-    return np.concatenate(bands)[np.searchsorted(wanted, rows)][:, columns - columns.min()]
+    heights = as_float(np.concatenate(bands)[..., channel])
+    broken = count_broken(heights)
+    if broken.any():
+        raise BrokenValues(name, broken)
+    return heights[np.searchsorted(wanted, rows)][:, columns - columns.min()]

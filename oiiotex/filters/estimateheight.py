@@ -17,7 +17,7 @@ from ..core.image import Image, Part, from_pixels, measure_spec
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
-from ..errors import ParameterError
+from ..errors import ImageError, ParameterError
 from ..session import Session
 
 log = logging.getLogger("oiiotex")
@@ -84,6 +84,8 @@ class EstimateHeight(Whole):
         sigma = self.sigma or max(1.0, max(width, height) / 8)
         session.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
         values, opaque = working_values(self.source, session, self.working_space)
+        if opaque is not None and not opaque.any():
+            raise ImageError(f"{self.source.source}: alpha is 0 everywhere: there is no shading to look at")
         session.advance(1, 2)
         is_data = self.data or colour_space(self.source, session.color, session.autocc) is None
         seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])

@@ -6,7 +6,7 @@ from __future__ import annotations
 import copy
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +152,9 @@ class Document:
         What it begins with where there is no such file.
     source : str
         The photo, or the graph: another one's document is refused.
+    views : dict of str -> list of str
+        Displays of the colour config, and their views: no others can be set. A document that was made with another
+        config may name others; those of `state` then stay.
 
     Raises
     ------
@@ -159,8 +162,8 @@ class Document:
         The file is no such document, of a later version, or of another photo.
     """
 
-    def __init__(self, path: Path, state: State, source: str):
-        self.path, self.state, self._source = path, state, source
+    def __init__(self, path: Path, state: State, source: str, views: Mapping[str, Sequence[str]]):
+        self.path, self.state, self._source, self._views = path, state, source, views
         self.changed = False
         if path.exists():
             self._read()
@@ -174,9 +177,12 @@ class Document:
         if content.get("source") != self._source:
             raise Error(f"{self.path} is of {content.get('source')}, not of {self._source}: document=FILE says another")
         for room, values in content.items():
-            if room in _FIELDS:
-                self.change(room, values)
-        self.changed = False
+            if room not in _FIELDS:
+                continue
+            checked = self._checked(room, values)
+            if room == "view" and not self._is_view(self.state[room] | checked):
+                checked = {name: value for name, value in checked.items() if name not in ("display", "view")}
+            self.state[room] |= checked
 
     def change(self, room: str, values: Mapping[str, Any]) -> State:
         """Take new values of a room; what has changed.
@@ -186,6 +192,19 @@ class Document:
         ParameterError
             There is no such value, or it is not allowed.
         """
+        checked = self._checked(room, values)
+        if room == "view" and not checked.keys().isdisjoint(("display", "view")):
+            wanted = self.state[room] | checked
+            if not self._is_view(wanted):
+                raise ParameterError(f"the colour config has no view '{wanted['view']}' of '{wanted['display']}'")
+        changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
+        if changed:
+            self.state[room] |= changed
+            self.changed = True
+        return changed
+
+    def _checked(self, room: str, values: Mapping[str, Any]) -> State:
+        """Values of a room, each of its type and in its range."""
         if room not in _FIELDS or not isinstance(values, Mapping):
             raise ParameterError(f"there is no room '{room}'")
         checked = {}
@@ -194,11 +213,10 @@ class Document:
                 checked[name] = _FIELDS[room][name](value)
             except (KeyError, ValueError, TypeError):
                 raise ParameterError(f"{room}: {name}={str(value)[:60]} is not allowed") from None
-        changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
-        if changed:
-            self.state[room] |= changed
-            self.changed = True
-        return changed
+        return checked
+
+    def _is_view(self, view: Mapping[str, Any]) -> bool:
+        return view["view"] in self._views.get(view["display"], ())
 
     def save(self) -> None:
         """Write it, whole or not at all, if something has changed."""

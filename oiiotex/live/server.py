@@ -13,7 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..color.display import usual_view
+from ..color.display import usual_view, views
 from ..core.attributes import TAG
 from ..core.image import Image
 from ..errors import Error
@@ -70,7 +70,7 @@ def serve(
         import uvicorn
         import websockets  # uvicorn looks for it
     except ImportError as error:
-        raise Error(f"--texlive: {error.name} is not installed: pip install oiiotex[live]") from error
+        raise Error(f"{error.name} is not installed: pip install oiiotex[live]") from error
     assert starlette and websockets
     token = token_for(host, token)
     application = _application(_hub(image, session, words, graph, document))
@@ -110,7 +110,7 @@ def _hub(
     side = min(256, 1 << min(first.first.spec.width, first.first.spec.height).bit_length() - 1)
     state = default_state(*usual_view(session.color, space), side)
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
-    opened = Document(document or Path(f"{stem}.texlive.json"), state, name)
+    opened = Document(document or Path(f"{stem}.texlive.json"), state, name, views(session.color))
     source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
     hub = Hub(source, opened, session)
     hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
@@ -155,4 +155,4 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host, port), family=family)
     except OSError as error:
-        raise Error(f"--texlive: port={port} of {host} cannot be listened at: {error.strerror}") from error
+        raise Error(f"port={port} of {host} cannot be listened at: {error.strerror}") from error

@@ -71,7 +71,7 @@ function build() {
 const looking = {};
 
 function buildLooking() {
-  const views = (display) => shell.facts.views[display].map((view) => [view, view]);
+  const views = (display) => (shell.facts.views[display] ?? []).map((view) => [view, view]);
   looking.display = choice("Display", {
     title: "Display of the colour config", options: Object.keys(shell.facts.views).map((name) => [name, name]),
     change: (display) => {
