@@ -87,5 +87,10 @@ def test_what_leaves_nothing_is_refused():
 
 def test_every_op_that_copies_from_a_photo_declares_it_there():
     names = {op.name for op in filters.FILTERS if issubclass(op, LabelledExemplar)}
-    assert names == {"stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint"}
-    assert {op.name for op in filters.FILTERS if issubclass(op, ExemplarOp)} == {"stationarize", "patchmatch", "cut"}
+    assert names == {"stationarize", "patchmatch", "quilt", "cut", "composite", "palette", "paint", "atlas"}
+    assert {op.name for op in filters.FILTERS if issubclass(op, ExemplarOp)} == {
+        "stationarize",
+        "patchmatch",
+        "cut",
+        "atlas",
+    }

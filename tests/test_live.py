@@ -126,10 +126,19 @@ def shown(path: Path, space: str) -> np.ndarray:
     return shown_by(config, space, *usual_view(config, space))(as_float(load(path))[..., :3])
 
 
+# what the tile has been, one after another: a coarse one is soon over
+WATCH = """() => {
+  const element = document.querySelector("[data-tile]");
+  window.shown = [];
+  new MutationObserver(() => shown.push(element.dataset.tile)).observe(element, { attributes: true });
+}"""
+
+
 def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
+    page.evaluate(WATCH)
     page.evaluate(MOVE, ["Sigma", 0.4])
-    page.wait_for_selector("[data-tile=coarse]")
-    page.wait_for_selector("[data-tile=whole]")
+    wait(page, "shown.includes('whole')")
+    assert "coarse" in page.evaluate("shown")
     words = copied_line(page)
     assert any(":sigma=12.1" in word for word in words), words
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))

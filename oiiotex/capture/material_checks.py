@@ -32,9 +32,7 @@ from ..stationarity.local_moments import drift_of
 # part 2: charcoal and fresh snow), and of a surface that reflects more light than it gets
 DARKEST, BRIGHTEST, IMPOSSIBLE = 11.3, 94.8, 100.5
 _FEW = 0.01  # of the pixels: holes and glints
-DRIFT = (
-    4.0  # L: standard deviation of local means; of two albedo maps 0.8 and 2.9, of photos with uneven light 4.1 to 7.1
-)
+DRIFT = 4.0  # L: deviation of local means; of two albedo maps 0.8 and 2.9, of photos with uneven light 4.1 to 7.1
 _DRIFT_SCALE = 1 / 8  # of the longer side
 _LIT, _OCCLUDED = 0.1, 0.25  # of the variance of lightness, explained by normals and by heights
 _LENGTH = 0.05  # by which a normal may be off 1; 8 bits are off by 0.007

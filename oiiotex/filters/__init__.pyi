@@ -21,7 +21,7 @@ def atlas(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    mesh: FileName,
+    mesh: FileName | None = None,
     size: tuple[int, int] | None = None,
     scale: float | None = None,
     unwrapped: FileName | None = None,
@@ -53,8 +53,8 @@ def atlas(
         where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
     labels : ImageLike | None, default None
         label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
-    mesh : FileName
-        OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones
+    mesh : FileName | None, default None
+        needed: OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones
     size : tuple[int, int] | None, default None
         of the result; the exemplar's own when left out; (width, height) >= 16 and <= 16384 px
     scale : float | None, default None
@@ -100,7 +100,7 @@ def atlas(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    mesh: FileName,
+    mesh: FileName | None = None,
     size: tuple[int, int] | None = None,
     scale: float | None = None,
     unwrapped: FileName | None = None,
@@ -121,7 +121,7 @@ def atlas(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
-    mesh: FileName,
+    mesh: FileName | None = None,
     size: tuple[int, int] | None = None,
     scale: float | None = None,
     unwrapped: FileName | None = None,

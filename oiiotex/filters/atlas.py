@@ -46,7 +46,10 @@ class Atlas(ExemplarOp, Whole):
         Output("mesh", Kind.MESH, "the mesh with the charts that the result is for", asked_by="unwrapped"),
     )
 
-    mesh: Path = param(help="OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones")
+    mesh: Path | None = param(
+        None,
+        help="needed: OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones",
+    )
     size: Size | None = param(None, ge=16, le=16384, unit="px", help="of the result; the exemplar's own when left out")
     scale: float | None = param(
         None, ge=1e-9, help="how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out"
@@ -59,6 +62,8 @@ class Atlas(ExemplarOp, Whole):
         from ..atlas.mesh import read_mesh
         from ..atlas.synthesis import stack, synthesize
 
+        if self.mesh is None:
+            raise ParameterError("mesh=FILE is missing: the object that is textured")
         if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
             raise ParameterError(f"unwrapped={self.unwrapped}: allowed is a file that ends in .obj")
         photo = self.exemplar.first.spec

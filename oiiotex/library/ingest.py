@@ -355,8 +355,7 @@ def _digests(
     photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone
 ) -> tuple[dict[str, str], dict[str, str]]:
     """The SHA-256 of every file that is used, and why others have none; what is as it was is not read again."""
-    known, digests, new = catalogue.sources(), dict[str, str](), []
-    unread: dict[str, str] = {}
+    known, digests, unread, new = catalogue.sources(), dict[str, str](), dict[str, str](), []
     for path in sorted({file.path for material in found for file in material.maps.values()}):
         if not _is_text(path):
             unread[path] = f"{one_line(path)}: its name is not UTF-8: rename it"
