@@ -158,7 +158,7 @@ def test_paper_is_mjh17_by_the_letter():
     assert (recipe.alpha(0), recipe.alpha(15), recipe.alpha(30), recipe.alpha(31)) == (1, 0.5, 0, 0)
     with pytest.raises(ParameterError, match=r"structure=0\.2: paper=True says structure=0"):
         filters.stationarize(photo, paper=True, structure=0.2)
-    with pytest.raises(ParameterError, match="preset=keep: paper=True says"):
+    with pytest.raises(ParameterError, match="preset=keep: paper=True leaves preset out"):
         filters.stationarize(photo, paper=True, preset="keep")
     literal, ours = (
         pixels(filters.stationarize(photo, measure="steerable", iterations=4, contrast=1.0, structure=0, **way))

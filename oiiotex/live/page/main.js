@@ -36,7 +36,7 @@ export const shell = {
 
 export const rooms = {};
 let current = null;
-let wantedRoom = location.hash.slice(1).split("/")[0];
+const wantedRoom = () => location.hash.slice(1).split("/")[0];
 
 function open(name) {
   if (!rooms[name] || current === name) return;
@@ -48,7 +48,7 @@ function open(name) {
   }
   shell.place("");
   rooms[name].show?.();
-  if (location.hash.slice(1).split("/")[0] !== name) history.replaceState(null, "", `#${name}`);
+  if (wantedRoom() !== name) history.replaceState(null, "", `#${name}`);
 }
 
 function build() {
@@ -65,7 +65,7 @@ function build() {
   buildLooking();
   $("name").textContent = shell.facts.source;
   document.title = `${shell.facts.source} - oiiotex`;
-  open(rooms[wantedRoom] ? wantedRoom : kinds[0][0]);
+  open(rooms[wantedRoom()] ? wantedRoom() : kinds[0][0]);
 }
 
 const looking = {};
@@ -144,6 +144,10 @@ addEventListener("keydown", (event) => {
   }
   if (key === "c" && !event.ctrlKey && !event.metaKey) return copyLine();
   if (rooms[current]?.key?.(key, event)) event.preventDefault();
+});
+addEventListener("hashchange", () => {
+  open(wantedRoom());
+  rooms[current]?.follow?.();
 });
 addEventListener("keyup", (event) => rooms[current]?.keyUp?.(event.key.toLowerCase()));
 

@@ -14,6 +14,12 @@ const AHEAD = 400; // ms after a move until the document is told
 const big = (n) => BigInt(Math.round(n));
 const floorDivide = (a, b) => (a - (((a % b) + b) % b)) / b;
 
+/** Zoom, x and y of the address, or null where it is of no place. */
+function linkedPlace() {
+  const found = /^#zoom\/(\d{1,3}(?:\.\d*)?)\/(-?\d{1,60})\/(-?\d{1,60})$/.exec(location.hash);
+  return found && [Math.min(MOST, Number(found[1])), BigInt(found[2]), BigInt(found[3])];
+}
+
 export class ZoomRoom {
   constructor(shell) {
     this.shell = shell;
@@ -21,8 +27,7 @@ export class ZoomRoom {
     this.x = this.y = 0n;
     this.zoom = 0;
     this.build();
-    const hash = location.hash.slice(1).split("/");
-    if (hash[0] === "zoom" && hash.length === 4) this.linked = hash;
+    this.linked = linkedPlace();
   }
 
   build() {
@@ -56,8 +61,7 @@ export class ZoomRoom {
     if (!zoom) return;
     if (all) {
       if (this.linked) {
-        this.zoom = Math.min(MOST, Math.max(0, Number(this.linked[1]) || 0));
-        [this.x, this.y] = [BigInt(this.linked[2]), BigInt(this.linked[3])];
+        [this.zoom, this.x, this.y] = this.linked;
         this.linked = null;
       } else if (!this.started) {
         [this.x, this.y, this.zoom] = [BigInt(zoom.x), BigInt(zoom.y), zoom.zoom];
@@ -82,7 +86,15 @@ export class ZoomRoom {
 
   show() {
     this.resized();
-    this.link();
+    if (!this.linked) this.link();
+  }
+
+  /** Another place was put into the address of the open page. */
+  follow() {
+    this.linked = linkedPlace();
+    if (!this.linked || !this.started) return;
+    this.refresh(true);
+    this.moved();
   }
 
   hide() {
