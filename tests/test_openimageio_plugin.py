@@ -44,11 +44,11 @@ def without_compiler() -> str:
     """What is missing to build it, in words; '' where nothing is."""
     for program in ("cmake", "c++"):
         if shutil.which(program) is None:
-            return f"no {program}: apt install cmake g++ libfmt-dev libimath-dev"
-    for header in ("fmt/format.h", "Imath/half.h"):
+            return f"no {program}: apt install cmake g++ libfmt-dev libimath-dev nlohmann-json3-dev"
+    for header in ("fmt/format.h", "Imath/half.h", "nlohmann/json.hpp"):
         line = ["c++", "-E", "-x", "c++", "-include", header, "-"]
         if subprocess.run(line, stdin=subprocess.DEVNULL, capture_output=True).returncode:
-            return f"no header {header}: apt install libfmt-dev libimath-dev"
+            return f"no header {header}: apt install libfmt-dev libimath-dev nlohmann-json3-dev"
     return "" if sys.platform == "linux" else "the plugin is for Linux"
 
 
@@ -110,7 +110,9 @@ def shell(plugin: Path, folder: Path) -> Shell:
     def run(*words: object, **environment: str) -> subprocess.CompletedProcess:
         there = os.environ | {"OPENIMAGEIO_PLUGIN_PATH": str(plugin)} | environment
         line = list(map(str, words))
-        return subprocess.run(line, cwd=folder, env=there, capture_output=True, text=True, timeout=120)
+        return subprocess.run(
+            line, cwd=folder, env=there, capture_output=True, text=True, errors="replace", timeout=120
+        )
 
     return run
 
@@ -283,6 +285,13 @@ def test_errors_are_one_line(shell, folder, content, name, text):
     done = shell(BIN / "oiiotool", name, "--cut", "8x8", "-o", "cut.png")
     said = [line for line in (done.stdout + done.stderr).splitlines() if "oiiotex ERROR: " in line]
     assert done.returncode != 0 and len(said) == 1 and text in said[0], done.stdout + done.stderr
+
+
+def test_a_name_that_is_no_utf8_is_said(shell, folder):
+    name = os.fsdecode(b"t\xfcr.oiiotex")
+    shutil.copyfile(folder / "wall.oiiotex", folder / name)
+    done = shell(BIN / "oiiotool", name, "--cut", "8x8", "-o", "cut.png")
+    assert done.returncode != 0 and "oiiotex ERROR: the name of the file is not UTF-8" in done.stdout + done.stderr
 
 
 def test_a_python_without_oiiotex_is_said(shell, folder):

@@ -2,7 +2,7 @@
 """Build the plugin for the OpenImageIO of this Python's environment: `python hosts/openimageio/build.py`.
 
 The wheel of OpenImageIO brings no headers, so they are taken from its source at PyPI. CMake, a C++ compiler and the
-headers of fmt and Imath are the system's (Debian: apt install cmake g++ libfmt-dev libimath-dev).
+headers of fmt, Imath and nlohmann-json are the system's; `SYSTEM` names Debian's packages of them.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import tarfile
 from importlib import metadata
 from pathlib import Path
 
+SYSTEM = "cmake g++ libfmt-dev libimath-dev nlohmann-json3-dev"
 HERE = Path(__file__).resolve().parent
 
 
@@ -72,11 +73,11 @@ def main() -> None:
     words.add_argument("--work", type=Path, default=HERE / "build", help="where it is built; build beside this file")
     asked = words.parse_args()
     if not shutil.which("cmake"):
-        sys.exit("cmake is not there (Debian: apt install cmake g++ libfmt-dev libimath-dev)")
+        sys.exit(f"cmake is not there (Debian: apt install {SYSTEM})")
     try:
         print(build(asked.into.resolve(), asked.work.resolve(), asked.source and asked.source.resolve()))
     except subprocess.CalledProcessError as error:
-        sys.exit(f"not built: {error.cmd[0]} ended with {error.returncode}")
+        sys.exit(f"not built: {error.cmd[0]} ended with {error.returncode} (it needs Debian's {SYSTEM}, or their like)")
 
 
 if __name__ == "__main__":

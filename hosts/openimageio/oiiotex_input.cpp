@@ -35,8 +35,8 @@ public:
             auto texture                = std::make_unique<oiiotex::Texture>(name);
             const oiiotex::Reply answer = texture->ask("texture");
             ImageSpec spec;
-            spec.from_xml(answer.facts["spec"].text.c_str());
-            const long long levels = answer.facts["levels"].whole();
+            spec.from_xml(answer.facts.at("spec").get<std::string>().c_str());
+            const int64_t levels = answer.facts.at("levels");
             if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.tile_width < 1 || spec.tile_height < 1
                 || spec.format == TypeUnknown || levels < 1 || levels > 31)
                 throw oiiotex::Error("the oiiotex process says what is no image");
@@ -89,10 +89,9 @@ public:
             return false;
         }
         return guarded([&] {
-            const std::string more = Strutil::fmt::format(", \"level\": {}, \"window\": [{}, {}, {}, {}]", miplevel, x,
-                                                          y, int64_t(x) + level.tile_width,
-                                                          int64_t(y) + level.tile_height);
-            m_texture->ask("tile", more).copy_pixels(data, level.tile_bytes(true));
+            const oiiotex::Json window { x, y, int64_t(x) + level.tile_width, int64_t(y) + level.tile_height };
+            m_texture->ask("tile", { { "level", miplevel }, { "window", window } })
+                .copy_pixels(data, level.tile_bytes(true));
         });
     }
 
@@ -127,6 +126,8 @@ private:
         try {
             work();
             return true;
+        } catch (const oiiotex::Json::exception&) {
+            errorfmt("oiiotex ERROR: what came from the oiiotex process is no message");
         } catch (const std::exception& error) {
             errorfmt("oiiotex ERROR: {}", error.what());
         }

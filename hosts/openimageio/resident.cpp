@@ -75,11 +75,13 @@ public:
         send(request);
         for (;;) {
             Reply reply             = receive();
-            const std::string state = reply.facts["state"].text;
+            const std::string state = reply.facts.at("state");
             if (state == "done")
                 return reply;
-            if (state == "failed" || state == "cancelled")
-                throw Error(state == "failed" ? reply.facts["text"].text : "the oiiotex process has cancelled it");
+            if (state == "failed")
+                throw Error(reply.facts.at("text"));
+            if (state == "cancelled")
+                throw Error("the oiiotex process has cancelled it");
         }
     }
 
@@ -115,8 +117,8 @@ private:
         std::string text(length, 0);
         exactly(text.data(), length, &memories);
         Reply reply;
-        reply.facts = read_json(text);
-        if (memories.size() != reply.facts["arrays"].items.size())
+        reply.facts = Json::parse(text);
+        if (memories.size() != reply.facts.at("arrays").size())
             throw Error("a message of the oiiotex process has lost its pixels");
         if (!memories.empty())
             reply.memory = std::move(memories.front());
@@ -229,21 +231,25 @@ std::string printed_by(const std::vector<std::string>& words)
 }
 
 // The door of oiiotex (oiiotex/service/door.py): it starts the process of a texture where none runs.
-Json ask_door(const std::string& question)
+Json ask_door(const Json& question)
 {
     const char* chosen       = std::getenv("OIIOTEX_PYTHON");
     const std::string python = chosen && *chosen ? chosen : OIIOTEX_PYTHON;
-    const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.service.door", question });
-    Json answer;
+    std::string word;
     try {
-        answer = read_json(text);
-    } catch (const std::runtime_error&) {
+        word = question.dump();
+    } catch (const Json::exception&) {
+        throw Error("the name of the file is not UTF-8");
+    }
+    const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.service.door", word });
+    const Json answer        = Json::parse(text, nullptr, false);
+    if (!answer.is_object()) {
         const size_t end   = text.find_last_not_of('\n') + 1;
         const size_t begin = end ? text.rfind('\n', end - 1) + 1 : 0;
         throw Error(python + " cannot start oiiotex: " + (end ? text.substr(begin, end - begin) : "it says nothing"));
     }
-    if (!answer["error"].text.empty())
-        throw Error(answer["error"].text);
+    if (answer.contains("error"))
+        throw Error(answer["error"]);
     return answer;
 }
 
@@ -278,12 +284,12 @@ void Reply::copy_pixels(void* to, size_t bytes) const
 
 Texture::Texture(const std::string& name)
 {
-    const Json answer = ask_door("{\"name\": " + json_string(name) + "}");
-    m_text            = answer["texture"].text;
-    m_socket          = answer["socket"].text;
+    const Json answer = ask_door({ { "name", name } });
+    m_text            = answer.at("texture");
+    m_socket          = answer.at("socket");
 }
 
-Reply Texture::ask(const std::string& what, const std::string& more)
+Reply Texture::ask(const std::string& what, Json request)
 {
     Pool& pool = Pool::get();
     auto link  = pool.take(m_socket);
@@ -294,15 +300,16 @@ Reply Texture::ask(const std::string& what, const std::string& more)
         std::lock_guard<std::mutex> guard(starting);
         link = Link::to(m_socket);
         if (!link) {
-            ask_door("{\"texture\": " + json_string(m_text) + "}");
+            ask_door({ { "texture", m_text } });
             link = Link::to(m_socket);
         }
         if (!link)
             throw Ended();
     }
     try {
-        Reply reply = link->ask("{\"id\": 1, \"priority\": 2, \"arrays\": [], \"do\": " + json_string(what)
-                                + ", \"texture\": " + json_string(m_text) + more + "}");
+        request.update({ { "id", 1 }, { "priority", 2 }, { "arrays", Json::array() }, { "do", what },
+                         { "texture", m_text } });
+        Reply reply = link->ask(request.dump());
         pool.give(m_socket, std::move(link));
         return reply;
     } catch (const Ended&) {

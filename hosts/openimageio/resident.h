@@ -2,13 +2,15 @@
 // The resident process of oiiotex, asked from C++: messages as oiiotex/service/messages.py has them.
 #pragma once
 
-#include "json.h"
-
 #include <cstddef>
 #include <stdexcept>
 #include <string>
 
+#include <nlohmann/json.hpp>
+
 namespace oiiotex {
+
+using Json = nlohmann::json;  // throws what is a std::exception where a message is not as it should be
 
 // In one line, for who uses the host.
 struct Error : std::runtime_error {
@@ -43,9 +45,9 @@ public:
     // By its name, with what stands behind '?' in it. Throws Error where it, or something in it, is wrong.
     explicit Texture(const std::string& name);
 
-    // The answer to a request about this texture; `more` are further members of its JSON, each behind a comma.
+    // The answer to a request about this texture, of which `request` are further members.
     // Throws Error: where the process has ended, what is asked next starts another one.
-    Reply ask(const std::string& what, const std::string& more = "");
+    Reply ask(const std::string& what, Json request = Json::object());
 
 private:
     std::string m_text;    // by which the process knows the texture
