@@ -40,10 +40,39 @@ image = bpy.data.images.load(folder + "/photo.png")
 with bpy.context.temp_override(edit_image=image):
     print(bpy.ops.oiiotex.make_tile(width=48, height=32, seed=5))
 tile = bpy.data.images["photo.png tile"]
-pixels = np.empty(48 * 32 * 4, np.float32)
-tile.pixels.foreach_get(pixels)
-np.save(folder + "/tile.npy", pixels.reshape(32, 48, 4)[::-1])
 print(tile.colorspace_settings.name, tile["oiiotex"], sep="|")
+normal = bpy.data.images.load(folder + "/normal.png")
+normal.colorspace_settings.name = "Non-Color"
+bpy.ops.mesh.primitive_cube_add()
+cube = bpy.context.active_object
+material = bpy.data.materials.new("wall")
+material.use_nodes = True
+cube.data.materials.append(material)
+nodes, links = material.node_tree.nodes, material.node_tree.links
+surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+colour, bumps, between = (nodes.new("ShaderNode" + kind) for kind in ("TexImage", "TexImage", "NormalMap"))
+colour.image, bumps.image = image, normal
+links.new(colour.outputs["Color"], surface.inputs["Base Color"])
+links.new(bumps.outputs["Color"], between.inputs["Color"])
+links.new(between.outputs["Normal"], surface.inputs["Normal"])
+with bpy.context.temp_override(edit_image=image):
+    for make in (bpy.ops.oiiotex.flatten, bpy.ops.oiiotex.dominant_mask, bpy.ops.oiiotex.label_masks):
+        print(make())
+    print(bpy.ops.oiiotex.cryptomatte(filepath=folder + "/labels.exr"))
+    print(bpy.ops.oiiotex.make_material(width=40, height=40, seed=2))
+    print(colour.image.name, bumps.image.name, bumps.image.colorspace_settings.name, bumps.image["oiiotex"], sep="|")
+    print(bpy.ops.oiiotex.texture_mesh(width=64, height=64, seed=1))
+    print(cube.active_material.name)
+    cube.data.uv_layers.remove(cube.data.uv_layers[0])
+    try:
+        bpy.ops.oiiotex.texture_mesh(width=64, height=64)
+    except RuntimeError as error:
+        print(error)
+for one in bpy.data.images:
+    if one.has_data and one.source != "VIEWER":
+        values = np.empty(len(one.pixels), np.float32)
+        one.pixels.foreach_get(values)
+        np.save(folder + "/" + one.name + ".npy", values.reshape(one.size[1], one.size[0], 4)[::-1])
 preferences.python = "/bin/false"
 for space in ("sRGB", "Linear Rec.2020"):
     image.colorspace_settings.name = space
@@ -64,6 +93,7 @@ def folder(monkeypatch):
         (path / "run").mkdir(mode=0o700)
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(path / "run"))
         save(pictures.stained(pictures.bricks(64, 80, seed=1)), path / "photo.png", space="srgb_rec709_scene")
+        save(np.full((64, 80, 3), (0.5, 0.5, 1.0)), path / "normal.png")
         subprocess.run([sys.executable, BUILD, path / "extension.zip"], check=True)
         yield path
         connect(Settings.of(Session())).end()
@@ -77,11 +107,11 @@ import numpy as np
 from oiiotex_blender.process import Failed, Process
 assert "oiiotex" not in sys.modules
 photo = np.load(folder + "/photo.npy")
-job = Process(python).begin("stationarize", photo, None, {"size": "48x32", "data": 1})
+job = Process(python).begin("stationarize", [(photo, None)], {"size": "48x32", "data": 1})
 job.wait()
-np.save(folder + "/tile.npy", job.result())
-wrong = Process(python).begin("stationarize", photo, None, {"size": "0x32"})
-long = Process(python).begin("stationarize", photo, None, {"iterations": 1000, "data": 1})
+np.save(folder + "/tile.npy", job.result()[0][0][1])
+wrong = Process(python).begin("stationarize", [(photo, None)], {"size": "0x32"})
+long = Process(python).begin("stationarize", [(photo, None)], {"iterations": 1000, "data": 1})
 long.cancel()
 for job in (wrong, long):
     job.wait()
@@ -112,13 +142,35 @@ def test_a_tile_is_the_programs(folder):
     there = os.environ | {"BLENDER_USER_RESOURCES": str(folder / "user")}
     done = subprocess.run(line, capture_output=True, text=True, timeout=200, env=there)
     assert done.returncode == 0, done.stdout + done.stderr
-    photo = oiio.ImageBuf(str(folder / "photo.png"))
-    same = filters.stationarize(photo, size=(48, 32), seed=5, colorspace="srgb_rec709_scene").get_pixels(oiio.UINT8)
-    found = np.rint(np.load(folder / "tile.npy") * 255).astype(np.uint8)
-    np.testing.assert_array_equal(found[..., :3], same)
-    assert (found[..., 3] == 255).all()  # Blender's images have an alpha
-    said = done.stdout
-    assert "{'FINISHED'}" in said
-    assert "sRGB|oiiotex photo.png --iscolorspace srgb_rec709_scene --texstationarize:size=48x32:seed=5\n" in said
-    assert "/bin/false cannot start oiiotex" in said
-    assert "photo.png: colour space Linear Rec.2020: allowed are sRGB, Linear Rec.709, Non-Color" in said
+    photo, normal = (oiio.ImageBuf(str(folder / name)) for name in ("photo.png", "normal.png"))
+    space = {"colorspace": "srgb_rec709_scene"}
+    tiles = filters.stationarize(photo, maps=[normal], kinds=["colour", "normal"], size=(40, 40), seed=2, **space)
+    for name, same in {
+        "photo.png tile": filters.stationarize(photo, size=(48, 32), seed=5, **space),
+        "photo.png flat": filters.flatten(photo, **space),
+        "photo.png tile.001": tiles[0],
+        "normal.png tile": tiles[1],
+        "photo.png dominant": filters.dominant(photo, **space),
+    }.items():
+        found = np.rint(np.load(folder / f"{name}.npy") * 255).astype(np.uint8)
+        assert (found[..., :3] == same.get_pixels(oiio.UINT8)).all(), name  # of a mask the one channel thrice
+        assert (found[..., 3] == 255).all()  # Blender's images have an alpha
+    said = done.stdout.splitlines()
+    assert said.count("{'FINISHED'}") == 7
+    line = "oiiotex photo.png --iscolorspace srgb_rec709_scene"
+    assert f"sRGB|{line} --texstationarize:size=48x32:seed=5" in said
+    assert any(
+        one.endswith(f"|{line} normal.png --texstationarize:size=40x40:seed=2:n=2:kinds=colour,normal") for one in said
+    )
+    masks = [np.load(path)[..., 0] for path in sorted(folder.glob("photo.png label*.npy"))]
+    assert len(masks) >= 2 and (sum(masks) == 1).all()
+    parts = [oiio.ImageBuf(str(folder / "labels.exr"), n, 0).spec() for n in range(9)]
+    assert any("cryptomatte/" in attribute.name for spec in parts for attribute in spec.extra_attribs)
+    assert any(one.startswith("photo.png on Cube") for one in said)
+    for text in (
+        "Warning: --texstationarize: 40x40 px stretch a lattice",
+        "/bin/false cannot start oiiotex",
+        "has no UV map: Smart UV Project makes one",
+        "photo.png: colour space Linear Rec.2020: allowed are sRGB, Linear Rec.709, Non-Color",
+    ):
+        assert any(text in one for one in said), done.stdout

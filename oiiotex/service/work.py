@@ -72,8 +72,9 @@ class Bench:
         ----------
         job : Job
         asked : dict
-            op, its name; images, numbers of those it always takes; optional, by parameter a number of an image or a
-            name of a part; values, by modifier a text as on the command line; measure, whether the result is measured;
+            op, its name; images, numbers of those it always takes, and of a material's further maps behind them;
+            optional, by parameter a number of an image or a name of a part; values, by modifier a text as on the
+            command line; measure, whether the result is measured;
             until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once;
             keep, False where its images will not be asked for again.
         look : callable
@@ -164,15 +165,17 @@ class Bench:
         values = {p.attribute: p.parse(texts.pop(p.name)) for p in op.arguments() if p.name in texts}
         values |= parse_modifiers(op, texts)
         given = [self.image(number) for number in asked.get("images", ())]
-        declared = op.taken(values)
-        many = len(declared) == 1 and declared[0].many
-        if not many and len(given) != len(declared):
-            raise ParameterError(f"{name} takes {len(declared)} image(s), not {len(given)}")
+        declared, further = op.taken(values), op.further_images()
         bound: dict[str, Any] = {i.attribute: None for i in (*op.images(), *op.optional_images())}
-        if many:
+        if len(declared) == 1 and declared[0].many:
             bound[declared[0].attribute] = tuple(given)
         else:
-            bound |= {i.attribute: image for i, image in zip(declared, given, strict=True)}
+            count = 1 if further is None else values.get(further.count) or 1
+            if len(given) != len(declared) + count - 1:
+                raise ParameterError(f"{name} takes {len(declared) + count - 1} image(s), not {len(given)}")
+            bound |= {i.attribute: image for i, image in zip(declared, given, strict=False)}
+            if further is not None:
+                bound[further.attribute] = tuple(given[len(declared) :])
         slots = {i.name: i for i in op.optional_images()}
         for key, what in asked.get("optional", {}).items():
             if key not in slots:

@@ -12,6 +12,7 @@ from .link.errors import Error
 from .link.service.messages import Link
 
 _START = 60  # s that the process may take until it listens
+_PROGRAM = "import sys; from oiiotex.cli.main import main; sys.exit(main())"
 _CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
 
 
@@ -30,9 +31,24 @@ class Process:
     def __init__(self, python: str):
         self._python = python
 
-    def begin(self, op, pixels, space, values) -> Job:
-        """Begin an op of one image: (height, width, channels) float32, in a colour space or None for data."""
-        return Job(self._connected, op, pixels, space, values)
+    def begin(self, op, maps, values, parts=None) -> Job:
+        """Begin an op.
+
+        Parameters
+        ----------
+        op : str
+        maps : list of (pixels, space)
+            What it is made of: (height, width, channels) float32, in a colour space or None for data.
+        values : dict
+            Its modifiers.
+        parts : str, optional
+            How the names of those parts of the results begin that are wanted; their first ones when left out.
+        """
+        return Job(self._connected, op, maps, values, parts)
+
+    def run(self, words) -> Line:
+        """Begin a line of the program."""
+        return Line([self._python, "-I", "-c", _PROGRAM, *words])
 
     def _connected(self) -> socket.socket:
         line = [self._python, "-I", "-m", "oiiotex.service.door", '{"device": null}']
@@ -58,13 +74,15 @@ class Job:
     ----------
     progress : float
         0 to 1.
+    warnings : list of str
+        What the user should know of the result.
     """
 
-    def __init__(self, connected, op, pixels, space, values):
-        self.progress = 0.0
-        self._pixels = self._error = self._link = None
+    def __init__(self, connected, op, maps, values, parts):
+        self.progress, self.warnings = 0.0, []
+        self._results = self._error = self._link = None
         self._stopped = False
-        self._thread = threading.Thread(target=self._run, args=(connected, op, pixels, space, values), daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(connected, op, maps, values, parts), daemon=True)
         self._thread.start()
 
     @property
@@ -83,7 +101,7 @@ class Job:
             self._link.close()
 
     def result(self):
-        """(height, width, channels) float32.
+        """Names of parts and their pixels, (height, width, channels), image by image.
 
         Raises
         ------
@@ -94,17 +112,24 @@ class Job:
             raise Failed("cancelled")
         if self._error is not None:
             raise Failed(self._error)
-        return self._pixels
+        return self._results
 
-    def _run(self, connected, op, pixels, space, values) -> None:
+    def _run(self, connected, op, maps, values, parts) -> None:
         try:
             self._link = Link(connected())
             if self._stopped:  # before there was anything to hang up
                 return
-            number = self._ask({"do": "put", "image": _facts(pixels, space)}, [pixels])[0]["number"]
+            numbers = [
+                self._ask({"do": "put", "image": _facts(pixels, space)}, [pixels])[0]["number"]
+                for pixels, space in maps
+            ]
             texts = {key: str(value) for key, value in values.items()}
-            asked = {"do": "make", "op": op, "images": [number], "values": texts, "read": "", "keep": False}
-            self._pixels = self._ask(asked)[1][0]
+            made = self._ask({"do": "make", "op": op, "images": numbers, "values": texts})[0]
+            self.warnings = [text for level, text in made["log"] if level == "warning"]
+            self._results = [
+                [(name, self._ask({"do": "read", "image": image["number"], "part": name})[1][0]) for name in names]
+                for image, names in ((image, _wanted(image, parts)) for image in made["images"])
+            ]
         except (Failed, Error, OSError) as error:
             self._error = str(error)
         finally:
@@ -121,6 +146,48 @@ class Job:
                 return answer, pixels
             else:
                 raise Failed(answer.get("text") or "cancelled")
+
+
+class Line:
+    """The program, with words of its own; to be waited for as a `Job` is."""
+
+    progress, warnings = 0.0, ()
+
+    def __init__(self, words):
+        self._stopped = False
+        try:
+            self._program = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            )
+        except OSError as error:
+            raise Failed(f"{words[0]} cannot be started: the extension's preferences say which Python") from error
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self._program.poll() is not None
+
+    def wait(self) -> None:
+        """Until it has ended."""
+        self._program.wait()
+
+    def cancel(self) -> None:
+        """End it."""
+        self._stopped = True
+        self._program.terminate()
+
+    def result(self) -> None:
+        """Nothing; raises Failed where the program did."""
+        said = self._program.communicate()[1].strip().splitlines()
+        if self._stopped:
+            raise Failed("cancelled")
+        if self._program.returncode:
+            raise Failed(said[-1] if said else f"the program ended with {self._program.returncode}")
+
+
+def _wanted(image, parts) -> list[str]:
+    names = [part["name"] for part in image["parts"]]
+    return names[:1] if parts is None else [name for name in names if name.startswith(parts)]
 
 
 def _facts(pixels, space):

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Images of Blender as pixels, and pixels as images of Blender."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+SPACES = {"sRGB": "srgb_rec709_scene", "Linear Rec.709": "lin_rec709_scene", "Non-Color": None}
+LINE = "oiiotex"  # the custom property of a result: the line that makes it
+
+
+def name_of_space(image) -> str:
+    """What space `image.pixels` are in: Blender holds float images scene linear."""
+    name = image.colorspace_settings.name
+    return "Linear Rec.709" if image.is_float and name != "Non-Color" else name
+
+
+def pixels_of(image) -> np.ndarray:
+    """(height, width, channels) float32, the top row first."""
+    pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
+    image.pixels.foreach_get(pixels)
+    return np.ascontiguousarray(pixels.reshape(image.size[1], image.size[0], image.channels)[::-1])
+
+
+def new_image(name: str, pixels: np.ndarray, line: str, like=None):
+    """An image that is packed into the file.
+
+    Parameters
+    ----------
+    name : str
+    pixels : (height, width, 1, 3 or 4) array
+        The top row first.
+    line : str
+        What makes it.
+    like : bpy.types.Image, optional
+        Whose colour space and depth it has; it is data of floats when left out.
+    """
+    height, width, channels = pixels.shape
+    full = np.ones((height, width, 4), np.float32)
+    full[..., : max(3, channels)] = pixels
+    image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=like is None or like.is_float)
+    image.colorspace_settings.name = "Non-Color" if like is None else like.colorspace_settings.name
+    image.pixels.foreach_set(full[::-1].ravel())  # Blender's rows begin at the bottom
+    image.update()
+    image.pack()
+    image[LINE] = line
+    return image

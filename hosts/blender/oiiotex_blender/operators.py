@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the panel can make: each of them one line of oiiotex, on the image that the editor shows."""
+
+from __future__ import annotations
+
+import shlex
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy_extras.io_utils import ExportHelper
+
+from .images import LINE, SPACES, name_of_space, new_image, pixels_of
+from .process import Failed, Process
+
+_MOST_MASKS = 16  # of labels, the largest first
+
+
+class _Making:
+    """An operator that has an op made, and goes on while Blender is used; escape cancels.
+
+    Attributes
+    ----------
+    op : str
+        As on the command line, without `--tex`.
+    parts : str or None
+        Which parts of its result are wanted, as `Process.begin` takes it.
+    """
+
+    bl_options = {"REGISTER", "UNDO"}
+    op: str
+    parts: str | None = None
+
+    @classmethod
+    def poll(cls, context):
+        """Where an image is shown."""
+        return shown(context) is not None
+
+    def values(self, context, image) -> dict[str, object]:
+        """The op's modifiers."""
+        return {}
+
+    def maps(self, context, image) -> list:
+        """Which images it is made of."""
+        return [image]
+
+    def begin(self, process, images, spaces, values):
+        """The job."""
+        maps = [(pixels_of(image), space) for image, space in zip(images, spaces, strict=True)]
+        return process.begin(self.op, maps, values, self.parts)
+
+    def finish(self, context, images, results, line) -> list:
+        """Images of Blender from the results."""
+        raise NotImplementedError
+
+    def invoke(self, context, event):
+        """Begin."""
+        if not self._begun(context):
+            return {"CANCELLED"}
+        manager = context.window_manager
+        manager.progress_begin(0, 100)
+        self._timer = manager.event_timer_add(0.1, window=context.window)
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """Look whether it is done."""
+        if event.type == "ESC":
+            self._job.cancel()
+        elif event.type == "TIMER":
+            context.window_manager.progress_update(100 * self._job.progress)
+            context.workspace.status_text_set(f"{self.bl_label}: {100 * self._job.progress:.0f} %, Esc cancels")
+            if self._job.done:
+                context.window_manager.event_timer_remove(self._timer)
+                context.window_manager.progress_end()
+                context.workspace.status_text_set(None)
+                return self._ended(context)
+        return {"PASS_THROUGH"}
+
+    def execute(self, context):
+        """Wait for it: from scripts, and where a setting of the last one is changed."""
+        if not self._begun(context):
+            return {"CANCELLED"}
+        self._job.wait()
+        return self._ended(context)
+
+    def _begun(self, context) -> bool:
+        try:
+            images = self.maps(context, shown(context))
+            spaces = [_space(image) for image in images]
+            values = self.values(context, images[0])
+            self._line = " ".join(shlex.quote(word) for word in _words(self.op, images, spaces, values))
+            preferences = context.preferences.addons.get(__package__)
+            process = Process(preferences.preferences.python if preferences else "python3")
+            self._job = self.begin(process, images, spaces, values)
+        except Failed as error:
+            self.report({"ERROR"}, str(error))
+            return False
+        self._names = [image.name for image in images]  # one may be gone when it is done
+        return True
+
+    def _ended(self, context):
+        try:
+            results = self._job.result()
+            missing = [name for name in self._names if name not in bpy.data.images]
+            if missing:
+                raise Failed(f"{missing[0]} is not there any more")
+            made = self.finish(context, [bpy.data.images[name] for name in self._names], results, self._line)
+        except Failed as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        for text in self._job.warnings:
+            self.report({"WARNING"}, text)
+        if context.space_data is not None and context.space_data.type == "IMAGE_EDITOR":
+            context.space_data.image = made[0]
+        return {"FINISHED"}
+
+
+class _OneImage(_Making):
+    """One image from one; `what` stands behind its name."""
+
+    what: str
+    data = False
+
+    def finish(self, context, images, results, line):
+        """The image."""
+        ((_, pixels),) = results[0]
+        return [new_image(f"{images[0].name} {self.what}", pixels, line, None if self.data else images[0])]
+
+
+class _Sized:
+    """An operator whose result may have another size than the image."""
+
+    width: bpy.props.IntProperty(name="Width", default=0, min=0, max=16384, description="px; 0: the image's own")
+    height: bpy.props.IntProperty(name="Height", default=0, min=0, max=16384, description="px; 0: the image's own")
+    seed: bpy.props.IntProperty(name="Seed", default=0, min=0, description="same seed, same pixels")
+
+    def values(self, context, image):
+        """Size and seed."""
+        return {"size": f"{self.width or image.size[0]}x{self.height or image.size[1]}", "seed": self.seed}
+
+
+class MakeTile(_Sized, _OneImage, bpy.types.Operator):
+    """Make a tile without visible repetition of the image shown (MJH17)"""
+
+    bl_idname = "oiiotex.make_tile"
+    bl_label = "Make Tile"
+    op, what = "stationarize", "tile"
+
+
+class Flatten(_OneImage, bpy.types.Operator):
+    """Take uneven light out of the image shown: its colours are the same everywhere on a large scale"""
+
+    bl_idname = "oiiotex.flatten"
+    bl_label = "Flatten"
+    op, what = "flatten", "flat"
+
+
+class DominantMask(_OneImage, bpy.types.Operator):
+    """Where the image shown has its main texture, and no other things (LDR09)"""
+
+    bl_idname = "oiiotex.dominant_mask"
+    bl_label = "Dominant Mask"
+    op, what, data = "dominant", "dominant", True
+
+
+class LabelMasks(_Making, bpy.types.Operator):
+    """A mask for each of the textures in the image shown, the largest first (LSA16)"""
+
+    bl_idname = "oiiotex.label_masks"
+    bl_label = "Label Masks"
+    op, parts = "label", "label."
+
+    fine: bpy.props.BoolProperty(name="Fine", default=False, description="of the finest of the maps, not the coarsest")
+
+    def finish(self, context, images, results, line):
+        """The masks."""
+        maps = sorted(results[0], key=lambda part: int(part[0].split(".")[1]))
+        name, ids = maps[0 if self.fine else -1]
+        labels, counts = np.unique(ids[ids > 0], return_counts=True)
+        largest = labels[np.argsort(-counts, kind="stable")[:_MOST_MASKS]]
+        return [
+            new_image(f"{images[0].name} {name} {int(label)}", (ids == label).astype(np.float32), line)
+            for label in largest
+        ]
+
+
+class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
+    """Write the textures in the image shown as an EXR with Cryptomatte, for the compositor to pick from"""
+
+    bl_idname = "oiiotex.cryptomatte"
+    bl_label = "Cryptomatte"
+    op = "label"
+    filename_ext = ".exr"
+
+    def invoke(self, context, event):
+        """Ask for the file, then begin."""
+        if self.filepath:
+            return _Making.invoke(self, context, event)
+        return ExportHelper.invoke(self, context, event)
+
+    def values(self, context, image):
+        """That a Cryptomatte is wanted."""
+        return {"cryptomatte": 1}
+
+    def begin(self, process, images, spaces, values):
+        """A line of the program, because Blender has such layers from files alone."""
+        file = Path(bpy.path.abspath(images[0].filepath, library=images[0].library))
+        if images[0].is_dirty or not file.is_file():
+            raise Failed(f"{images[0].name}: save it first")
+        words = _words(self.op, images, spaces, values)
+        return process.run([str(file), *words[2:], "-o", self.filepath])
+
+    def finish(self, context, images, results, line):
+        """The file, as an image."""
+        image = bpy.data.images.load(self.filepath, check_existing=True)
+        image.reload()
+        image[LINE] = line
+        return [image]
+
+
+class MakeMaterial(_Sized, _Making, bpy.types.Operator):
+    """Make tiles of all image maps of the object's active material together; its nodes show them"""
+
+    bl_idname = "oiiotex.make_material"
+    bl_label = "Make Tiles of Material"
+    op = "stationarize"
+
+    @classmethod
+    def poll(cls, context):
+        """Where there is a material with images."""
+        return bool(_nodes(context))
+
+    def maps(self, context, image):
+        """Those of its nodes, what is coloured first."""
+        images = list(dict.fromkeys(node.image for node in _nodes(context)))
+        images.sort(key=lambda one: _space(one) is None)
+        sizes = {tuple(one.size) for one in images}
+        if len(sizes) > 1:
+            raise Failed(f"the material's images have other sizes than each other: {sorted(sizes)}")
+        self._shown_by = [(node.name, node.image.name) for node in _nodes(context)]
+        return images
+
+    def values(self, context, image):
+        """With what each of the maps is, by what its node goes to."""
+        images = self.maps(context, image)
+        kinds = {node.image: _kind(node) for node in _nodes(context)}
+        named = [kinds[one] if _space(one) is None else "colour" for one in images]
+        return super().values(context, image) | ({"n": len(images), "kinds": ",".join(named)} if images[1:] else {})
+
+    def finish(self, context, images, results, line):
+        """Tiles, which take the images' places in the material."""
+        made = [
+            new_image(f"{image.name} tile", parts[0][1], line, image)
+            for image, parts in zip(images, results, strict=True)
+        ]
+        tiles = {image.name: tile for image, tile in zip(images, made, strict=True)}
+        nodes = {node.name: node for node in _nodes(context)}
+        for node, image in self._shown_by:
+            if node in nodes:
+                nodes[node].image = tiles[image]
+        return made
+
+
+class TextureMesh(_Sized, _Making, bpy.types.Operator):
+    """Texture the active object with the image shown, over the borders of its UV islands (LDR09 figure 7)"""
+
+    bl_idname = "oiiotex.texture_mesh"
+    bl_label = "Texture Mesh"
+    op = "atlas"
+
+    @classmethod
+    def poll(cls, context):
+        """Where an image is shown and a mesh is active."""
+        return super().poll(context) and context.active_object is not None and context.active_object.type == "MESH"
+
+    def values(self, context, image):
+        """With the mesh, as a file of its own."""
+        mesh = context.active_object
+        if not mesh.data.uv_layers:
+            raise Failed(f"{mesh.name} has no UV map: Smart UV Project makes one")
+        self._object = mesh.name
+        self._folder = tempfile.TemporaryDirectory(prefix="oiiotex")
+        path = Path(self._folder.name, f"{bpy.path.clean_name(mesh.name)}.obj")
+        _write_obj(mesh.evaluated_get(context.evaluated_depsgraph_get()), path)
+        return super().values(context, image) | {"mesh": path}
+
+    def finish(self, context, images, results, line):
+        """The image, and a material of the object that shows it."""
+        image = new_image(f"{images[0].name} on {self._object}", results[0][0][1], line, images[0])
+        mesh = bpy.data.objects.get(self._object)
+        if mesh is None:
+            raise Failed(f"{self._object} is not there any more")
+        material = bpy.data.materials.new(image.name)
+        material.use_nodes = True
+        nodes, links = material.node_tree.nodes, material.node_tree.links
+        picture = nodes.new("ShaderNodeTexImage")
+        picture.image, picture.location = image, (-300, 300)
+        surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+        links.new(picture.outputs["Color"], surface.inputs["Base Color"])
+        if mesh.data.materials:
+            mesh.material_slots[mesh.active_material_index].material = material
+        else:
+            mesh.data.materials.append(material)
+        return [image]
+
+
+CLASSES = (MakeTile, Flatten, DominantMask, LabelMasks, Cryptomatte, MakeMaterial, TextureMesh)
+
+
+def shown(context):
+    """The image that the editor shows; from scripts `context.temp_override(edit_image=image)` says it."""
+    return getattr(context, "edit_image", None)
+
+
+def _space(image) -> str | None:
+    name = name_of_space(image)
+    if name not in SPACES:
+        raise Failed(f"{image.name}: colour space {name}: allowed are {', '.join(SPACES)}")
+    return SPACES[name]
+
+
+def _words(op, images, spaces, values) -> list[str]:
+    """The line of what is made; `values` gets what the op must know of an image that is data."""
+    if spaces[0] is None:
+        values["data"] = 1
+    words = ["oiiotex"]
+    for image, space in zip(images, spaces, strict=True):
+        words += [image.name, *(["--iscolorspace", space] if space else [])]
+    said = {key: value.name if isinstance(value, Path) else value for key, value in values.items()}
+    return [*words, f"--tex{op}" + "".join(f":{key}={value}" for key, value in said.items())]
+
+
+def _nodes(context) -> list:
+    """The nodes with images of the active object's active material."""
+    material = getattr(context.active_object, "active_material", None)
+    if material is None or material.node_tree is None:
+        return []
+    return [node for node in material.node_tree.nodes if node.type == "TEX_IMAGE" and node.image is not None]
+
+
+def _kind(node) -> str:
+    """What a map of data is, by what its colour goes to."""
+    goes = {link.to_node.type for link in node.outputs["Color"].links}
+    return "normal" if "NORMAL_MAP" in goes else "height" if goes & {"DISPLACEMENT", "BUMP"} else "data"
+
+
+def _write_obj(mesh, path: Path) -> None:
+    """Triangles with their UVs, as the object is seen with its modifiers."""
+    data = mesh.to_mesh()
+    data.calc_loop_triangles()
+    uvs = data.uv_layers.active.data
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in (vertex.co for vertex in data.vertices)]
+    lines += [f"vt {u:.9g} {v:.9g}" for u, v in (one.uv for one in uvs)]
+    for triangle in data.loop_triangles:
+        corners = zip(triangle.vertices, triangle.loops, strict=True)
+        lines.append("f " + " ".join(f"{vertex + 1}/{loop + 1}" for vertex, loop in corners))
+    mesh.to_mesh_clear()
+    path.write_text("\n".join(lines) + "\n")
