@@ -14,6 +14,7 @@ import pytest
 from oiiotex import filters
 from oiiotex.core.window import Window
 from oiiotex.errors import Error, ImageError
+from oiiotex.patchmatch.wang_tiles import Edges, edges_of
 from oiiotex.service.door import answer
 from oiiotex.service.texture_file import TextureFile, read_texture_file, tile_side
 from oiiotex.service.textures import Texture, opened
@@ -56,17 +57,19 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
     [
         ({"oiiotex": 2}, "", '"oiiotex": 1, the version of the format, is wanted'),
         ({"oiiotex": True}, "", "the version of the format"),
-        ({"photo": None}, "", "one of photo and graph is wanted, not neither"),
+        ({"photo": None}, "", "one of photo, graph and tiles is wanted, not none"),
         ({"graph": "loop.json"}, "", "not photo and graph"),
         ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
         ({"photo": 7}, "", "photo=7: allowed is a text"),
-        ({"fotograph": "x.exr"}, "", "unknown 'fotograph'.*; there is oiiotex, photo, graph"),
+        ({"fotograph": "x.exr"}, "", "unknown 'fotograph'.*; there is oiiotex, photo, graph, tiles"),
         ({"size": None}, "", "size=None: allowed is WIDTHxHEIGHT"),
         ({"size": "0x4"}, "", "size=0x4: allowed"),
         ({"size": f"{2**31}x4"}, "", r"<= 2147482624 px \(2\^31 - 1024\)"),
         ({"size": "2147482624x131073"}, "", r"allowed are 2\^48 px in all"),
         ({"plan": "loop.json"}, "", "size beside plan: a plan is of a photo, and says the rest"),
         ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed beside plan"),
+        ({"tiles": "photo.exr"}, "", "not photo and tiles"),
+        ({"photo": None, "tiles": "photo.exr", "level": 3}, "", "level beside tiles: they have one"),
         ({"seed": -1}, "", "seed=-1: allowed is a whole number >= 0 and <= 4294967295"),
         ({"seed": True}, "", "seed=True: allowed"),
         ({"level": 61}, "", "level=61: allowed is a whole number >= 0 and <= 60"),
@@ -85,7 +88,7 @@ def test_what_is_wrong_in_a_document_is_said(folder, changes, query, text):
 
 @pytest.mark.parametrize(
     ("content", "text"),
-    [("{", "not JSON"), ("[1]", "an object of oiiotex, photo, graph, size is wanted"), ("", "not JSON")],
+    [("{", "not JSON"), ("[1]", "an object of oiiotex, photo, graph, tiles, size is wanted"), ("", "not JSON")],
 )
 def test_what_is_no_document_is_said(folder, content, text):
     (folder / "bad.oiiotex").write_text(content)
@@ -153,6 +156,53 @@ def test_a_plan_is_a_texture_of_one_level(folder, session):
     tile = texture.tile(0, Window(256, 64, 320, 192), session).astype(np.float32)
     np.testing.assert_array_equal(tile[:66, :44], whole[64:, 256:])
     assert not tile[66:].any() and not tile[:, 44:].any()
+
+
+def wang_set(folder: Path, count: int, edges: list[Edges]) -> str:
+    """A file of tiles of 12 x 8 px whose pixels are (tile, row, column)."""
+    y, x = np.mgrid[:8, :12]
+    tiles = []
+    for number in range(count):
+        spec = oiio.ImageSpec(12, 8, 3, "half")
+        spec.attribute("oiio:subimagename", f"tile{number}")
+        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
+        spec.attribute("oiiotex:edges", str(edges[number]))
+        tiles.append((spec, np.stack([np.full_like(y, number), y, x], axis=-1).astype(np.float32)))
+    out = oiio.ImageOutput.create(str(folder / "set.exr"))
+    assert out.open(str(folder / "set.exr"), tuple(spec for spec, _ in tiles))
+    for number, (spec, pixels) in enumerate(tiles):
+        assert number == 0 or out.open(str(folder / "set.exr"), spec, "AppendSubimage")
+        assert out.write_image(pixels)
+    out.close()
+    return "set.exr"
+
+
+@pytest.mark.parametrize("count", [3, 16, 20])
+def test_tiles_lie_beside_tiles_with_the_same_edges(folder, session, count):
+    edges = edges_of(count)
+    name = wall(folder, photo=None, tiles=wang_set(folder, count, edges))
+    texture = Texture(read_texture_file(name).text(), session)
+    assert (texture.spec.width, texture.spec.height, texture.levels) == (1000, 70000, 1)
+    place = Window(-36, -16, 300, 240)
+    plane = texture.tile(0, place, session).astype(int)
+    np.testing.assert_array_equal(plane[..., 1], np.mgrid[-16:240, -36:300][0] % 8)
+    np.testing.assert_array_equal(plane[..., 2], np.mgrid[-16:240, -36:300][1] % 12)
+    tiles = plane[::8, ::12, 0]
+    assert len(np.unique(tiles)) == count
+    for one, below in zip(tiles[:-1].ravel(), tiles[1:].ravel(), strict=True):
+        assert edges[one].south == edges[below].north
+    for one, beside in zip(tiles[:, :-1].ravel(), tiles[:, 1:].ravel(), strict=True):
+        assert edges[one].east == edges[beside].west
+    part = texture.tile(0, Window(5, 3, 50, 44), session)
+    np.testing.assert_array_equal(part, plane[3 + 16 : 44 + 16, 5 + 36 : 50 + 36])
+    other = Texture(read_texture_file(f"{name}?seed=4").text(), session).tile(0, place, session)
+    assert (other[..., 0] != plane[..., 0]).any()
+
+
+def test_tiles_that_want_those_before_are_refused(folder, session):
+    name = wall(folder, photo=None, tiles=wang_set(folder, 8, edges_of(8)))
+    with pytest.raises(ImageError, match=r"set\.exr: 8 tiles cannot lie anywhere: none has the edges n0e0s1w0"):
+        Texture(read_texture_file(name).text(), session)
 
 
 def test_colour_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):

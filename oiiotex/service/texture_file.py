@@ -9,6 +9,7 @@ document. `size` is that of the image, `level` the octaves of --texsynth that it
 Behind the file's name `?seed=7&size=4096x4096` says another seed, size, level, colorspace or device.
 
 With `plan`, an archive of --texquilt:plan, it is that quilt of the photo instead, or of any map of the photo's size.
+With `tiles` instead of a photo, a file of --texstationarize:variants, these tiles lie beside each other as `seed` says.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ VERSION = 1
 MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
 _TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
 _MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
-_KEYS = ("oiiotex", "photo", "graph", "size", "plan", "seed", "level", "colorspace", "autocc", "device")
+_FILES = ("photo", "graph", "tiles", "plan")
+_KEYS = ("oiiotex", "photo", "graph", "tiles", "size", "plan", "seed", "level", "colorspace", "autocc", "device")
 _WORDS = ("title", "note")  # for people
 _QUERY = ("seed", "size", "level", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
@@ -52,8 +54,8 @@ class TextureFile:
     ----------
     name : str
         The file's, for messages.
-    photo, graph, plan : str or None
-        Absolute path; one of the first two is None, and so is `plan` with a graph.
+    photo, graph, tiles, plan : str or None
+        Absolute path; one of the first three, and a plan with a photo alone.
     stamp : tuple of int
         When these files were last changed, ns, and their bytes: changed, it is another texture.
     width, height : int
@@ -67,6 +69,7 @@ class TextureFile:
     name: str
     photo: str | None
     graph: str | None
+    tiles: str | None
     plan: str | None
     stamp: tuple[int, ...]
     width: int
@@ -103,9 +106,9 @@ class TextureFile:
         Raises
         ------
         ImageError
-            The photo, graph or plan is another than when it was opened.
+            One of its files is another than when it was opened.
         """
-        files = list(filter(None, (self.photo, self.graph, self.plan)))
+        files = list(filter(None, (getattr(self, key) for key in _FILES)))
         if _stamp(self.name, files) != self.stamp:
             raise ImageError(f"{self.name}: {' or '.join(files)} has changed since it was opened: open it again")
 
@@ -125,7 +128,7 @@ def read_texture_file(name: str) -> TextureFile:
     where = str(path)
     document = read_document(path)
     if not isinstance(document, dict):
-        raise ImageError(f"{where}: an object of {', '.join(_KEYS[:4])} is wanted, not {type(document).__name__}")
+        raise ImageError(f"{where}: an object of {', '.join(_KEYS[:5])} is wanted, not {type(document).__name__}")
     for key in document:
         if key not in _KEYS + _WORDS:
             raise ImageError(f"{where}: unknown '{key}'{nearest(str(key), _KEYS)}; there is {', '.join(_KEYS)}")
@@ -147,14 +150,16 @@ def _asked(query: str, where: str) -> dict[str, Any]:
 
 def _checked(document: dict[str, Any], path: Path) -> TextureFile:
     where = str(path)
-    given = [key for key in ("photo", "graph") if document.get(key) is not None]
+    given = [key for key in _FILES[:3] if document.get(key) is not None]
     if len(given) != 1:
-        raise ImageError(f"{where}: one of photo and graph is wanted, not {' and '.join(given) or 'neither'}")
+        raise ImageError(f"{where}: one of photo, graph and tiles is wanted, not {' and '.join(given) or 'none'}")
     if document.get("plan") is not None:
-        for key in ("graph", "size", "seed", "level"):
+        for key in ("graph", "tiles", "size", "seed", "level"):
             if document.get(key) is not None:
                 raise ImageError(f"{where}: {key} beside plan: a plan is of a photo, and says the rest")
         given.append("plan")
+    if "tiles" in given and document.get("level") is not None:
+        raise ImageError(f"{where}: level beside tiles: they have one")
     for key in (*given, "colorspace", "device"):
         if document.get(key) is not None and not (isinstance(document[key], str) and document[key]):
             raise ImageError(f"{where}: {key}={document[key]}: allowed is a text")
@@ -170,7 +175,7 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
     width, height = (0, 0) if "plan" in given else _size(document.get("size"), where)
     return TextureFile(
         name=os.path.abspath(where), stamp=_stamp(where, list(files.values())), width=width, height=height,
-        autocc=document.get("autocc", False), **{key: files.get(key) for key in ("photo", "graph", "plan")},
+        autocc=document.get("autocc", False), **{key: files.get(key) for key in _FILES},
         **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
     )  # fmt: skip
 

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Endless textures as hosts read them: tiles of levels, each level half as large as the one before.
 
-A level is one of --texsynth, a tile a window of it, to the bit; the one level of a plan is what --texquilt makes of it.
+A level is one of --texsynth, a tile a window of it, to the bit; the one level of a plan is what --texquilt makes of it,
+that of tiles is them beside each other.
 They are made in blocks of several tiles, which are kept for a while, because what comes before a window on coarser
 levels costs more than a small window itself.
 """
@@ -12,7 +13,7 @@ import copy
 from dataclasses import replace
 from pathlib import Path
 
-from ..core.attributes import TAG, WINDOW
+from ..core.attributes import EDGES, TAG, WINDOW
 from ..core.demand import assembled
 from ..core.image import Image, Part, dtype_of, tagged
 from ..core.window import Window
@@ -23,6 +24,7 @@ from ..filters.synth import Synth
 from ..io.reading import read
 from ..session import Session
 from .texture_file import TextureFile, tile_side
+from .tile_plane import TilePlane
 
 _BLOCK = 256  # px, the side of what is made at once, at least
 _MOST = 1 << 24  # px of a window that is asked for
@@ -49,7 +51,8 @@ class Texture:
     def __init__(self, text: str, session: Session):
         self._text, file = text, TextureFile.of_text(text)
         file.require_unchanged()
-        self._made = _Quilt(file, session) if file.plan else _Endless(file, session)
+        kind = _Quilt if file.plan else _Tiles if file.tiles else _Endless
+        self._made = kind(file, session)
         self.spec, self.levels = self._made.spec, self._made.levels
         tile = tile_side(self.spec.width, self.spec.height)
         self.spec.tile_width = self.spec.tile_height = tile
@@ -83,15 +86,11 @@ class _Endless:
     """A plane of --texsynth. Beyond its level 0, where a pixel is as large as the exemplar, there is one colour."""
 
     def __init__(self, file: TextureFile, session: Session):
-        photo = None if file.photo is None else _photo(file, session)
+        photo = None if file.photo is None else _opened(file.photo, file, session)
         self._op = Synth(exemplar=photo, graph=file.graph and Path(file.graph), seed=file.seed, level=file.level)
         first = self._part(Window(0, 0, 1, 1), session, file.level)
         self._finest = first.spec.get_int_attribute("oiiotex:level")
-        self.spec = oiio.ImageSpec(first.spec)
-        self.spec.erase_attribute(WINDOW)
-        self.spec.width = self.spec.full_width = file.width
-        self.spec.height = self.spec.full_height = file.height
-        self.spec.attribute("textureformat", "Plain Texture")
+        self.spec = _spec_of(first, file)
         self.levels = max(file.width, file.height).bit_length()  # down to one pixel
 
     def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
@@ -116,7 +115,7 @@ class _Quilt:
     def __init__(self, file: TextureFile, session: Session):
         quiet = copy.copy(session)  # outlives the job that opens it
         quiet.progress = None
-        op = Quilting(exemplar=_photo(file, session), plan=Path(file.plan or ""), render=True)
+        op = Quilting(exemplar=_opened(file.photo or "", file, session), plan=Path(file.plan or ""), render=True)
         self._part: Part = op.compute(quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):
@@ -131,19 +130,46 @@ class _Quilt:
         return out
 
 
+class _Tiles:
+    """Tiles beside each other. They have one level, as a quilt has."""
+
+    levels = 1
+
+    def __init__(self, file: TextureFile, session: Session):
+        tiles = _opened(file.tiles or "", file, session)
+        self._plane = TilePlane(tiles, file.seed or 0)
+        self.spec = _spec_of(tiles.first, file)
+
+    def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
+        """Those of a window."""
+        return self._plane.pixels(place)
+
+
+def _spec_of(part: Part, file: TextureFile) -> oiio.ImageSpec:
+    """Of an image as large as the file says, of pixels like a part's."""
+    spec = oiio.ImageSpec(part.spec)
+    for name in (WINDOW, EDGES, "oiio:subimagename"):
+        spec.erase_attribute(name)
+    spec.x = spec.y = spec.full_x = spec.full_y = 0
+    spec.width = spec.full_width = file.width
+    spec.height = spec.full_height = file.height
+    spec.attribute("textureformat", "Plain Texture")
+    return spec
+
+
 def opened(text: str, session: Session) -> Texture:
     """The texture of that text, which is remembered."""
     return session.resources.remembered(("texture", text), lambda: Texture(text, session))
 
 
-def _photo(file: TextureFile, session: Session) -> Image:
-    """The exemplar, one for all textures of it, so that it is analysed once."""
+def _opened(path: str, file: TextureFile, session: Session) -> Image:
+    """An image of the file's, one for all textures of it, so that it is analysed once."""
 
-    def opened_photo() -> Image:
-        image = read(file.photo or "", session.cache)
+    def read_and_tagged() -> Image:
+        image = read(path, session.cache)
         if not file.colorspace:
             return image
         session.color.resolve(file.colorspace)
         return tagged(image, TAG, session.color.known_name(file.colorspace))
 
-    return session.resources.remembered(("photo", file.photo, file.stamp, file.colorspace), opened_photo)
+    return session.resources.remembered(("photo", path, file.stamp, file.colorspace), read_and_tagged)

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plane without end of tiles that fit each other, any place of it alone.
+
+CSHD03 (Cohen, Shade, Hiller, Deussen, Wang Tiles for Image and Texture Generation, SIGGRAPH 2003) lay tiles row by row,
+each by what lies above and left of it. Here (departure) the colours of all edges are drawn from their places, as Wei,
+Tile-Based Texture Mapping on Graphics Hardware, 2004, does, so that a tile is known without its neighbours. It wants a
+set that has a tile for any four colours: all tiles alike at their edges, or the whole set.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+from ..core.attributes import EDGES
+from ..core.image import Image, Part
+from ..core.window import Window
+from ..deferred import np
+from ..errors import ImageError
+from ..patchmatch.field import hash_at
+from ..patchmatch.wang_tiles import Edges
+
+_UP, _LEFT, _CHOICE = 0x71E1, 0x71E2, 0x71E3  # what is drawn at a place
+_EDGES = re.compile(r"n(\d{1,3})e(\d{1,3})s(\d{1,3})w(\d{1,3})", re.ASCII)
+
+
+class TilePlane:
+    """Tiles laid over the plane.
+
+    Parameters
+    ----------
+    tiles : Image
+        Its parts are the tiles, as --texstationarize:variants makes them; one tile that tiles is a set, too.
+    seed : int
+
+    Raises
+    ------
+    ImageError
+        The parts differ in size or type, or the set lacks tiles.
+    """
+
+    def __init__(self, tiles: Image, seed: int):
+        first = tiles.first.spec
+        self._width, self._height, self._seed = first.width, first.height, seed
+        kind = (first.width, first.height, first.nchannels, first.format)
+        self._fits: dict[Edges, list[Part]] = {}
+        for part in tiles.parts:
+            spec = part.spec
+            if (spec.width, spec.height, spec.nchannels, spec.format) != kind:
+                raise ImageError(f"{tiles.source}: part '{part.name}' is of another size or type than the first tile")
+            self._fits.setdefault(_edges(part, tiles.source), []).append(part)
+        self._colours = 1 + max(itertools.chain(*self._fits))
+        lacking = [e for e in itertools.product(range(self._colours), repeat=4) if Edges(*e) not in self._fits]
+        if lacking:
+            raise ImageError(
+                f"{tiles.source}: {len(tiles.parts)} tiles cannot lie anywhere: none has the edges"
+                f" {Edges(*lacking[0])}; variants=2 to 7, and from 16 on, can"
+            )
+
+    def pixels(self, place: Window) -> np.ndarray:
+        """Those of a window, (height, width, channels)."""
+        columns = range(place.left // self._width, -(-place.right // self._width))
+        rows = range(place.top // self._height, -(-place.bottom // self._height))
+        strips = []
+        for row in rows:
+            pieces = []
+            for column in columns:
+                tile = Window.sized(self._width * column, self._height * row, self._width, self._height)
+                inside = (tile & place).shifted(-tile.left, -tile.top)
+                part = self._at(column, row)
+                pieces.append(part.read(inside.shifted(part.window.left, part.window.top)))
+            strips.append(np.concatenate(pieces, axis=1))
+        return np.concatenate(strips)
+
+    def _at(self, x: int, y: int) -> Part:
+        north, south = (self._drawn(_UP, x, row, self._colours) for row in (y, y + 1))
+        west, east = (self._drawn(_LEFT, column, y, self._colours) for column in (x, x + 1))
+        fits = self._fits[Edges(north, east, south, west)]
+        return fits[self._drawn(_CHOICE, x, y, len(fits))]
+
+    def _drawn(self, what: int, x: int, y: int, count: int) -> int:
+        """One of `count`, by place."""
+        bits = int(hash_at(self._seed, what, np.array([y]), np.array([x]))[0])
+        return bits * count >> 32
+
+
+def _edges(part: Part, source: str) -> Edges:
+    text = part.spec.get_string_attribute(EDGES) or "n0e0s0w0"
+    match = _EDGES.fullmatch(text)
+    if match is None:
+        raise ImageError(f"{source}: part '{part.name}': {EDGES}={text}: allowed is such as n0e1s1w0")
+    return Edges(*map(int, match.groups()))
