@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from ..core.access import Whole
+from ..core.access import InBands, Whole
 from ..errors import Error, ParameterError
 from ..session import Session
 from .parse import CommandLine
@@ -55,7 +55,7 @@ def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], sessio
 def _require_shares(command: CommandLine) -> None:
     """Refuse a line of which every share would be as much work as all of it."""
     for step in command.steps:
-        if step.op is not None and issubclass(step.op, Whole):
+        if step.op is not None and issubclass(step.op, (Whole, InBands)):
             raise ParameterError(f"--farm: {step.name} {step.op.reach}: such lines are spread by --frames")
 
 

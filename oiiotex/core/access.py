@@ -105,3 +105,10 @@ class Whole(Op):
     """It holds its images and its result, and says before it starts how much that needs."""
 
     reach: ClassVar[str] = "holds the whole image"
+
+
+@dataclass(frozen=True, kw_only=True)
+class InBands(Op):
+    """It holds its images; its result is made over and over, in bands of rows, and lies beyond the budget in a file."""
+
+    reach: ClassVar[str] = "holds its exemplar; the result lies in memory or a file, and passes in bands"

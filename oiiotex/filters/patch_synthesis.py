@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from ..color.config import as_float
-from ..core.access import Whole
+from ..core.access import InBands
 from ..core.attributes import mark_as_data
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
@@ -41,7 +41,7 @@ _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {
 
 
 @dataclass(frozen=True, kw_only=True)
-class PatchSynthesis(ExemplarOp, Whole):
+class PatchSynthesis(ExemplarOp, InBands):
     """What both ops share: inputs, how a recipe becomes an image, the report."""
 
     outputs: ClassVar[tuple[Output, ...]] = (
