@@ -25,9 +25,9 @@ from oiiotex.cli.tasks import Job, Task, work
 from oiiotex.core.machine import usable_threads
 from oiiotex.library.asset import key_of
 from oiiotex.library.catalogue import Asset, Catalogue
-from oiiotex.library.found import extract, materials
-from oiiotex.library.lines import SOURCE, source_name, steps_of
-from oiiotex.library.recipe import load_recipe
+from oiiotex.recipes.found import extract, materials
+from oiiotex.recipes.lines import SOURCE, source_name, steps_of
+from oiiotex.recipes.recipe import load_recipe
 from tests.conftest import data_folder
 
 PROGRAM = [sys.executable, "-m", "oiiotex.library.main"]

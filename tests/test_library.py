@@ -19,18 +19,18 @@ from oiiotex import errors
 from oiiotex.cli.progress import Display
 from oiiotex.library import asset as making
 from oiiotex.library import catalogue as catalogues
-from oiiotex.library import found as finding
 from oiiotex.library import ingest
 from oiiotex.library.catalogue import Catalogue
-from oiiotex.library.found import MapFile, materials
-from oiiotex.library.lines import require_lines, steps_of
 from oiiotex.library.main import run
-from oiiotex.library.recipe import Recipe, commented_recipe, load_recipe, recipe_of
 from oiiotex.library.report import write_report
 from oiiotex.library.upkeep import Search, check, orphans
 from oiiotex.materials import documents
 from oiiotex.materials import preview as pictures
 from oiiotex.materials.naming import read_name
+from oiiotex.recipes import found as finding
+from oiiotex.recipes.found import MapFile, materials
+from oiiotex.recipes.lines import require_lines, steps_of
+from oiiotex.recipes.recipe import Recipe, commented_recipe, load_recipe, recipe_of
 from tests import pictures as drawn
 from tests.conftest import load, save
 

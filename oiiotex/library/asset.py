@@ -33,10 +33,10 @@ from ..errors import Error, one_line
 from ..io.disk_cache import hash_of
 from ..io.reading import read
 from ..materials import documents, preview
+from ..recipes.found import Material, extract
+from ..recipes.lines import SOURCE, Step, source_name, steps_of
+from ..recipes.recipe import Recipe
 from ..session import SHORT_OF_MEMORY, Session
-from .found import Material, extract
-from .lines import SOURCE, Step, source_name, steps_of
-from .recipe import Recipe
 
 SCHEMA = "oiiotex.asset/1"
 SIDECAR = "asset.json"

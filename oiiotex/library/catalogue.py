@@ -18,13 +18,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import Error
+from ..recipes.found import LIBRARY
 
 try:
     import fcntl
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-FILE = "library.sqlite"
+FILE = LIBRARY
 WORK = ".making"  # folders of runs, each with what it works on
 _VERSION = 1
 _BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # files of which SQLite reads nothing

@@ -26,11 +26,11 @@ from ..cli.progress import Display
 from ..cli.streams import loud
 from ..core.machine import memory, usable_threads
 from ..errors import Error, ParameterError, one_line
+from ..recipes.found import Material, materials
+from ..recipes.lines import require_lines
+from ..recipes.recipe import Recipe
 from .asset import SIDECAR, Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
 from .catalogue import WORK, Asset, Catalogue, FoldersAlone
-from .found import Material, materials
-from .lines import require_lines
-from .recipe import Recipe
 
 log = logging.getLogger("oiiotex")
 

@@ -113,15 +113,15 @@ def _number(text: str) -> int:
 
 
 def _recipe(given: argparse.Namespace, words: list[str]) -> int:
-    from .recipe import commented_recipe
+    from ..recipes.recipe import commented_recipe
 
     print(commented_recipe(), end="")
     return 0
 
 
 def _ingest(given: argparse.Namespace, words: list[str]) -> int:
-    from .lines import require_lines
-    from .recipe import load_recipe
+    from ..recipes.lines import require_lines
+    from ..recipes.recipe import load_recipe
 
     recipe = load_recipe(given.recipe)
     require_lines(recipe)

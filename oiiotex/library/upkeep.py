@@ -18,9 +18,9 @@ from typing import Any
 from ..errors import Error, ParameterError
 from ..io.atomic import temporary_beside
 from ..materials import documents
+from ..recipes.recipe import Limit
 from .asset import SCHEMA, SIDECAR, faults, read_sidecar
 from .catalogue import WORK, Asset, Catalogue
-from .recipe import Limit
 
 PLACES = ("assets", "review")
 _HEX = re.compile(r"#?([0-9a-fA-F]{6})")

@@ -16,9 +16,9 @@ from pathlib import Path, PurePosixPath
 from ..core.parameters import nearest
 from ..errors import Error, ParameterError
 from ..materials.naming import PACKED, PACKED_ROLES, Name, read_name
-from . import catalogue as catalogues
 from .recipe import Facts, Recipe, facts_beside
 
+LIBRARY = "library.sqlite"  # the file by which a library is known
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
 _FLOATS = {".exr", ".hdr"}
 _MOST_MEMBER = 8 << 30  # bytes that a member of an archive may have
@@ -163,7 +163,7 @@ def _files(photos: Path) -> Iterable[str]:
         raise Error(f"{photos}: no such folder")
     wanted = _IMAGES | {".zip", ".toml"}
     for folder, folders, names in os.walk(photos):
-        if catalogues.FILE in names:  # a library is made of photos, and is none
+        if LIBRARY in names:  # a library is made of photos, and is none
             folders.clear()
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]
