@@ -20,7 +20,7 @@ from ..errors import Error, ParameterError, one_line
 if TYPE_CHECKING:
     from ..cli.progress import Display
     from .catalogue import Catalogue
-    from .upkeep import Search
+    from .search import Search
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 _LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
@@ -136,9 +136,9 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
             raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, N to 999999, without --join")
         share = int(match[1]), int(match[2])
     from .catalogue import Catalogue
+    from .export import write_blender
     from .ingest import Settings, ingest
     from .report import write_report
-    from .upkeep import write_blender
 
     settings = Settings(given.workers, given.cache << 20, given.farm, share)
     lines: list[str] = []
@@ -197,7 +197,7 @@ def _write_template(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _search(given: argparse.Namespace) -> Search:
-    from .upkeep import Search
+    from .search import Search
 
     return Search(given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size)
 
@@ -244,7 +244,7 @@ def _gc(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _export(given: argparse.Namespace, words: list[str]) -> int:
-    from .upkeep import export
+    from .export import export
 
     with _catalogue(given) as catalogue:
         chosen = [asset for asset, _ in _search(given).assets(catalogue)]
