@@ -21,6 +21,7 @@ from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.main import run
 from oiiotex.library.report import write_report
 from oiiotex.library.upkeep import check, orphans
+from oiiotex.recipes import found as finding
 from tests import pictures as drawn
 from tests.conftest import load, save
 from tests.library_makings import LINE, brought_in, recipe
@@ -175,6 +176,17 @@ def test_a_photo_whose_name_is_no_text_fails_alone(photos, tmp_path, here, capsy
     with Catalogue(library) as catalogue:
         write_report(catalogue, "library")
     assert run(["list", str(library), "--status", "asked"]) == 0 and r"caf\udce9_x_col" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("disk", ["of the library", "of its own"])
+def test_no_line_gets_at_the_photos(photos, tmp_path, here, monkeypatch, disk):
+    if disk == "of its own":
+        monkeypatch.setattr(finding.os, "link", lambda *names: os.stat("/no link across disks"))
+    before = (photos / "gravel.png").read_bytes()
+    told = recipe(LINE + '[[product]]\nname = "u"\nline = "$color --dup --flip -o {BOTTOM.filename}"\n')
+    tally, said = brought_in(photos, tmp_path / "library", told)
+    assert tally.counts == {"ok": 2}, said
+    assert (photos / "gravel.png").read_bytes() == before
 
 
 def test_a_broken_material_fails_alone(photos, tmp_path, here):

@@ -11,7 +11,6 @@ import contextlib
 import datetime
 import hashlib
 import json
-import os
 import shlex
 import shutil
 import time
@@ -33,7 +32,7 @@ from ..errors import Error, one_line
 from ..io.disk_cache import hash_of
 from ..io.reading import read
 from ..materials import documents, preview
-from ..recipes.found import Material, extract
+from ..recipes.found import Material, extract, link_or_copy
 from ..recipes.lines import SOURCE, Step, source_name, steps_of
 from ..recipes.recipe import Recipe
 from ..session import SHORT_OF_MEMORY, Session
@@ -256,10 +255,7 @@ class _Making:
         for file in files:
             target = self.folder / file["path"]
             target.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.link(old / file["path"], target)
-            except OSError:  # a disk that has no hard links
-                shutil.copyfile(old / file["path"], target)
+            link_or_copy(old / file["path"], target)
         return True
 
     def _lay_out_sources(self) -> None:

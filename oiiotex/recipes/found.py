@@ -131,7 +131,7 @@ def materials(photos: Path, recipe: Recipe) -> list[Material]:
 
 
 def extract(photos: Path, file: MapFile, target: Path) -> None:
-    """Put a map under a name: by a link where it is a file, else out of its archive.
+    """Put a map under a name, out of its archive where it is in one; what is then written there is not the photo.
 
     Raises
     ------
@@ -139,10 +139,10 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
         The archive is broken, or the member is not there, too large, or packed as no photo is.
     """
     source = (photos / file.path).resolve()
-    if not file.member:
-        target.symlink_to(source)
-        return
     try:
+        if not file.member:
+            link_or_copy(source, target)
+            return
         with zipfile.ZipFile(source) as archive:
             info = archive.getinfo(file.member)
             if info.file_size > _MOST_MEMBER:
@@ -155,6 +155,17 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
                 shutil.copyfileobj(packed, out, 1 << 20)
     except (OSError, KeyError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
         raise Error(f"{file}: {error}") from error
+
+
+def link_or_copy(source: Path, target: Path) -> None:
+    """A file under a second name. Files are replaced by renaming, so either name may go its own way.
+
+    A symbolic link would be followed instead, and the file that it leads to be replaced.
+    """
+    try:
+        os.link(source, target)
+    except OSError:  # another disk, or one that has no hard links
+        shutil.copyfile(source, target)
 
 
 def _files(photos: Path) -> Iterable[str]:
