@@ -49,6 +49,30 @@ def test_an_export_replaces_assets_alone(photos, tmp_path, here):
     assert (target / "wall/wall.mtlx").is_file() and not (target / "wall/mine.txt").exists()
 
 
+@pytest.mark.parametrize("name", ["index.json", "blender_assets.cats.txt"])
+def test_an_export_replaces_no_list_of_others(photos, tmp_path, here, name):
+    library, target = tmp_path / "library", tmp_path / "target"
+    brought_in(photos, library, recipe())
+    target.mkdir()
+    (target / name).write_text('{"mine": 1}')
+    with pytest.raises(errors.Error, match=rf"{name}: is no .* would be replaced by one: remove it"):
+        run(["export", str(library), str(target)])
+    assert [path.name for path in target.iterdir()] == [name] and (target / name).read_text() == '{"mine": 1}'
+    (target / name).unlink()
+    for _ in range(2):  # its own it replaces
+        run(["export", str(library), str(target)])
+    assert json.loads((target / "index.json").read_text())["assets"] == ["gravel", "wall"]
+
+
+def test_ingest_says_before_work_that_it_would_replace_a_file(photos, tmp_path):
+    (tmp_path / "recipe.toml").write_text("schema = 1\n" + LINE)
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library/blender_assets.cats.txt").write_text("mine")
+    with pytest.raises(errors.Error, match="is no list of Blender's catalogues"):
+        run(["ingest", str(photos), str(tmp_path / "library"), "--recipe", str(tmp_path / "recipe.toml")])
+    assert len(list((tmp_path / "library").iterdir())) == 1
+
+
 def test_search_show_and_export(photos, tmp_path, here, capsys):
     library = tmp_path / "library"
     told = recipe('[assets.wall]\ntags = ["brick"]\nlicence = "CC0-1.0"\n' + LINE)

@@ -51,6 +51,10 @@ def test_blenders_catalogues_have_ids_that_stay():
     shape = re.compile(r"[0-9a-f-]{36}:Materials(/ground:Materials-ground|:Materials)")
     assert len(lines) == 3 and all(map(shape.fullmatch, lines[1:]))
     assert text == documents.blender_catalogue(["Materials", "Materials/ground"])
+    renamed = lines[1].replace("Materials:Materials", "Stuff:Stuff")
+    there = f"# mine\nVERSION 1\n{renamed}\n{lines[2]}\n{'0' * 36}:Own:Own\n"
+    kept = documents.blender_catalogue(["Materials", "Materials/wood"], there)
+    assert [line.split(":")[1] for line in kept.splitlines()[3:]] == ["Stuff", "Materials/wood", "Own"]
 
 
 def test_hex_tiling_keeps_colours_and_breaks_repetition():

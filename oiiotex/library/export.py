@@ -16,6 +16,8 @@ from ..materials import documents
 from .asset import SCHEMA, SIDECAR, read_sidecar
 from .catalogue import Asset, Catalogue
 
+INDEX, EXPORT_SCHEMA = "index.json", "oiiotex.export/1"
+
 
 def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Callable[[str], object]) -> int:
     """Copy assets into a folder, each under its name, with an index and Blender's catalogue; returns how many.
@@ -23,13 +25,17 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
     Raises
     ------
     Error
-        The folder cannot be written, lies in the library, or has a folder of an asset's name that is none.
+        The folder cannot be written, lies in the library, or has something of an asset's, the index' or the list's name
+        that is none.
     """
     count, index = 0, []
     if target.resolve().is_relative_to(catalogue.library.resolve()):
         raise ParameterError(f"{target}: lies in the library: export to a folder outside of it")
     for asset in chosen:
         _require_replaceable(target / asset.name)
+    if os.path.lexists(target / INDEX) and not _is_of(EXPORT_SCHEMA, target / INDEX):
+        raise _foreign(target / INDEX, "index of an export")
+    blender = _blender_text(catalogue, target)
     try:
         target.mkdir(parents=True, exist_ok=True)
         for asset in chosen:
@@ -52,28 +58,67 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
             done(asset.name)
     except OSError as error:
         raise Error(f"{target}: {error}") from error
-    write_blender(catalogue, target)
-    with temporary_beside(target / "index.json") as temporary:
-        temporary.write_text(json.dumps({"schema": "oiiotex.export/1", "assets": index}, indent=1) + "\n")
+    _write(target / documents.BLENDER, blender)
+    _write(target / INDEX, json.dumps({"schema": EXPORT_SCHEMA, "assets": index}, indent=1) + "\n")
     return count
 
 
 def write_blender(catalogue: Catalogue, folder: Path) -> None:
-    """Blender's list of catalogues: one for each first tag, and one for what has none."""
+    """Blender's list of catalogues: one for each first tag, and one for what has none; what others put there stays.
+
+    Raises
+    ------
+    Error
+        As `blender_list`.
+    """
+    _write(folder / documents.BLENDER, _blender_text(catalogue, folder))
+
+
+def blender_list(folder: Path) -> str:
+    """Blender's list of catalogues as it is there; '' where there is none.
+
+    Raises
+    ------
+    Error
+        There is something of its name that is no such list.
+    """
+    path = folder / documents.BLENDER
+    if not os.path.lexists(path):
+        return ""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        text = path.read_text() if path.is_file() else ""  # reading a pipe would wait
+        if "VERSION 1" in text.splitlines():
+            return text
+    raise _foreign(path, "list of Blender's catalogues")
+
+
+def _blender_text(catalogue: Catalogue, folder: Path) -> str:
     paths = {f"Materials/{next(iter(tags))}" for tags in catalogue.tags().values()} | {"Materials"}
-    with temporary_beside(folder / documents.BLENDER) as temporary:
-        temporary.write_text(documents.blender_catalogue(paths))
+    return documents.blender_catalogue(paths, blender_list(folder))
+
+
+def _write(path: Path, text: str) -> None:
+    with temporary_beside(path) as temporary:
+        temporary.write_text(text)
 
 
 def _require_replaceable(folder: Path) -> None:
     """Refuse what is no asset's folder, of whatever version: it is the user's."""
-    if not os.path.lexists(folder):
-        return
+    if os.path.lexists(folder) and (folder.is_symlink() or not _is_of(SCHEMA, folder / SIDECAR)):
+        raise _foreign(folder, "asset")
+
+
+def _is_of(schema: str, path: Path) -> bool:
+    """Whether a file is JSON of that schema, of whatever version."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        schema = json.loads((folder / SIDECAR).read_bytes()).get("schema")
-        if not folder.is_symlink() and str(schema).partition("/")[0] == SCHEMA.partition("/")[0]:
-            return
-    raise Error(f"{folder}: is no asset, and would be replaced by one: remove it, or export to another folder")
+        if path.is_file():
+            found = json.loads(path.read_bytes()).get("schema")
+            return str(found).partition("/")[0] == schema.partition("/")[0]
+    return False
+
+
+def _foreign(path: Path, kind: str) -> Error:
+    return Error(f"{path}: is no {kind}, and would be replaced by one: remove it, or give it another name")
 
 
 def _same(folder: Path, asset: Asset) -> bool:

@@ -136,10 +136,11 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
             raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, N to 999999, without --join")
         share = int(match[1]), int(match[2])
     from .catalogue import Catalogue
-    from .export import write_blender
+    from .export import blender_list, write_blender
     from .ingest import Settings, ingest
     from .report import write_report
 
+    blender_list(given.library)  # what cannot be written in the end is said now
     settings = Settings(given.workers, given.cache << 20, given.farm, share)
     lines: list[str] = []
 

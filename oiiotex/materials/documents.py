@@ -295,11 +295,24 @@ def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | No
 # --- Blender ---
 
 
-def blender_catalogue(paths: Iterable[str]) -> str:
-    """Blender's list of catalogues: a line for each path, with an id that is the same in every run."""
+def blender_catalogue(paths: Iterable[str], there: str = "") -> str:
+    """Blender's list of catalogues: a line for each path, with an id that is the same in every run.
+
+    Parameters
+    ----------
+    paths : iterable of str
+        Such as 'Materials/ground'.
+    there : str
+        The list as it was: catalogues that are not ours stay, and so do names that somebody gave ours.
+    """
+    made = {catalogue_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
+    others = {}
+    for line in there.splitlines():
+        identifier, colon, rest = line.partition(":")
+        if colon and not line.startswith("#") and identifier != catalogue_id(rest.partition(":")[0]):
+            others[identifier] = rest
     lines = ["# Catalogues of assets for Blender's asset browser.", "VERSION 1", ""]
-    lines += [f"{catalogue_id(path)}:{path}:{path.replace('/', '-')}" for path in sorted(set(paths))]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + [f"{identifier}:{rest}" for identifier, rest in (made | others).items()]) + "\n"
 
 
 def catalogue_id(path: str) -> str:
