@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import shutil
+import sqlite3
 import zipfile
 
 import numpy as np
@@ -137,6 +139,27 @@ def test_a_broken_catalogue_is_written_anew_from_the_folders(photos, tmp_path, h
     brought_in(photos, library, recipe())
     with Catalogue(library) as catalogue:
         assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
+
+
+@pytest.mark.parametrize("damage", ["emptied", "no rows", "no table"])
+def test_an_emptied_catalogue_is_no_library_without_assets(photos, tmp_path, here, damage):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    path = library / catalogues.FILE
+    if damage == "emptied":
+        path.write_bytes(b"")
+    else:
+        with contextlib.closing(sqlite3.connect(path)) as data, data:
+            data.execute("PRAGMA foreign_keys=ON")
+            data.execute("DELETE FROM assets" if damage == "no rows" else "DROP TABLE assets")
+    says = "no such table: assets: remove it and" if damage == "no table" else "names no asset, though there are"
+    for command in ("list", "check", "gc"):
+        with pytest.raises(errors.Error, match=f"{catalogues.FILE}: {says}.* ingest again"):
+            run([command, str(library)])
+    if damage == "no table":
+        path.unlink()
+    tally, _ = brought_in(photos, library, recipe())
+    assert tally.counts == {"ok": 2} and run(["check", str(library)]) == 0
 
 
 def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):

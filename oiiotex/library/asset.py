@@ -36,9 +36,9 @@ from ..recipes.found import Material, extract, link_or_copy
 from ..recipes.lines import SOURCE, Step, source_name, steps_of
 from ..recipes.recipe import Recipe
 from ..session import SHORT_OF_MEMORY, Session
+from .catalogue import SIDECAR
 
 SCHEMA = "oiiotex.asset/1"
-SIDECAR = "asset.json"
 _STEP = 0.1  # of a height map's range, between neighbours
 
 

@@ -27,6 +27,8 @@ except ImportError:  # Windows
 
 FILE = LIBRARY
 WORK = ".making"  # folders of runs, each with what it works on
+PLACES = ("assets", "review")  # where folders of assets lie
+SIDECAR = "asset.json"  # what says in a folder which asset it is
 _VERSION = 1
 _BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # files of which SQLite reads nothing
 _PATIENCE = 60.0  # s that one writer waits for another
@@ -99,7 +101,7 @@ class Catalogue:
     Raises
     ------
     Error
-        There is none, it is of another version, or it is none.
+        There is none, it is of another version, it is none, or it has been emptied.
     """
 
     def __init__(self, library: Path, create: bool = False):
@@ -114,6 +116,16 @@ class Catalogue:
             self._data.execute("PRAGMA synchronous=NORMAL")
             self._data.execute("PRAGMA foreign_keys=ON")
             self._prepare()
+            if not create:
+                self._require_filled()
+
+    def _require_filled(self) -> None:
+        """Refuse a catalogue without assets beside folders of them: what is there would be taken for nothing, or go."""
+        if self._data.execute("SELECT 1 FROM assets LIMIT 1").fetchone():
+            return
+        if any(next((self.library / place).glob(f"*/*/{SIDECAR}"), None) for place in PLACES):
+            told = "ingest again, which records what is made"
+            raise Error(f"{self.library / FILE}: names no asset, though there are folders of some: {told}")
 
     def _prepare(self) -> None:
         with self._transaction():
@@ -355,7 +367,8 @@ def _said(library: Path) -> Iterator[None]:
         if getattr(error, "sqlite_errorname", "").startswith(_BROKEN):
             told = f"remove {library / FILE}* and ingest again, which records what is made"
             raise Error(f"{library / FILE}: {error}: {told}") from error
-        raise Error(f"{library}: {error}") from error
+        told = ": remove it and ingest again" if "no such table" in str(error) else ""
+        raise Error(f"{library / FILE}: {error}{told}") from error
     except (sqlite3.Error, OSError) as error:
         raise Error(f"{library}: {error}") from error
 

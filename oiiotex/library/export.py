@@ -13,8 +13,8 @@ from pathlib import Path
 from ..errors import Error, ParameterError
 from ..io.atomic import temporary_beside
 from ..materials import documents
-from .asset import SCHEMA, SIDECAR, read_sidecar
-from .catalogue import Asset, Catalogue
+from .asset import SCHEMA, read_sidecar
+from .catalogue import SIDECAR, Asset, Catalogue
 
 INDEX, EXPORT_SCHEMA = "index.json", "oiiotex.export/1"
 

@@ -29,8 +29,8 @@ from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_lines
 from ..recipes.recipe import Recipe
-from .asset import SIDECAR, Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
-from .catalogue import WORK, Asset, Catalogue, FoldersAlone
+from .asset import Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
+from .catalogue import PLACES, SIDECAR, WORK, Asset, Catalogue, FoldersAlone
 
 log = logging.getLogger("oiiotex")
 
@@ -250,7 +250,7 @@ class _Run:
     def _there(self, job: Job) -> dict[str, Any] | None:
         """What an earlier run, or a worker of a farm, has made and nobody recorded; broken folders go."""
         key = self._key(job)
-        for place in ("assets", "review"):
+        for place in PLACES:
             folder = self.library / place / job.material.name / key
             if not folder.is_dir():
                 continue

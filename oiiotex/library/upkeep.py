@@ -11,10 +11,8 @@ from typing import Any
 
 from ..errors import Error
 from ..materials import documents
-from .asset import SIDECAR, faults, read_sidecar
-from .catalogue import WORK, Catalogue
-
-PLACES = ("assets", "review")
+from .asset import faults, read_sidecar
+from .catalogue import PLACES, SIDECAR, WORK, Catalogue
 
 
 def check(catalogue: Catalogue) -> Iterator[str]:
