@@ -17,8 +17,7 @@ import pytest
 
 from oiiotex import errors
 from oiiotex.library import asset as making
-from oiiotex.library import catalogue as catalogues
-from oiiotex.library import ingest
+from oiiotex.library import digests, ingest, runs
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.main import run
 from oiiotex.library.report import write_report
@@ -49,12 +48,41 @@ def test_an_asset_holds_what_is_delivered(photos, tmp_path, here):
     texture = oiio.ImageBuf(str(folder / "tx/roughness.tx"))
     assert (texture.nmiplevels, texture.spec().get_string_attribute("wrapmodes")) == (5, "periodic,periodic")
     sidecar = json.loads((folder / "asset.json").read_text())
-    assert sidecar["schema"] == "oiiotex.asset/1" and sidecar["normals"] == "opengl"
+    assert sidecar["schema"] == "oiiotex.asset/2" and sidecar["normals"] == "opengl"
     assert sidecar["lines"]["tile"].startswith("oiiotex source/color.png --iscolorspace srgb_rec709_scene ")
     assert {source["role"] for source in sidecar["sources"]} == {"color", "normal", "roughness"}
-    assert not list((library / catalogues.WORK).glob("run-*"))
+    assert not list((library / runs.WORK).glob("run-*"))
     for name in ("thumbnail", "preview_2x2", "lit", "image_and_hextiled", "card"):
         assert load(folder / f"{name}.jpg").std() > 2
+
+
+def test_an_asset_says_its_lattice_its_metres_and_its_labels(tmp_path, here, capsys):
+    (tmp_path / "photos").mkdir()
+    cell = np.dstack([drawn.noise(16, 16, seed) for seed in range(3)])
+    save(np.tile(cell, (4, 6, 1)), tmp_path / "photos/checks.png")
+    told = """
+[[product]]
+name = "tile"
+line = "$maps --texstationarize:n=$n:kinds=$kinds:iterations=1:report=$report $outputs"
+[[product]]
+name = "labels"
+line = "$color --texlabel:keep=1 -o $output"
+[assets.checks]
+size_m = [3.0, 2.0]
+"""
+    tally, said = brought_in(tmp_path / "photos", tmp_path / "library", recipe(told))
+    assert tally.counts == {"ok": 1}, said
+    (path,) = (tmp_path / "library").glob("assets/*/*/asset.json")
+    sidecar = json.loads(path.read_text())
+    steps = np.sort(np.abs(sidecar["lattice"]), axis=0)
+    np.testing.assert_allclose(steps, [[0, 0], [16, 16]], atol=0.7)
+    assert sidecar["tile_m"] == pytest.approx([sidecar["width"] / 32, sidecar["height"] / 32])
+    np.testing.assert_allclose(sidecar["lattice_m"], np.array(sidecar["lattice"]) / 32)
+    assert sidecar["measures"]["labels"] == len(sidecar["labels"]) >= 1
+    assert sum(one["share"] for one in sidecar["labels"]) == pytest.approx(1, abs=0.01)
+    name = sidecar["labels"][0]["name"]
+    assert run(["list", str(tmp_path / "library"), "--label", name, "--size", ">1x1m"]) == 0
+    assert capsys.readouterr().out.startswith("checks ")
 
 
 def test_tiff_and_spaces_of_their_own(photos, tmp_path, here):
@@ -129,12 +157,12 @@ def test_an_asset_whose_folder_has_gone_is_made_again(photos, tmp_path, here):
 def test_a_broken_catalogue_is_written_anew_from_the_folders(photos, tmp_path, here, monkeypatch):
     library = tmp_path / "library"
     brought_in(photos, library, recipe())
-    (library / catalogues.FILE).write_bytes(b"no database" * 1000)
+    (library / runs.FILE).write_bytes(b"no database" * 1000)
     with pytest.raises(
         errors.Error, match=r"library.sqlite: file is not a database: remove .*library.sqlite[*] and ingest"
     ):
         run(["list", str(library)])
-    (library / catalogues.FILE).unlink()
+    (library / runs.FILE).unlink()
     monkeypatch.setattr(ingest, "_in_processes", lambda jobs, workers: [pytest.fail(f"{job}") for job in jobs])
     brought_in(photos, library, recipe())
     with Catalogue(library) as catalogue:
@@ -145,7 +173,7 @@ def test_a_broken_catalogue_is_written_anew_from_the_folders(photos, tmp_path, h
 def test_an_emptied_catalogue_is_no_library_without_assets(photos, tmp_path, here, damage):
     library = tmp_path / "library"
     brought_in(photos, library, recipe())
-    path = library / catalogues.FILE
+    path = library / runs.FILE
     if damage == "emptied":
         path.write_bytes(b"")
     else:
@@ -154,7 +182,7 @@ def test_an_emptied_catalogue_is_no_library_without_assets(photos, tmp_path, her
             data.execute("DELETE FROM assets" if damage == "no rows" else "DROP TABLE assets")
     says = "no such table: assets: remove it and" if damage == "no table" else "names no asset, though there are"
     for command in ("list", "check", "gc"):
-        with pytest.raises(errors.Error, match=f"{catalogues.FILE}: {says}.* ingest again"):
+        with pytest.raises(errors.Error, match=f"{runs.FILE}: {says}.* ingest again"):
             run([command, str(library)])
     if damage == "no table":
         path.unlink()
@@ -175,8 +203,8 @@ def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):
 def test_a_photo_that_is_not_there_fails_alone(photos, tmp_path, here, monkeypatch):
     (photos / "linked_diff.png").symlink_to("nowhere.png")
     (photos / "gone_diff.png").touch()
-    digest = ingest.digest_of
-    monkeypatch.setattr(ingest, "digest_of", lambda p: (p.name == "gone_diff.png" and p.unlink(), digest(p))[1])
+    digest = digests.digest_of
+    monkeypatch.setattr(digests, "digest_of", lambda p: (p.name == "gone_diff.png" and p.unlink(), digest(p))[1])
     tally, said = brought_in(photos, tmp_path / "library", recipe())
     assert (tally.status, tally.counts) == (1, {"failed": 2, "ok": 2})
     for name in ("gone", "linked"):

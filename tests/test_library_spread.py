@@ -9,7 +9,7 @@ from pathlib import Path
 
 from oiiotex.library import asset as making
 from oiiotex.library import catalogue as catalogues
-from oiiotex.library import ingest
+from oiiotex.library import ingest, runs
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.main import run
 from oiiotex.library.upkeep import check
@@ -25,7 +25,7 @@ def test_shares_are_made_apart_and_recorded_by_the_run_that_joins(photos, tmp_pa
     for share in ((1, 2), (2, 2)):
         tally, _ = brought_in(photos, library, recipe(), share=share)
         assert tally.made == 1
-    assert not (library / catalogues.FILE).exists()
+    assert not (library / runs.FILE).exists()
     monkeypatch.setattr(making, "make", None)  # nothing is made any more
     tally, _ = brought_in(photos, library, recipe())
     assert tally.counts == {"ok": 2}
@@ -53,7 +53,7 @@ def test_claims_of_a_dead_run_are_free_and_those_of_a_live_one_are_not(tmp_path)
             assert two.claim("moss", run_two)
         with one.run() as run_one:
             assert one.claim("moss", run_one)
-        dead = tmp_path / catalogues.WORK / "run-0123456789abcdef"
+        dead = tmp_path / runs.WORK / "run-0123456789abcdef"
         dead.mkdir()
         (dead / "half").touch()
         one.put(catalogues.Asset("moss", "k", "ok"))

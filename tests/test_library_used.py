@@ -104,6 +104,37 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
     assert capsys.readouterr().out.startswith("wall ok 24x24")
 
 
+def labelled(n: int, name: str, share: float, lab: tuple[float, ...], size_m: tuple[float, ...] = ()) -> tuple:
+    asset = catalogues.Asset(f"m{n}", "k", "ok", width=64, height=64, size_m=size_m)
+    rest = catalogues.Label("label.2/2", 0.9 - share, (90.0, 0.0, 0.0))
+    return asset, (), {"labels": 2}, (), (catalogues.Label(name, share, lab), rest)
+
+
+def test_labels_and_metres_are_searched(tmp_path):
+    rust = (40.0, 35.0, 40.0)
+    rows = [
+        labelled(0, "rust", 0.1, rust, (1.0, 1.0)), labelled(1, "rust", 0.4, rust, (2.0, 3.0)),
+        labelled(2, "moss", 0.3, (45.0, -20.0, 35.0)),
+    ]  # fmt: skip
+    with Catalogue(tmp_path, create=True) as catalogue:
+        catalogue.put_all(rows)
+        assert catalogue.labels()["m2"][0] == ("moss", 0.3, (45.0, -20.0, 35.0))
+
+        def names(**terms: object) -> list[str]:
+            return [asset.name for asset, _ in Search(**terms).assets(catalogue)]
+
+        assert names(label="rust") == ["m1", "m0"]  # the most first
+        assert names(label="r*>0.2") == ["m1"] and names(label="rust>0.5") == names(label="bark") == []
+        assert names(label="#9c3d20") == names(label="#9c3d20>0.05") == ["m1", "m0"]
+        assert names(label="label.2/*>0.65") == ["m0"] and names(measures=("labels>1",)) == ["m0", "m1", "m2"]
+        assert names(size=">1.5x1.5m") == ["m1"] and names(size="1x1m") == ["m0"] and names(size="<2x2m") == ["m0"]
+        for term in ("#rust", "rust>1"):
+            with pytest.raises(errors.Error, match=f"--label {term}: allowed is"):
+                names(label=term)
+        catalogue.put(rows[0][0])
+        assert names(label="rust") == ["m1"]
+
+
 def test_the_report_is_one_page_that_asks_for_nothing(photos, tmp_path, here):
     library = tmp_path / "library"
     (photos / "a<b_diff.png").write_bytes(b"")

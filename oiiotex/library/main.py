@@ -100,7 +100,9 @@ def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
     group.add_argument("--measure", action="append", default=[], metavar="LIMIT", help="such as seam<1.2; all hold")
     group.add_argument("--color", default="", metavar="RRGGBB", help="sRGB; the nearest mean colours come first")
     group.add_argument("--distance", type=float, default=15.0, metavar="LAB", help="from --color at most (15)")
-    group.add_argument("--size", default="", metavar="[<>]WxH", help="px; with > or <: as large or as small, or more")
+    group.add_argument("--size", default="", metavar="[<>]WxH[m]", help="px, or metres; > or <: at least or at most")
+    text = "NAME or #RRGGBB of labels; behind it >0.2: of more than a fifth"
+    group.add_argument("--label", default="", metavar="TERM", help=text)
 
 
 def _number(text: str) -> int:
@@ -200,7 +202,9 @@ def _write_template(given: argparse.Namespace, words: list[str]) -> int:
 def _search(given: argparse.Namespace) -> Search:
     from .search import Search
 
-    return Search(given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size)
+    return Search(
+        given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size, given.label
+    )
 
 
 def _list(given: argparse.Namespace, words: list[str]) -> int:

@@ -12,7 +12,8 @@ from typing import Any
 from ..errors import Error
 from ..materials import documents
 from .asset import faults, read_sidecar
-from .catalogue import PLACES, SIDECAR, WORK, Catalogue
+from .catalogue import PLACES, SIDECAR, Catalogue
+from .runs import WORK
 
 
 def check(catalogue: Catalogue) -> Iterator[str]:

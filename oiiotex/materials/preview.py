@@ -13,7 +13,7 @@ from pathlib import Path
 from ..charts.drawing import shown_pixels
 from ..charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from ..color.config import as_float
-from ..core.image import Image, channels_of
+from ..core.image import Image, Part, channels_of
 from ..deferred import np, oiio
 from ..errors import Error
 from ..session import Session
@@ -51,7 +51,7 @@ class Looks:
     def of(cls, maps: Mapping[str, Image], session: Session, hand: str) -> Looks:
         """Of delivered maps; what there is none of is plain. `hand`: of their normals, 'opengl' or 'directx'."""
         part = maps["color"].first
-        colour = _reduced(_linear(shown_pixels(part.pixels(), part, session)))
+        colour = _reduced(linear_of(part, session))
         size = colour.shape[:2]
 
         def scalar(role: str, plain: float) -> np.ndarray:
@@ -201,6 +201,11 @@ def vectors(normals: Image) -> np.ndarray:
     """A map of normals as vectors: decoded from 0..1 where none is negative."""
     decoded = values(normals)
     return decoded if decoded.min() < 0 else 2 * decoded - 1
+
+
+def linear_of(part: Part, session: Session) -> np.ndarray:
+    """The colours of a part as linear Rec. 709, (h, w, 3), 0 to 1."""
+    return _linear(shown_pixels(part.pixels(), part, session))
 
 
 def lab_of(linear: np.ndarray) -> np.ndarray:
