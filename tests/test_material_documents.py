@@ -33,6 +33,7 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     pxr = pytest.importorskip("pxr.UsdShade", reason="NOT RUN: no usd-core")
     from pxr import Usd
 
+    (tmp_path / "tile/ao.exr").touch()
     documents.write_usd(described, tmp_path)
     stage = Usd.Stage.Open(str(tmp_path / "a b.usda"))
     material = pxr.Material(stage.GetDefaultPrim())
@@ -42,6 +43,20 @@ def test_materialx_and_usd_are_what_their_libraries_take(tmp_path):
     assert pxr.Shader(normal).GetInput("scale").Get() == (2, -2, 2, 1)
     variants = stage.GetDefaultPrim().GetVariantSets().GetVariantSet("shading")
     assert variants.GetVariantNames() == ["materialx", "preview"]
+    written = (tmp_path / "a b.usda").read_text()
+    assert "prepend references = @./a b.mtlx@</MaterialX/Materials/a_b>" in written
+    pytest.importorskip("pxr.UsdValidation", reason="NOT RUN: usd-core without validators")
+    assert documents.usd_faults(tmp_path / "a b.usda") == [] and (tmp_path / "a b.usda").read_text() == written
+    for name, old, new, says in (
+        ("no axis", 'upAxis = "Y"', "", "does not specify an upAxis"),
+        ("lost", "./tile/metal.exr", "./tile/lost.exr", "lost.exr"),
+        ("kind", 'info:id = "UsdPreviewSurface"', 'info:id = "UsdNothing"', "UsdNothing"),
+    ):
+        assert old in written
+        (tmp_path / f"{name}.usda").write_text(written.replace(old, new))
+        assert any(says in fault for fault in documents.usd_faults(tmp_path / f"{name}.usda")), name
+    (tmp_path / "none.usda").write_text("nothing")
+    assert "none.usda" in documents.usd_faults(tmp_path / "none.usda")[0]
 
 
 def test_blenders_catalogues_have_ids_that_stay():

@@ -39,6 +39,9 @@ def check(catalogue: Catalogue) -> Iterator[str]:
         document = folder / f"{asset.name}.mtlx"
         if materialx and document.is_file():
             yield from dict.fromkeys(documents.materialx_faults(document))
+        stage = folder / f"{asset.name}.usda"
+        if stage.is_file():
+            yield from dict.fromkeys(documents.usd_faults(stage))
 
 
 def orphans(catalogue: Catalogue) -> list[Path]:

@@ -232,23 +232,25 @@ def write_usd(described: Described, folder: Path) -> None:
         usd-core is not installed.
     """
     try:
-        from pxr import Gf, Sdf, Usd, UsdShade
+        from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
     except ImportError as error:
         raise Error("usd-core is not installed: pip install usd-core, or usd = false") from error
     path = folder / f"{described.name}.usda"
     stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     root = f"/{described.identifier}"
     material = UsdShade.Material.Define(stage, root)
     stage.SetDefaultPrim(material.GetPrim())
     variants = material.GetPrim().GetVariantSets().AddVariantSet("shading")
     for name in ("materialx", "preview"):
         variants.AddVariant(name)
-    if (folder / f"{described.name}.mtlx").is_file():
-        variants.SetVariantSelection("materialx")
-        with variants.GetVariantEditContext():
-            source = f"/MaterialX/Materials/{described.identifier}"
-            material.GetPrim().GetReferences().AddReference(f"./{described.name}.mtlx", source)
     variants.SetVariantSelection("preview")
+    if (
+        folder / f"{described.name}.mtlx"
+    ).is_file():  # never selected here, where USD would warn that it cannot read it
+        source = Sdf.Reference(f"./{described.name}.mtlx", f"/MaterialX/Materials/{described.identifier}")
+        Sdf.CreatePrimInLayer(stage.GetRootLayer(), f"{root}{{shading=materialx}}").referenceList.Prepend(source)
     with variants.GetVariantEditContext():
         shader = UsdShade.Shader.Define(stage, f"{root}/preview")
         shader.CreateIdAttr("UsdPreviewSurface")
@@ -280,6 +282,31 @@ def write_usd(described: Described, folder: Path) -> None:
         surface = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
         material.CreateSurfaceOutput().ConnectToSource(surface)
     stage.GetRootLayer().Save()
+
+
+def usd_faults(path: Path) -> list[str]:
+    """What USD's own validators find wrong in a stage and its variants; nothing where usd-core has none or is missing.
+
+    The variant of MaterialX is looked at where USD has the plug-in that reads it.
+    """
+    try:
+        from pxr import Sdf, Usd, UsdValidation
+    except ImportError:
+        return []
+    context = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators())
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Exception as error:  # of its own kind
+        return [f"{path}: {error}"]
+    stage.SetEditTarget(stage.GetSessionLayer())  # the file stays as it is
+    variants = stage.GetDefaultPrim().GetVariantSet("shading") if stage.HasDefaultPrim() else None
+    if not variants:
+        return [f"{path}: has no material with variants of shading"]
+    texts = []
+    for name in ("preview", *(["materialx"] if Sdf.FileFormat.FindByExtension("mtlx") else [])):
+        variants.SetVariantSelection(name)
+        texts += [f"{path}: {error.GetMessage()}" for error in context.Validate(stage)]
+    return texts
 
 
 def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
