@@ -246,9 +246,7 @@ def write_usd(described: Described, folder: Path) -> None:
     for name in ("materialx", "preview"):
         variants.AddVariant(name)
     variants.SetVariantSelection("preview")
-    if (
-        folder / f"{described.name}.mtlx"
-    ).is_file():  # never selected here, where USD would warn that it cannot read it
+    if (folder / f"{described.name}.mtlx").is_file():  # not selected: USD would warn that it cannot read it
         source = Sdf.Reference(f"./{described.name}.mtlx", f"/MaterialX/Materials/{described.identifier}")
         Sdf.CreatePrimInLayer(stage.GetRootLayer(), f"{root}{{shading=materialx}}").referenceList.Prepend(source)
     with variants.GetVariantEditContext():
