@@ -25,9 +25,9 @@ from oiiotex.cli.tasks import Job, Task, work
 from oiiotex.core.machine import usable_threads
 from oiiotex.library.asset import key_of
 from oiiotex.library.catalogue import Asset, Catalogue
-from oiiotex.library.found import extract, materials
-from oiiotex.library.lines import SOURCE, source_name, steps_of
-from oiiotex.library.recipe import load_recipe
+from oiiotex.recipes.found import extract, materials
+from oiiotex.recipes.lines import SOURCE, source_name, steps_of
+from oiiotex.recipes.recipe import load_recipe
 from tests.conftest import data_folder
 
 PROGRAM = [sys.executable, "-m", "oiiotex.library.main"]
@@ -143,7 +143,9 @@ def large_catalogue(folder: Path, count: int) -> None:
                 (), (50.0, 0.0, 10.0), 10.0, "2026-01-01T00:00:00+00:00",
             )  # fmt: skip
             files = [(f"tile/{n:02d}.exr", "tile", 10**6, digest) for n in range(16)]
-            rows.append((asset, files, dict(zip(names, random.random(len(names)).tolist(), strict=True)), ("scan",)))
+            rows.append(
+                (asset, files, dict(zip(names, random.random(len(names)).tolist(), strict=True)), ("scan",), ())
+            )
         catalogue.put_all(rows)
     (library / "report.html").touch()
     print(f"{count} assets, {len(used)} maps, catalogue of {(library / 'library.sqlite').stat().st_size / 1e6:.0f} MB")

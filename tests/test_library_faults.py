@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from oiiotex.farm import dask_cluster
-from oiiotex.library import catalogue as catalogues
+from oiiotex.library import runs
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.upkeep import check
 from tests import pictures
@@ -69,7 +69,7 @@ def killed_again_and_again(folder: Path, rounds: int, seed: int) -> int:
             process.kill()
             process.wait()
             count += 1
-        if (folder / "library" / catalogues.FILE).exists():
+        if (folder / "library" / runs.FILE).exists():
             with Catalogue(folder / "library") as catalogue:
                 assert list(check(catalogue)) == [], f"round {n}"
     done = subprocess.run(line(), cwd=folder, capture_output=True, text=True, timeout=300)
@@ -78,7 +78,7 @@ def killed_again_and_again(folder: Path, rounds: int, seed: int) -> int:
         assert list(check(catalogue)) == []
         assert {asset.status for asset in catalogue.assets().values()} == {"ok"}
         assert len(catalogue.assets()) == MATERIALS
-    assert not list((folder / "library" / catalogues.WORK).glob("run-*"))
+    assert not list((folder / "library" / runs.WORK).glob("run-*"))
     return count
 
 
@@ -100,7 +100,7 @@ def test_an_interrupted_run_ends_at_once_and_leaves_nothing_half(folder):
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, "")
-    assert not list((folder / "library" / catalogues.WORK).glob("run-*"))
+    assert not list((folder / "library" / runs.WORK).glob("run-*"))
     with Catalogue(folder / "library") as catalogue:
         assert list(check(catalogue)) == [] and 1 <= len(catalogue.assets()) < MATERIALS
     assert (folder / "library/ingest.log").read_text().count(": ok,") == len(catalogue_names(folder))

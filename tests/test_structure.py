@@ -43,6 +43,7 @@ service
 live
 farm
 cli
+recipes
 library
 """.strip().splitlines()
 RANK = {room: rank for rank, line in enumerate(ORDER) for room in line.split()}

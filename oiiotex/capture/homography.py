@@ -12,7 +12,7 @@ from ..deferred import np
 from ..errors import ParameterError
 
 _FOCAL = 0.5, 20.0  # of the photo's longer side: lenses from 90 degrees across to 3
-_USUAL = 1.0  # 36 mm of a small picture camera: between a phone's and a standard lens
+USUAL_LENS = 1.0  # of the photo's longer side: 36 mm of a small picture camera: between a phone's and a standard lens
 _PARALLEL = 1e-3  # sides that meet farther away than a thousand times the photo's side tell nothing of the lens
 
 
@@ -103,6 +103,6 @@ def aspect_of(corners: np.ndarray, size: tuple[int, int]) -> float:
     told = min(abs(n2[2]) / seen[0], abs(n3[2]) / seen[1]) > _PARALLEL
     focal = -(n2[:2] @ n3[:2]) / (n2[2] * n3[2]) if told else 0.0  # eq. 17, squared
     if focal <= 0:
-        focal = _USUAL**2
+        focal = USUAL_LENS**2
     focal = min(max(focal, _FOCAL[0] ** 2), _FOCAL[1] ** 2)
     return math.sqrt((seen[0] ** 2 / focal + n2[2] ** 2) / (seen[1] ** 2 / focal + n3[2] ** 2))  # eq. 20

@@ -18,6 +18,7 @@ from ..core.image import resized
 from ..deferred import np
 from ..regularity.autocorrelation import autocorrelation, high_passed
 from ..regularity.lattice import find_lattice
+from .homography import USUAL_LENS
 
 _OPAQUE = 0.99  # of a pixel that counts
 _LARGEST_SIDE = 1024  # px; longer side of the photo while lattices are looked for
@@ -100,7 +101,7 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
         whole = np.rint(combination)
         if abs(np.linalg.det(whole)) > 0.5 and np.abs(combination - whole).max() < _ALIKE:
             frequencies = whole @ frequencies
-    cell = _upright(np.linalg.inv(frequencies).T)
+    cell = _upright(np.linalg.inv(frequencies).T, vanishing * looked.max() * USUAL_LENS)
     return None if cell is None else SlantedLattice(vanishing * looked / size, size / 2, cell * size / looked)
 
 
@@ -253,16 +254,21 @@ def _fitted(x: np.ndarray, frequencies: np.ndarray, size: np.ndarray) -> tuple[n
 # --- its cells ---
 
 
-def _upright(vectors: np.ndarray) -> np.ndarray | None:
+def _upright(vectors: np.ndarray, slant: np.ndarray) -> np.ndarray | None:
     """The sides of a cell that go to the right and down: the shortest of all steps of the lattice that nearly do.
 
-    The least cell of bricks in a running bond has a slanted side; the one over two courses is a rectangle.
+    The least cell of bricks in a running bond has a slanted side; the one over two courses is a rectangle. `slant`,
+    (2,), is the tangent of the surface's slant, in its direction: along that the photo shows steps shorter by the
+    cosine, so that slanted ones of a steep wall would pass for upright.
     """
     steps = np.array([[i, j] for i in range(-4, 5) for j in range(-4, 5) if i or j]) @ vectors
-    length = np.linalg.norm(steps, axis=1)
+    tangent = max(float(np.linalg.norm(slant)), 1e-12)
+    along = slant / tangent
+    front = steps + (math.hypot(1, tangent) - 1) * (steps @ along)[:, None] * along
+    length = np.linalg.norm(front, axis=1)
     sides = []
     for axis in (0, 1):
-        lean = np.arccos(np.clip(steps[:, axis] / length, -1, 1))
+        lean = np.arccos(np.clip(front[:, axis] / length, -1, 1))
         near = lean < _UPRIGHT
         if not near.any():
             return None

@@ -133,7 +133,8 @@ class PatchSynthesis(ExemplarOp, InBands):
         if lattice is not None:
             wanted = lattice.on_torus(recipe)
             recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
-            quality = replace(quality, cycles=tuple(map(float, np.abs(wanted).max(0))))
+            steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
+            quality = replace(quality, cycles=tuple(map(float, np.abs(wanted).max(0))), lattice=steps)
         budget = session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
         look = coarse_looks(parts[0], session) if marked is None and self.variants == 1 else None
 

@@ -170,6 +170,8 @@ class Quality:
         As of --texstationarize.
     cycles : (float, float)
         Periods per pixel along x and y of the lattice that is kept; 0 where there is none.
+    lattice : tuple of (float, float)
+        Its shortest steps as the results have them, x and y px: none, one or two.
     """
 
     op: Op
@@ -184,6 +186,7 @@ class Quality:
     order: int = 2
     patch: int = 11
     cycles: tuple[float, float] = (0.0, 0.0)
+    lattice: tuple[tuple[float, float], ...] = ()
     limits: tuple[Limit, ...] = field(init=False)
 
     @classmethod
@@ -338,6 +341,7 @@ class Quality:
         """What report= writes; `failed` says in words which limits are passed."""
         results = [
             {"name": look.name, "width": look.lab.shape[1], "height": look.lab.shape[0], "measures": measures}
+            | ({"lattice": self.lattice} if self.lattice else {})
             for look, measures in measured
         ]
         limits, failed = [], []

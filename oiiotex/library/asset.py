@@ -11,7 +11,6 @@ import contextlib
 import datetime
 import hashlib
 import json
-import os
 import shlex
 import shutil
 import time
@@ -33,13 +32,15 @@ from ..errors import Error, one_line
 from ..io.disk_cache import hash_of
 from ..io.reading import read
 from ..materials import documents, preview
+from ..materials.label_colours import label_colours
+from ..recipes.found import Material, extract, link_or_copy
+from ..recipes.lines import SOURCE, Step, source_name, steps_of
+from ..recipes.recipe import Recipe
 from ..session import SHORT_OF_MEMORY, Session
-from .found import Material, extract
-from .lines import SOURCE, Step, source_name, steps_of
-from .recipe import Recipe
+from .catalogue import SIDECAR
 
-SCHEMA = "oiiotex.asset/1"
-SIDECAR = "asset.json"
+SCHEMA = "oiiotex.asset/2"
+_RESIZES = {"--resize", "--resample", "--fit", "--pixelaspect", "--rotate", "--warp", "--st_warp", "--texrectify"}
 _STEP = 0.1  # of a height map's range, between neighbours
 
 
@@ -172,8 +173,12 @@ class _Making:
             raise Error("the product that is delivered asks for a map that this material does not have")
         keys, reasons = self._products(steps)
         maps = {role: read(self.folder / path) for role, path in tile.outputs.items()}
-        measures = self._measures(tile.product, maps)
-        hand, lattice = self._hand(), "regular_photo" in measures
+        measures, steps_px = self._measures(tile.product, maps)
+        labels = self._labels(steps, maps["color"])
+        if labels:
+            measures["labels"] = len(labels)
+        metres = self._metres_a_pixel(tile, steps)
+        hand, lattice = self._hand(), bool(steps_px)
         looks = preview.Looks.of(maps, _session(job), hand)
         for name, picture in looks.pictures(recipe.deliver.shape, lattice).items():
             preview.save(picture, self.folder / name)
@@ -200,7 +205,10 @@ class _Making:
             "key": key_of(material, recipe, dict(job.digests)), "status": "review" if reasons else "ok",
             "reasons": reasons, "licence": facts.licence, "author": facts.author, "tags": list(facts.tags),
             "size_m": list(facts.size_m), "width": spec.width, "height": spec.height,
-            "colour_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": lattice,
+            "colour_lab": [round(float(value), 3) for value in looks.mean_lab()], "lattice": steps_px,
+            "tile_m": [metres[0] * spec.width, metres[1] * spec.height] if metres else [],
+            "lattice_m": [[metres[0] * x, metres[1] * y] for x, y in steps_px] if metres else [],
+            "labels": [{"name": name, "share": share, "colour_lab": lab} for name, share, lab in labels],
             "normals": hand, "sources": self._sources(),
             "lines": {step.product: shlex.join(["oiiotex", *step.words]) for step in steps},
             "products": keys, "maps": dict(tile.outputs), "measures": measures, "files": self._files(),
@@ -256,10 +264,7 @@ class _Making:
         for file in files:
             target = self.folder / file["path"]
             target.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.link(old / file["path"], target)
-            except OSError:  # a disk that has no hard links
-                shutil.copyfile(old / file["path"], target)
+            link_or_copy(old / file["path"], target)
         return True
 
     def _lay_out_sources(self) -> None:
@@ -282,18 +287,41 @@ class _Making:
     def _space(self, colour: Image) -> str:
         return self.job.recipe.deliver.colour or colour.first.spec.get_string_attribute(TAG)
 
-    def _measures(self, product: str, maps: Mapping[str, Image]) -> dict[str, float]:
-        """What the tile's own report says, and what maps of normals and heights are like."""
-        measures: dict[str, float] = {}
+    def _measures(self, product: str, maps: Mapping[str, Image]) -> tuple[dict[str, float], list[list[float]]]:
+        """What the tile's own report says, and what maps of normals and heights are like; its lattice, px."""
+        measures, lattice = dict[str, float](), list[list[float]]()
         report = self.folder / product / "report.json"
         if report.is_file():
-            measures |= json.loads(report.read_text())["results"][0]["measures"]
+            result = json.loads(report.read_text())["results"][0]
+            measures, lattice = result["measures"], result.get("lattice", [])
         if "normal" in maps:
             lengths = np.linalg.norm(preview.vectors(maps["normal"]), axis=-1)
             measures["normal_length"] = float(np.abs(lengths - 1).mean())
         if "height" in maps:
             measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
-        return measures
+        return measures, lattice
+
+    def _labels(self, steps: Sequence[Step], colour: Image) -> list[tuple[str, float, list[float]]]:
+        """The labels of the first product that has label maps, by name, share and colour."""
+        for step in steps:
+            for path in sorted((self.folder / step.product).glob("*.exr")):
+                labels = label_colours(read(path), colour, _session(self.job))
+                if labels:
+                    return labels
+        return []
+
+    def _metres_a_pixel(self, tile: Step, steps: Sequence[Step]) -> tuple[float, ...]:
+        """Of the tile along x and y, where the photo's size is known and no line on the way to it has resized it."""
+        size, needed = self.job.material.facts.size_m, {tile.product}
+        for step in reversed(steps):
+            if step.product in needed:
+                needed |= set(step.takes)
+        words = {word.split(":")[0] for step in steps if step.product in needed for word in step.words}
+        if not size or words & _RESIZES:
+            return ()
+        self._lay_out_sources()
+        photo = read(self.folder / source_name("color", self.job.material.maps["color"])).first.spec
+        return size[0] / photo.width, size[1] / photo.height
 
     def _sources(self) -> list[dict[str, str]]:
         digests = dict(self.job.digests)

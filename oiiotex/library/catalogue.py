@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,16 +17,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import Error
+from .runs import CAN_LOCK, FILE, WORK, folder_of_run, lock, locked, said
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
-
-FILE = "library.sqlite"
-WORK = ".making"  # folders of runs, each with what it works on
-_VERSION = 1
-_BROKEN = ("SQLITE_NOTADB", "SQLITE_CORRUPT")  # files of which SQLite reads nothing
+PLACES = ("assets", "review")  # where folders of assets lie
+SIDECAR = "asset.json"  # what says in a folder which asset it is
+_VERSION = 2
 _PATIENCE = 60.0  # s that one writer waits for another
 _TABLES = """
 CREATE TABLE assets (
@@ -42,6 +36,10 @@ CREATE TABLE measures (
     PRIMARY KEY (asset, name)) WITHOUT ROWID;
 CREATE TABLE tags (
     asset TEXT NOT NULL REFERENCES assets ON DELETE CASCADE, tag TEXT NOT NULL, PRIMARY KEY (asset, tag)) WITHOUT ROWID;
+CREATE TABLE labels (
+    asset TEXT NOT NULL REFERENCES assets ON DELETE CASCADE, number INTEGER NOT NULL, name TEXT NOT NULL,
+    share REAL NOT NULL, l REAL NOT NULL, a REAL NOT NULL, b REAL NOT NULL,
+    PRIMARY KEY (asset, number)) WITHOUT ROWID;
 CREATE TABLE sources (
     path TEXT PRIMARY KEY, bytes INTEGER NOT NULL, changed INTEGER NOT NULL, sha256 TEXT NOT NULL) WITHOUT ROWID;
 CREATE TABLE claims (asset TEXT PRIMARY KEY, run TEXT NOT NULL) WITHOUT ROWID;
@@ -86,6 +84,14 @@ class Asset(NamedTuple):
     made: str = ""
 
 
+class Label(NamedTuple):
+    """A label of an asset: its name, its share of the pixels, its mean colour in CIE Lab."""
+
+    name: str
+    share: float
+    lab: tuple[float, ...]
+
+
 class Catalogue:
     """The catalogue of a library.
 
@@ -98,7 +104,7 @@ class Catalogue:
     Raises
     ------
     Error
-        There is none, it is of another version, or it is none.
+        There is none, it is of another version, it is none, or it has been emptied.
     """
 
     def __init__(self, library: Path, create: bool = False):
@@ -106,13 +112,23 @@ class Catalogue:
         path = library / FILE
         if not create and not path.is_file():
             raise Error(f"{library}: no library: oiiotex-library ingest PHOTOS {library} makes one")
-        with _said(library):
+        with said(library):
             (library / WORK).mkdir(parents=True, exist_ok=True)
             self._data = sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)
             self._data.execute("PRAGMA journal_mode=WAL")
             self._data.execute("PRAGMA synchronous=NORMAL")
             self._data.execute("PRAGMA foreign_keys=ON")
             self._prepare()
+            if not create:
+                self._require_filled()
+
+    def _require_filled(self) -> None:
+        """Refuse a catalogue without assets beside folders of them: what is there would be taken for nothing, or go."""
+        if self._data.execute("SELECT 1 FROM assets LIMIT 1").fetchone():
+            return
+        if any(next((self.library / place).glob(f"*/*/{SIDECAR}"), None) for place in PLACES):
+            told = "ingest again, which records what is made"
+            raise Error(f"{self.library / FILE}: names no asset, though there are folders of some: {told}")
 
     def _prepare(self) -> None:
         with self._transaction():
@@ -122,7 +138,8 @@ class Catalogue:
                     self._data.execute(statement)
                 self._data.execute(f"PRAGMA user_version={_VERSION}")
             elif version != _VERSION:
-                raise Error(f"{self.library}: a library of version {version}; this oiiotex reads {_VERSION}")
+                told = f"this oiiotex reads {_VERSION}: remove {FILE}* and ingest again"
+                raise Error(f"{self.library}: a library of version {version}; {told}")
 
     def __enter__(self) -> Catalogue:
         return self
@@ -133,7 +150,7 @@ class Catalogue:
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
         """All of the block or nothing of it, and no other writer in between."""
-        with _said(self.library):
+        with said(self.library):
             self._data.execute("BEGIN IMMEDIATE")
             try:
                 yield
@@ -146,12 +163,12 @@ class Catalogue:
 
     def assets(self) -> dict[str, Asset]:
         """All assets by name, in its order."""
-        with _said(self.library):
+        with said(self.library):
             return {row[0]: _asset(row) for row in self._data.execute(f"{_ASSETS} ORDER BY name")}
 
     def asset(self, name: str) -> Asset | None:
         """The asset of that name."""
-        with _said(self.library):
+        with said(self.library):
             row = self._data.execute(f"{_ASSETS} WHERE name = ?", (name,)).fetchone()
         return _asset(row) if row else None
 
@@ -163,9 +180,19 @@ class Catalogue:
         """The tags of all assets, as keys."""
         return self._gathered("SELECT asset, tag, tag FROM tags")
 
+    def labels(self) -> dict[str, list[Label]]:
+        """The labels of all assets that have some."""
+        gathered: dict[str, list[Label]] = {}
+        with said(self.library):
+            for asset, name, share, *lab in self._data.execute(
+                "SELECT asset, name, share, l, a, b FROM labels ORDER BY asset, number"
+            ):
+                gathered.setdefault(asset, []).append(Label(name, share, tuple(lab)))
+        return gathered
+
     def _gathered(self, query: str) -> dict[str, dict[str, Any]]:
         gathered: dict[str, dict[str, Any]] = {}
-        with _said(self.library):
+        with said(self.library):
             for asset, name, value in self._data.execute(query):
                 gathered.setdefault(asset, {})[name] = value
         return gathered
@@ -173,18 +200,18 @@ class Catalogue:
     def files(self, asset: str) -> list[tuple[str, str, int, str]]:
         """An asset's files: (path in its folder, role, bytes, SHA-256)."""
         query = "SELECT path, role, bytes, sha256 FROM files WHERE asset = ? ORDER BY path"
-        with _said(self.library):
+        with said(self.library):
             return list(self._data.execute(query, (asset,)))
 
     def sources(self) -> dict[str, tuple[int, int, str]]:
         """Files that were hashed: path -> (bytes, ns of the last change, SHA-256)."""
-        with _said(self.library):
+        with said(self.library):
             rows = self._data.execute("SELECT path, bytes, changed, sha256 FROM sources")
             return {path: (size, changed, digest) for path, size, changed, digest in rows}
 
     def faults(self) -> list[str]:
         """What SQLite finds wrong in its file."""
-        with _said(self.library):
+        with said(self.library):
             rows = [text for (text,) in self._data.execute("PRAGMA integrity_check")]
             rows += [f"a row of {row[0]} without its asset" for row in self._data.execute("PRAGMA foreign_key_check")]
         return [text for text in rows if text != "ok"]
@@ -202,14 +229,17 @@ class Catalogue:
         files: Sequence[tuple[str, str, int, str]] = (),
         measures: Mapping[str, float] | None = None,
         tags: Sequence[str] = (),
+        labels: Sequence[Label] = (),
     ) -> None:
         """An asset as it is now, in place of what it was."""
-        self.put_all([(asset, files, measures or {}, tags)])
+        self.put_all([(asset, files, measures or {}, tags, labels)])
 
-    def put_all(self, rows: Iterable[tuple[Asset, Sequence[Any], Mapping[str, float], Sequence[str]]]) -> None:
-        """Many assets in one transaction: (asset, files, measures, tags)."""
+    def put_all(
+        self, rows: Iterable[tuple[Asset, Sequence[Any], Mapping[str, float], Sequence[str], Sequence[Label]]]
+    ) -> None:
+        """Many assets in one transaction: (asset, files, measures, tags, labels)."""
         with self._transaction():
-            for asset, files, measures, tags in rows:
+            for asset, files, measures, tags, labels in rows:
                 self._data.execute("DELETE FROM assets WHERE name = ?", (asset.name,))
                 lab = asset.lab or (None,) * 3
                 values = (
@@ -220,15 +250,17 @@ class Catalogue:
                 self._data.executemany("INSERT INTO files VALUES (?, ?, ?, ?, ?)", [(name, *row) for row in files])
                 self._data.executemany("INSERT INTO measures VALUES (?, ?, ?)", [(name, *m) for m in measures.items()])
                 self._data.executemany("INSERT INTO tags VALUES (?, ?)", [(name, tag) for tag in dict.fromkeys(tags)])
+                rows_of_labels = [(name, n, called, share, *lab) for n, (called, share, lab) in enumerate(labels)]
+                self._data.executemany("INSERT INTO labels VALUES (?, ?, ?, ?, ?, ?, ?)", rows_of_labels)
 
     # --- runs ---
 
     @contextlib.contextmanager
     def run(self) -> Iterator[str]:
         """While this lasts, a run with a folder of its own below `WORK`; what dead runs have left is swept."""
-        with _locked(self.library / WORK / "lock"):
+        with locked(self.library / WORK / "lock"):
             self._sweep()
-        with _folder_of_run(self.library) as name:
+        with folder_of_run(self.library) as name:
             try:
                 yield name
             finally:
@@ -237,13 +269,13 @@ class Catalogue:
 
     def _sweep(self) -> None:
         """Remove folders and claims of runs that are no more: the system has let go of their locks."""
-        if fcntl is None:  # nobody can tell
+        if not CAN_LOCK:  # nobody can tell
             return
         live = []
         for folder in (self.library / WORK).glob("run-*"):
             try:
                 with open(folder / "lock", "wb") as file:
-                    dead = _lock(file.fileno(), wait=False)
+                    dead = lock(file.fileno(), wait=False)
             except OSError:
                 dead = True
             if dead:
@@ -256,7 +288,7 @@ class Catalogue:
 
     def sweep(self) -> None:
         """Remove what runs have left that were killed."""
-        with _locked(self.library / WORK / "lock"):
+        with locked(self.library / WORK / "lock"):
             self._sweep()
 
     def claim(self, asset: str, run: str) -> bool:
@@ -272,106 +304,8 @@ class Catalogue:
             self._data.execute("DELETE FROM claims WHERE asset = ? AND run = ?", (asset, run))
 
 
-class FoldersAlone:
-    """Stands for the catalogue on a machine of a farm: folders are written, and a later run records them."""
-
-    def __init__(self, library: Path):
-        self.library = library
-
-    def __enter__(self) -> FoldersAlone:
-        with _said(self.library):
-            (self.library / WORK).mkdir(parents=True, exist_ok=True)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def assets(self) -> dict[str, Asset]:
-        """Nothing is known here."""
-        return {}
-
-    def asset(self, name: str) -> Asset | None:
-        """Nothing is known here."""
-        return None
-
-    def sources(self) -> dict[str, tuple[int, int, str]]:
-        """Nothing is known here."""
-        return {}
-
-    def remember_sources(self, rows: Iterable[tuple[str, int, int, str]]) -> None:
-        """Nothing is kept here."""
-
-    def put(self, *_: Any) -> None:
-        """Nothing is kept here."""
-
-    def put_all(self, *_: Any) -> None:
-        """Nothing is kept here."""
-
-    def run(self) -> contextlib.AbstractContextManager[str]:
-        """While this lasts, a run with a folder of its own."""
-        return _folder_of_run(self.library)
-
-    def sweep(self) -> None:
-        """It is for who has the catalogue."""
-
-    def claim(self, asset: str, run: str) -> bool:
-        """Shares do not overlap."""
-        return True
-
-    def release(self, asset: str, run: str) -> None:
-        """Nobody waits."""
-
-
-@contextlib.contextmanager
-def _folder_of_run(library: Path) -> Iterator[str]:
-    """A folder that nobody else has, locked as long as its process lives."""
-    name = f"run-{os.urandom(8).hex()}"
-    folder = library / WORK / name
-    with _said(library), _locked(library / WORK / "lock"):  # else it would be swept before it is locked
-        folder.mkdir()
-        held = open(folder / "lock", "wb")  # noqa: SIM115 - held as long as the run
-        _lock(held.fileno(), wait=False)
-    try:
-        yield name
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        held.close()
-
-
 def _asset(row: Sequence[Any]) -> Asset:
     lab = tuple(row[11:14]) if row[11] is not None else ()
     return Asset(
         *row[:4], tuple(json.loads(row[4])), *row[5:10], tuple(json.loads(row[10])), lab, row[14] or 0.0, row[15]
     )
-
-
-@contextlib.contextmanager
-def _said(library: Path) -> Iterator[None]:
-    """SQLite's errors as ours."""
-    try:
-        yield
-    except sqlite3.DatabaseError as error:
-        if getattr(error, "sqlite_errorname", "").startswith(_BROKEN):
-            told = f"remove {library / FILE}* and ingest again, which records what is made"
-            raise Error(f"{library / FILE}: {error}: {told}") from error
-        raise Error(f"{library}: {error}") from error
-    except (sqlite3.Error, OSError) as error:
-        raise Error(f"{library}: {error}") from error
-
-
-@contextlib.contextmanager
-def _locked(path: Path) -> Iterator[None]:
-    with open(path, "wb") as file:
-        _lock(file.fileno(), wait=True)
-        yield
-
-
-def _lock(file: int, wait: bool) -> bool:
-    """Lock an open file until it is closed, or its process has ended; False where another one has it."""
-    if fcntl is None:
-        return True
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except BlockingIOError:
-        return False
-    return True

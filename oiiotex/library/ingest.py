@@ -15,7 +15,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,17 +26,18 @@ from ..cli.progress import Display
 from ..cli.streams import loud
 from ..core.machine import memory, usable_threads
 from ..errors import Error, ParameterError, one_line
-from .asset import SIDECAR, Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
-from .catalogue import WORK, Asset, Catalogue, FoldersAlone
-from .found import Material, materials
-from .lines import require_lines
-from .recipe import Recipe
+from ..recipes.found import Material, materials
+from ..recipes.lines import require_lines
+from ..recipes.recipe import Recipe
+from .asset import Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
+from .catalogue import PLACES, SIDECAR, Asset, Catalogue, Label
+from .digests import digests_of, is_text
+from .runs import WORK, FoldersAlone
 
 log = logging.getLogger("oiiotex")
 
 _POLL = 0.3  # s between looks at what another run has
 _DIED = "its process has ended of itself: killed, or out of memory?"
-_READERS = 4  # threads that hash files
 
 
 class Settings(NamedTuple):
@@ -91,13 +92,13 @@ def ingest(
     found = materials(photos, recipe)
     photos, library = photos.resolve(), library.resolve()
     for folder in (photos, library):
-        if not _is_text(folder):
+        if not is_text(folder):
             raise ParameterError(f"{folder}: its name is not UTF-8: rename it")
     number, count = settings.share
     if count:
         found = found[number - 1 :: count]
     with FoldersAlone(library) if count else Catalogue(library, create=True) as catalogue, catalogue.run() as run:
-        digests, unread = _digests(photos, found, catalogue)
+        digests, unread = digests_of(photos, found, catalogue)
         work = _Run(photos, library, recipe, settings, say, display, catalogue, run)
         todo = work.plan(found, digests, unread)
         return work.carry_out(todo, len(found), start)
@@ -142,7 +143,7 @@ class _Run:
                 if not before or before.reasons != questions:
                     self.say(f"{material.name}: asked: {'; '.join(questions)}")
                 if not before or (not before.folder and before.reasons != questions):  # what is there stays there
-                    asked.append((Asset(material.name, key, "asked", "", questions, str(self.photos)), (), {}, ()))
+                    asked.append((Asset(material.name, key, "asked", "", questions, str(self.photos)), (), {}, (), ()))
                 continue
             if before and self._is_made(before, key):
                 self._count(before.status)
@@ -250,7 +251,7 @@ class _Run:
     def _there(self, job: Job) -> dict[str, Any] | None:
         """What an earlier run, or a worker of a farm, has made and nobody recorded; broken folders go."""
         key = self._key(job)
-        for place in ("assets", "review"):
+        for place in PLACES:
             folder = self.library / place / job.material.name / key
             if not folder.is_dir():
                 continue
@@ -304,17 +305,19 @@ class _Run:
         return folder.as_posix()
 
 
-def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tuple[Asset, list[Any], dict, list]:
+def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tuple[Any, ...]:
     """An asset as the catalogue has it."""
     asset = Asset(
         sidecar["name"], sidecar["key"], sidecar["status"], folder, tuple(sidecar["reasons"]), root,
-        sidecar["licence"], sidecar["author"], sidecar["width"], sidecar["height"], tuple(sidecar["size_m"]),
+        sidecar["licence"], sidecar["author"], sidecar["width"], sidecar["height"],
+        tuple(sidecar["tile_m"] or sidecar["size_m"]),
         tuple(sidecar["colour_lab"]), sidecar["seconds"], sidecar["made"],
     )  # fmt: skip
     path = library / folder / SIDECAR
     files = [(f["path"], f["role"], f["bytes"], f["sha256"]) for f in sidecar["files"]]
     files.append((SIDECAR, role_of(SIDECAR), path.stat().st_size, digest_of(path)))
-    return asset, files, sidecar["measures"], sidecar["tags"]
+    labels = [Label(one["name"], one["share"], tuple(one["colour_lab"])) for one in sidecar["labels"]]
+    return asset, files, sidecar["measures"], sidecar["tags"], labels
 
 
 def _in_processes(jobs: Iterator[Job], workers: int) -> Iterator[tuple[Outcome | None, Job]]:
@@ -349,52 +352,3 @@ def _in_processes(jobs: Iterator[Job], workers: int) -> Iterator[tuple[Outcome |
         for job in lost:
             yield None, job
         first = list(itertools.islice(jobs, workers)) if lost else []
-
-
-def _digests(
-    photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone
-) -> tuple[dict[str, str], dict[str, str]]:
-    """The SHA-256 of every file that is used, and why others have none; what is as it was is not read again."""
-    known, digests, unread, new = catalogue.sources(), dict[str, str](), dict[str, str](), []
-    for path in sorted({file.path for material in found for file in material.maps.values()}):
-        if not _is_text(path):
-            unread[path] = f"{one_line(path)}: its name is not UTF-8: rename it"
-            continue
-        try:
-            status = os.stat(photos / path)
-        except OSError as error:
-            unread[path] = _why(path, error)
-            continue
-        facts = status.st_size, status.st_mtime_ns
-        size, changed, digest = known.get(str(photos / path), (None, None, ""))
-        if facts == (size, changed):
-            digests[path] = digest
-        else:
-            new.append((path, *facts))
-
-    def digest_or_error(row: tuple[str, int, int]) -> str | OSError:
-        try:
-            return digest_of(photos / row[0])
-        except OSError as error:
-            return error
-
-    with ThreadPoolExecutor(_READERS) as readers:
-        made = list(zip(new, readers.map(digest_or_error, new), strict=True))
-    unread |= {row[0]: _why(row[0], digest) for row, digest in made if isinstance(digest, OSError)}
-    read = [(row, digest) for row, digest in made if isinstance(digest, str)]
-    if read:
-        catalogue.remember_sources((str(photos / path), *facts, digest) for (path, *facts), digest in read)
-    return digests | {row[0]: digest for row, digest in read}, unread
-
-
-def _why(path: str, error: OSError) -> str:
-    return f"{path}: cannot be read: {error.strerror or error}"
-
-
-def _is_text(path: str | Path) -> bool:
-    """Whether a name is more than bytes: SQLite and JSON hold text."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return False
-    return True

@@ -20,7 +20,7 @@ from ..errors import Error, ParameterError, one_line
 if TYPE_CHECKING:
     from ..cli.progress import Display
     from .catalogue import Catalogue
-    from .upkeep import Search
+    from .search import Search
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 _LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
@@ -100,7 +100,9 @@ def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
     group.add_argument("--measure", action="append", default=[], metavar="LIMIT", help="such as seam<1.2; all hold")
     group.add_argument("--color", default="", metavar="RRGGBB", help="sRGB; the nearest mean colours come first")
     group.add_argument("--distance", type=float, default=15.0, metavar="LAB", help="from --color at most (15)")
-    group.add_argument("--size", default="", metavar="[<>]WxH", help="px; with > or <: as large or as small, or more")
+    group.add_argument("--size", default="", metavar="[<>]WxH[m]", help="px, or metres; > or <: at least or at most")
+    text = "NAME or #RRGGBB of labels; behind it >0.2: of more than a fifth"
+    group.add_argument("--label", default="", metavar="TERM", help=text)
 
 
 def _number(text: str) -> int:
@@ -113,15 +115,15 @@ def _number(text: str) -> int:
 
 
 def _recipe(given: argparse.Namespace, words: list[str]) -> int:
-    from .recipe import commented_recipe
+    from ..recipes.recipe import commented_recipe
 
     print(commented_recipe(), end="")
     return 0
 
 
 def _ingest(given: argparse.Namespace, words: list[str]) -> int:
-    from .lines import require_lines
-    from .recipe import load_recipe
+    from ..recipes.lines import require_lines
+    from ..recipes.recipe import load_recipe
 
     recipe = load_recipe(given.recipe)
     require_lines(recipe)
@@ -136,10 +138,11 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
             raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, N to 999999, without --join")
         share = int(match[1]), int(match[2])
     from .catalogue import Catalogue
+    from .export import blender_list, write_blender
     from .ingest import Settings, ingest
     from .report import write_report
-    from .upkeep import write_blender
 
+    blender_list(given.library)  # what cannot be written in the end is said now
     settings = Settings(given.workers, given.cache << 20, given.farm, share)
     lines: list[str] = []
 
@@ -197,9 +200,11 @@ def _write_template(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _search(given: argparse.Namespace) -> Search:
-    from .upkeep import Search
+    from .search import Search
 
-    return Search(given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size)
+    return Search(
+        given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size, given.label
+    )
 
 
 def _list(given: argparse.Namespace, words: list[str]) -> int:
@@ -244,7 +249,7 @@ def _gc(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _export(given: argparse.Namespace, words: list[str]) -> int:
-    from .upkeep import export
+    from .export import export
 
     with _catalogue(given) as catalogue:
         chosen = [asset for asset, _ in _search(given).assets(catalogue)]

@@ -232,23 +232,23 @@ def write_usd(described: Described, folder: Path) -> None:
         usd-core is not installed.
     """
     try:
-        from pxr import Gf, Sdf, Usd, UsdShade
+        from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
     except ImportError as error:
         raise Error("usd-core is not installed: pip install usd-core, or usd = false") from error
     path = folder / f"{described.name}.usda"
     stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     root = f"/{described.identifier}"
     material = UsdShade.Material.Define(stage, root)
     stage.SetDefaultPrim(material.GetPrim())
     variants = material.GetPrim().GetVariantSets().AddVariantSet("shading")
     for name in ("materialx", "preview"):
         variants.AddVariant(name)
-    if (folder / f"{described.name}.mtlx").is_file():
-        variants.SetVariantSelection("materialx")
-        with variants.GetVariantEditContext():
-            source = f"/MaterialX/Materials/{described.identifier}"
-            material.GetPrim().GetReferences().AddReference(f"./{described.name}.mtlx", source)
     variants.SetVariantSelection("preview")
+    if (folder / f"{described.name}.mtlx").is_file():  # not selected: USD would warn that it cannot read it
+        source = Sdf.Reference(f"./{described.name}.mtlx", f"/MaterialX/Materials/{described.identifier}")
+        Sdf.CreatePrimInLayer(stage.GetRootLayer(), f"{root}{{shading=materialx}}").referenceList.Prepend(source)
     with variants.GetVariantEditContext():
         shader = UsdShade.Shader.Define(stage, f"{root}/preview")
         shader.CreateIdAttr("UsdPreviewSurface")
@@ -282,6 +282,31 @@ def write_usd(described: Described, folder: Path) -> None:
     stage.GetRootLayer().Save()
 
 
+def usd_faults(path: Path) -> list[str]:
+    """What USD's own validators find wrong in a stage and its variants; nothing where usd-core has none or is missing.
+
+    The variant of MaterialX is looked at where USD has the plug-in that reads it.
+    """
+    try:
+        from pxr import Sdf, Usd, UsdValidation
+    except ImportError:
+        return []
+    context = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators())
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Exception as error:  # of its own kind
+        return [f"{path}: {error}"]
+    stage.SetEditTarget(stage.GetSessionLayer())  # the file stays as it is
+    variants = stage.GetDefaultPrim().GetVariantSet("shading") if stage.HasDefaultPrim() else None
+    if not variants:
+        return [f"{path}: has no material with variants of shading"]
+    texts = []
+    for name in ("preview", *(["materialx"] if Sdf.FileFormat.FindByExtension("mtlx") else [])):
+        variants.SetVariantSelection(name)
+        texts += [f"{path}: {error.GetMessage()}" for error in context.Validate(stage)]
+    return texts
+
+
 def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
     """What texels are multiplied by, and what is added."""
     if role == "normal":  # UsdPreviewSurface wants -1..1, y up
@@ -295,11 +320,24 @@ def _range(role: str, hand: str, inverted: bool) -> tuple[tuple[float, ...] | No
 # --- Blender ---
 
 
-def blender_catalogue(paths: Iterable[str]) -> str:
-    """Blender's list of catalogues: a line for each path, with an id that is the same in every run."""
+def blender_catalogue(paths: Iterable[str], there: str = "") -> str:
+    """Blender's list of catalogues: a line for each path, with an id that is the same in every run.
+
+    Parameters
+    ----------
+    paths : iterable of str
+        Such as 'Materials/ground'.
+    there : str
+        The list as it was: catalogues that are not ours stay, and so do names that somebody gave ours.
+    """
+    made = {catalogue_id(path): f"{path}:{path.replace('/', '-')}" for path in sorted(set(paths))}
+    others = {}
+    for line in there.splitlines():
+        identifier, colon, rest = line.partition(":")
+        if colon and not line.startswith("#") and identifier != catalogue_id(rest.partition(":")[0]):
+            others[identifier] = rest
     lines = ["# Catalogues of assets for Blender's asset browser.", "VERSION 1", ""]
-    lines += [f"{catalogue_id(path)}:{path}:{path.replace('/', '-')}" for path in sorted(set(paths))]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + [f"{identifier}:{rest}" for identifier, rest in (made | others).items()]) + "\n"
 
 
 def catalogue_id(path: str) -> str:

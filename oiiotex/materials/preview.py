@@ -13,7 +13,7 @@ from pathlib import Path
 from ..charts.drawing import shown_pixels
 from ..charts.tile_preview import HORIZON, area_means, plane_in_perspective, repeated
 from ..color.config import as_float
-from ..core.image import Image, channels_of
+from ..core.image import Image, Part, channels_of
 from ..deferred import np, oiio
 from ..errors import Error
 from ..session import Session
@@ -30,7 +30,7 @@ _QUALITY = 85  # of JPEG
 
 @dataclass(frozen=True)
 class Looks:
-    """Maps of a tile as they are drawn, all of one size.
+    """Maps of a tile as they are drawn, all of one size; what is the same everywhere may be one texel.
 
     Attributes
     ----------
@@ -51,17 +51,16 @@ class Looks:
     def of(cls, maps: Mapping[str, Image], session: Session, hand: str) -> Looks:
         """Of delivered maps; what there is none of is plain. `hand`: of their normals, 'opengl' or 'directx'."""
         part = maps["color"].first
-        colour = _reduced(_linear(shown_pixels(part.pixels(), part, session)))
+        colour = _reduced(linear_of(part, session))
         size = colour.shape[:2]
 
         def scalar(role: str, plain: float) -> np.ndarray:
             if role not in maps:
-                return np.full((*size, 1), plain, np.float32)
+                return np.full((1, 1, 1), plain, np.float32)
             return np.clip(_fitted(values(maps[role])[..., :1], size), 0, 1)
 
         rough = 1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", 0.7)
-        normal = np.zeros((*size, 3), np.float32)
-        normal[..., 2] = 1
+        normal = np.float32([[[0, 0, 1]]])
         if "normal" in maps:
             normal = _fitted(vectors(maps["normal"]), size) * np.float32([1, -1 if hand == "directx" else 1, 1])
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
@@ -102,6 +101,7 @@ class Looks:
         at = (np.arange(fine, dtype=np.float32) + 0.5) / fine * 2.1 - 1.05
         x, y = np.meshgrid(at, -at)
         inside = x * x + y * y < 1
+        x, y = x[inside], y[inside]
         z = np.sqrt(np.maximum(1 - x * x - y * y, 1e-6))
         bulge = np.stack([x, y, z], axis=-1)
         round_axis = np.stack([z, np.zeros_like(x), -x], axis=-1)  # the way on which longitude grows
@@ -111,9 +111,9 @@ class Looks:
         u, v = np.arctan2(x, z) * (2 / np.pi), np.arccos(np.clip(y, -1, 1)) * (2 / np.pi)
         bumps = _bilinear(self.normal, u, v)
         normal = bumps[..., :1] * round_axis + bumps[..., 1:2] * upwards + bumps[..., 2:] * bulge
-        picture = self._lit(u, v, normal, (0.0, 0.0, 1.0))
-        picture[~inside] = _linear(np.float32(_PAPER))
-        return repeated(picture, 1, side)
+        picture = np.full((fine, fine, 3), _linear(np.float32(_PAPER)))
+        picture[inside] = self._lit(u, v, normal, (0.0, 0.0, 1.0))
+        return picture.reshape(side, 2, side, 2, 3).mean((1, 3))
 
     def plane(self, side: int) -> np.ndarray:
         """On a plane to the horizon, lit from behind the viewer's left: linear, (side, side, 3)."""
@@ -203,6 +203,11 @@ def vectors(normals: Image) -> np.ndarray:
     return decoded if decoded.min() < 0 else 2 * decoded - 1
 
 
+def linear_of(part: Part, session: Session) -> np.ndarray:
+    """The colours of a part as linear Rec. 709, (h, w, 3), 0 to 1."""
+    return _linear(shown_pixels(part.pixels(), part, session))
+
+
 def lab_of(linear: np.ndarray) -> np.ndarray:
     """Linear Rec. 709 as CIE Lab D65: (..., 3)."""
     xyz = linear @ np.array([[0.4124564, 0.2126729, 0.0193339],
@@ -241,9 +246,12 @@ def _hashes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _bilinear(texels: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Texels of a tile at places whose whole numbers are its corners."""
     height, width = texels.shape[:2]
+    if height == width == 1:
+        return texels.reshape(*(1,) * u.ndim, -1)
     x, y = u * width - 0.5, v * height - 0.5
-    left, top = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    right, down = (x - left)[..., None], (y - top)[..., None]
+    left, top = np.floor(x), np.floor(y)
+    right, down = (x - left)[..., None], (y - top)[..., None]  # in the type of the places, before they are indices
+    left, top = left.astype(np.intp), top.astype(np.intp)
     columns, rows = (left % width, (left + 1) % width), (top % height, (top + 1) % height)
     above = texels[rows[0], columns[0]] * (1 - right) + texels[rows[0], columns[1]] * right
     below = texels[rows[1], columns[0]] * (1 - right) + texels[rows[1], columns[1]] * right

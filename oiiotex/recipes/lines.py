@@ -25,6 +25,7 @@ _NOT_HERE = {
     "--farm": _SPREADS, "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS,
     "--tev": _SHOWS,
 }  # fmt: skip
+_WRITE = ("-o", "-otex", "-oenv", "-obump", "--iccwrite")
 _KINDS = {"color": "colour", "normal": "normal", "height": "height"}
 
 
@@ -64,7 +65,9 @@ def steps_of(recipe: Recipe, maps: Mapping[str, MapFile]) -> list[Step]:
     for number, product in enumerate(recipe.products):
         filler = _Filler(product.name, recipe, maps, names[:number], made)
         try:
-            words = [word for text in shlex.split(product.line) for word in filler.filled(text)]
+            words = list[str]()
+            for text in shlex.split(product.line):
+                words += filler.filled(text, words)
         except ParameterError as error:
             raise ParameterError(f"product {product.name}: {error}") from error
         except ValueError as error:  # of shlex
@@ -103,6 +106,13 @@ def _require_deliverable(step: Step) -> None:
     named = {*command.settings, *(each.option.name for each in command.steps if each.option)}
     for name in sorted(named & _NOT_HERE.keys()):
         raise ParameterError(f"{name}: {_NOT_HERE[name]}: leave it out")
+    for each in command.steps:
+        if each.option and each.option.name in _WRITE and "{" not in each.arguments[-1]:
+            parts = each.arguments[-1].split("/")
+            if parts[0] != step.product or ".." in parts:
+                raise ParameterError(
+                    f"{each.word} {each.arguments[-1]}: is not in the product's folder: write $output, or $folder/NAME"
+                )
     places = [place for place, word in enumerate(step.words) if word in step.outputs.values()]
     if len(places) > len(step.outputs):
         raise ParameterError("$outputs stands twice, or another -o writes the same file")
@@ -132,15 +142,15 @@ class _Filler:
             "outputs": self._write,
         }
 
-    def filled(self, text: str) -> list[str]:
-        """The words that a word of the line stands for."""
+    def filled(self, text: str, before: Sequence[str]) -> list[str]:
+        """The words that a word of the line stands for, behind those that are there."""
         match = _HOLE.fullmatch(text)
         name = match[2] or match[3] if match else None
-        if name in self._whole:
-            return self._whole[name]()
-        if name in ROLES:
-            return self._read(name)
-        return [_HOLE.sub(self._text, text)]
+        if name not in self._whole and name not in ROLES:
+            return [_HOLE.sub(self._text, text)]
+        if waiting := _waiting(before):
+            raise ParameterError(f"{waiting} would take the first word of {text}: leave it out, or say what it wants")
+        return self._whole[name]() if name in self._whole else self._read(name)
 
     def _text(self, match: re.Match[str]) -> str:
         if match[1]:
@@ -191,6 +201,15 @@ class _Filler:
             convert = ["--tocolorspace", deliver.colour] if role in COLOURS and deliver.colour else []
             words = [*convert, "-d", kind, "-o", path, *(["--pop", *words] if words else [])]
         return words
+
+
+def _waiting(words: Sequence[str]) -> str:
+    """The option at the end of a line that wants further words; '' where there is none."""
+    word, place = "", 0
+    while place < len(words):
+        word = words[place]
+        place += 1 + (LANGUAGE.takes(word) if word.startswith("-") and word != "-" else 0)
+    return word if place > len(words) else ""
 
 
 def source_name(role: str, file: MapFile) -> str:

@@ -16,9 +16,9 @@ from pathlib import Path, PurePosixPath
 from ..core.parameters import nearest
 from ..errors import Error, ParameterError
 from ..materials.naming import PACKED, PACKED_ROLES, Name, read_name
-from . import catalogue as catalogues
 from .recipe import Facts, Recipe, facts_beside
 
+LIBRARY = "library.sqlite"  # the file by which a library is known
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
 _FLOATS = {".exr", ".hdr"}
 _MOST_MEMBER = 8 << 30  # bytes that a member of an archive may have
@@ -131,7 +131,7 @@ def materials(photos: Path, recipe: Recipe) -> list[Material]:
 
 
 def extract(photos: Path, file: MapFile, target: Path) -> None:
-    """Put a map under a name: by a link where it is a file, else out of its archive.
+    """Put a map under a name, out of its archive where it is in one; what is then written there is not the photo.
 
     Raises
     ------
@@ -139,10 +139,10 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
         The archive is broken, or the member is not there, too large, or packed as no photo is.
     """
     source = (photos / file.path).resolve()
-    if not file.member:
-        target.symlink_to(source)
-        return
     try:
+        if not file.member:
+            link_or_copy(source, target)
+            return
         with zipfile.ZipFile(source) as archive:
             info = archive.getinfo(file.member)
             if info.file_size > _MOST_MEMBER:
@@ -157,13 +157,24 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
         raise Error(f"{file}: {error}") from error
 
 
+def link_or_copy(source: Path, target: Path) -> None:
+    """A file under a second name. Files are replaced by renaming, so either name may go its own way.
+
+    A symbolic link would be followed instead, and the file that it leads to be replaced.
+    """
+    try:
+        os.link(source, target)
+    except OSError:  # another disk, or one that has no hard links
+        shutil.copyfile(source, target)
+
+
 def _files(photos: Path) -> Iterable[str]:
     """Files below the folder that matter, hidden ones left out; a link that leads nowhere is said where it is read."""
     if not photos.is_dir():
         raise Error(f"{photos}: no such folder")
     wanted = _IMAGES | {".zip", ".toml"}
     for folder, folders, names in os.walk(photos):
-        if catalogues.FILE in names:  # a library is made of photos, and is none
+        if LIBRARY in names:  # a library is made of photos, and is none
             folders.clear()
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files of photos by their hashes: what is as it was is not read again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from ..errors import one_line
+from ..recipes.found import Material
+from .asset import digest_of
+from .catalogue import Catalogue
+from .runs import FoldersAlone
+
+_READERS = 4  # threads that hash files
+
+
+def digests_of(
+    photos: Path, found: Sequence[Material], catalogue: Catalogue | FoldersAlone
+) -> tuple[dict[str, str], dict[str, str]]:
+    """The SHA-256 of every file that is used, and why others have none; what is as it was is not read again."""
+    known, digests, unread, new = catalogue.sources(), dict[str, str](), dict[str, str](), []
+    for path in sorted({file.path for material in found for file in material.maps.values()}):
+        if not is_text(path):
+            unread[path] = f"{one_line(path)}: its name is not UTF-8: rename it"
+            continue
+        try:
+            status = os.stat(photos / path)
+        except OSError as error:
+            unread[path] = _why(path, error)
+            continue
+        facts = status.st_size, status.st_mtime_ns
+        size, changed, digest = known.get(str(photos / path), (None, None, ""))
+        if facts == (size, changed):
+            digests[path] = digest
+        else:
+            new.append((path, *facts))
+
+    def digest_or_error(row: tuple[str, int, int]) -> str | OSError:
+        try:
+            return digest_of(photos / row[0])
+        except OSError as error:
+            return error
+
+    with ThreadPoolExecutor(_READERS) as readers:
+        made = list(zip(new, readers.map(digest_or_error, new), strict=True))
+    unread |= {row[0]: _why(row[0], digest) for row, digest in made if isinstance(digest, OSError)}
+    read = [(row, digest) for row, digest in made if isinstance(digest, str)]
+    if read:
+        catalogue.remember_sources((str(photos / path), *facts, digest) for (path, *facts), digest in read)
+    return digests | {row[0]: digest for row, digest in read}, unread
+
+
+def _why(path: str, error: OSError) -> str:
+    return f"{path}: cannot be read: {error.strerror or error}"
+
+
+def is_text(path: str | Path) -> bool:
+    """Whether a name is more than bytes: SQLite and JSON hold text."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True

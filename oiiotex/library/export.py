@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Assets handed on: copied into a folder, each under its name, with an index and Blender's catalogue."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ..errors import Error, ParameterError
+from ..io.atomic import temporary_beside
+from ..materials import documents
+from .asset import SCHEMA, read_sidecar
+from .catalogue import SIDECAR, Asset, Catalogue
+
+INDEX, EXPORT_SCHEMA = "index.json", "oiiotex.export/1"
+
+
+def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Callable[[str], object]) -> int:
+    """Copy assets into a folder, each under its name, with an index and Blender's catalogue; returns how many.
+
+    Raises
+    ------
+    Error
+        The folder cannot be written, lies in the library, or has something of an asset's, the index' or the list's name
+        that is none.
+    """
+    count, index = 0, []
+    if target.resolve().is_relative_to(catalogue.library.resolve()):
+        raise ParameterError(f"{target}: lies in the library: export to a folder outside of it")
+    for asset in chosen:
+        _require_replaceable(target / asset.name)
+    if os.path.lexists(target / INDEX) and not _is_of(EXPORT_SCHEMA, target / INDEX):
+        raise _foreign(target / INDEX, "index of an export")
+    blender = _blender_text(catalogue, target)
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        for asset in chosen:
+            if not asset.folder:
+                continue
+            source, final = catalogue.library / asset.folder, target / asset.name
+            index.append(asset.name)
+            if _same(final, asset):
+                continue
+            aside = target / f".{asset.name}-{os.urandom(6).hex()}"
+            shutil.copytree(source, aside)
+            if final.is_dir():
+                old = target / f".{asset.name}-{os.urandom(6).hex()}"
+                final.rename(old)
+                aside.rename(final)
+                shutil.rmtree(old, ignore_errors=True)
+            else:
+                aside.rename(final)
+            count += 1
+            done(asset.name)
+    except OSError as error:
+        raise Error(f"{target}: {error}") from error
+    _write(target / documents.BLENDER, blender)
+    _write(target / INDEX, json.dumps({"schema": EXPORT_SCHEMA, "assets": index}, indent=1) + "\n")
+    return count
+
+
+def write_blender(catalogue: Catalogue, folder: Path) -> None:
+    """Blender's list of catalogues: one for each first tag, and one for what has none; what others put there stays.
+
+    Raises
+    ------
+    Error
+        As `blender_list`.
+    """
+    _write(folder / documents.BLENDER, _blender_text(catalogue, folder))
+
+
+def blender_list(folder: Path) -> str:
+    """Blender's list of catalogues as it is there; '' where there is none.
+
+    Raises
+    ------
+    Error
+        There is something of its name that is no such list.
+    """
+    path = folder / documents.BLENDER
+    if not os.path.lexists(path):
+        return ""
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        text = path.read_text() if path.is_file() else ""  # reading a pipe would wait
+        if "VERSION 1" in text.splitlines():
+            return text
+    raise _foreign(path, "list of Blender's catalogues")
+
+
+def _blender_text(catalogue: Catalogue, folder: Path) -> str:
+    paths = {f"Materials/{next(iter(tags))}" for tags in catalogue.tags().values()} | {"Materials"}
+    return documents.blender_catalogue(paths, blender_list(folder))
+
+
+def _write(path: Path, text: str) -> None:
+    with temporary_beside(path) as temporary:
+        temporary.write_text(text)
+
+
+def _require_replaceable(folder: Path) -> None:
+    """Refuse what is no asset's folder, of whatever version: it is the user's."""
+    if os.path.lexists(folder) and (folder.is_symlink() or not _is_of(SCHEMA, folder / SIDECAR)):
+        raise _foreign(folder, "asset")
+
+
+def _is_of(schema: str, path: Path) -> bool:
+    """Whether a file is JSON of that schema, of whatever version."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        if path.is_file():
+            found = json.loads(path.read_bytes()).get("schema")
+            return str(found).partition("/")[0] == schema.partition("/")[0]
+    return False
+
+
+def _foreign(path: Path, kind: str) -> Error:
+    return Error(f"{path}: is no {kind}, and would be replaced by one: remove it, or give it another name")
+
+
+def _same(folder: Path, asset: Asset) -> bool:
+    with contextlib.suppress(Error, KeyError):
+        return bool(read_sidecar(folder)["key"] == asset.key)
+    return False

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of a library is looked for: names, measures, colours, sizes."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+import operator
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from ..errors import ParameterError
+from ..recipes.recipe import Limit
+from .catalogue import Asset, Catalogue, Label
+
+_HEX = re.compile(r"#?([0-9a-fA-F]{6})")
+_SIZE = re.compile(r"([<>]?)(\d+(?:\.\d+)?)x(\d+(?:\.\d+)?)(m?)", re.ASCII)
+_LABEL = re.compile(r"(.+?)(?:>(\d*\.?\d+))?", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is looked for; '' and () ask for nothing.
+
+    Attributes
+    ----------
+    name : str
+        With * and ?.
+    status, tag : str
+    measures : tuple of str
+        NAME>NUMBER or NAME<NUMBER: all must hold.
+    color : str
+        RRGGBB in sRGB.
+    distance : float
+        From it to the mean colour, Lab, at most.
+    size : str
+        WIDTHxHEIGHT, px, or with an m behind it, metres; behind > or <: larger or smaller along both sides, or equal.
+    label : str
+        NAME, with * and ?, or #RRGGBB, of labels; NAME>SHARE: which together cover more than that share, 0 to 1.
+    """
+
+    name: str = ""
+    status: str = ""
+    tag: str = ""
+    measures: tuple[str, ...] = ()
+    color: str = ""
+    distance: float = 15.0
+    size: str = ""
+    label: str = ""
+
+    def assets(self, catalogue: Catalogue) -> list[tuple[Asset, dict[str, float]]]:
+        """What fits, with its measures; by colour the nearest first, by label the most first, else by name.
+
+        Raises
+        ------
+        ParameterError
+            A term is none.
+        """
+        limits = [Limit.read(text) for text in self.measures]
+        lab, fits, share_of = _lab("--color", self.color), _size(self.size), _share(self.label, self.distance)
+        measures = catalogue.measures()
+        tags = catalogue.tags() if self.tag else {}
+        labels = catalogue.labels() if self.label else {}
+        chosen = []
+        for asset in catalogue.assets().values():
+            own = measures.get(asset.name, {})
+            if (
+                (not self.name or fnmatch.fnmatchcase(asset.name, self.name))
+                and self.status in ("", asset.status)
+                and (not self.tag or self.tag in tags.get(asset.name, {}))
+                and all(limit.measure in own and limit.passed_by(own[limit.measure]) for limit in limits)
+                and fits(asset)
+                and (not self.label or share_of(labels.get(asset.name, ())) > 0)
+                and (not lab or (asset.lab and math.dist(lab, asset.lab) <= self.distance))
+            ):
+                chosen.append((asset, own))
+        if lab:
+            chosen.sort(key=lambda pair: math.dist(lab, pair[0].lab))
+        elif self.label:
+            chosen.sort(key=lambda pair: -share_of(labels[pair[0].name]))
+        return chosen
+
+
+def _lab(option: str, text: str) -> tuple[float, ...]:
+    if not text:
+        return ()
+    match = _HEX.fullmatch(text)
+    if not match:
+        raise ParameterError(f"{option} {text}: allowed is RRGGBB")
+    from ..materials.preview import lab_of_srgb
+
+    return tuple(lab_of_srgb([int(match[1][n : n + 2], 16) / 255 for n in (0, 2, 4)]))
+
+
+def _share(text: str, distance: float) -> Callable[[Sequence[Label]], float]:
+    """How much of an asset has labels of a name or a colour, 0 where it is not more than is asked for."""
+    match = _LABEL.fullmatch(text)
+    wanted, least = (match[1], float(match[2] or 0)) if match else ("", 0.0)
+    if least >= 1:
+        raise ParameterError(f"--label {text}: allowed is NAME or #RRGGBB, and >SHARE behind it, less than 1")
+    lab = _lab("--label", wanted) if wanted.startswith("#") else ()
+
+    def share_of(labels: Sequence[Label]) -> float:
+        share = sum(
+            one.share
+            for one in labels
+            if (math.dist(lab, one.lab) <= distance if lab else fnmatch.fnmatchcase(one.name, wanted))
+        )
+        return share if share > least else 0.0
+
+    return share_of
+
+
+def _size(text: str) -> Callable[[Asset], bool]:
+    if not text:
+        return lambda asset: True
+    match = _SIZE.fullmatch(text)
+    if not match:
+        raise ParameterError(f"--size {text}: allowed is WIDTHxHEIGHT, > or < before it, and m for metres behind it")
+    wanted = float(match[2]), float(match[3])
+    compare = {">": operator.ge, "<": operator.le, "": operator.eq}[match[1]]
+
+    def fits(asset: Asset) -> bool:
+        size = asset.size_m if match[4] else (asset.width, asset.height)
+        return len(size) == 2 and min(size) > 0 and all(map(compare, size, wanted))
+
+    return fits

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a label map says of a material, for who looks for it: how much of it is of which colour."""
+
+from __future__ import annotations
+
+from ..core.image import Image
+from ..core.label_map import holds_ids, label_maps
+from ..deferred import np
+from ..session import Session
+from .preview import lab_of, linear_of
+
+
+def label_colours(labels: Image, colour: Image, session: Session) -> list[tuple[str, float, list[float]]]:
+    """The labels of an image, the largest first; none where it has no label maps.
+
+    Parameters
+    ----------
+    labels : Image
+        With parts label.N; where its first part is the photo (`--texlabel:keep=1`), colours are that one's.
+    colour : Image
+        Whose colours they are else; of another size it says nothing, and there are none.
+    session : Session
+
+    Returns
+    -------
+    list of (str, float, list of float)
+        Of the coarsest level: name, share of the pixels, 0 to 1, mean colour in CIE Lab D65.
+    """
+    maps = label_maps(labels)
+    if not maps:
+        return []
+    coarsest, photo = maps[max(maps)], colour.first if holds_ids(labels.first) else labels.first
+    ids = coarsest.ids.astype(np.int64)
+    if ids.shape != (photo.spec.height, photo.spec.width):
+        return []
+    linear = linear_of(photo, session).reshape(-1, 3)
+    areas = np.bincount(ids.ravel())
+    sums = np.stack([np.bincount(ids.ravel(), linear[:, channel]) for channel in range(3)], -1)
+    lab = lab_of(sums / np.maximum(areas, 1)[:, None])
+    chosen = [int(label) for label in np.argsort(-areas, kind="stable") if label and areas[label]]
+    return [(coarsest.name(label), float(areas[label] / ids.size), lab[label].tolist()) for label in chosen]

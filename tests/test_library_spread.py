@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A library made by shares, jobs and processes: who is at what, and what the death of one leaves to others."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+from oiiotex.library import asset as making
+from oiiotex.library import catalogue as catalogues
+from oiiotex.library import ingest, runs
+from oiiotex.library.catalogue import Catalogue
+from oiiotex.library.main import run
+from oiiotex.library.upkeep import check
+from tests import pictures as drawn
+from tests.conftest import save
+from tests.library_makings import LINE, brought_in, recipe, touched
+from tests.library_makings import here as here
+from tests.library_makings import photos as photos
+
+
+def test_shares_are_made_apart_and_recorded_by_the_run_that_joins(photos, tmp_path, here, monkeypatch):
+    library = tmp_path / "library"
+    for share in ((1, 2), (2, 2)):
+        tally, _ = brought_in(photos, library, recipe(), share=share)
+        assert tally.made == 1
+    assert not (library / runs.FILE).exists()
+    monkeypatch.setattr(making, "make", None)  # nothing is made any more
+    tally, _ = brought_in(photos, library, recipe())
+    assert tally.counts == {"ok": 2}
+    with Catalogue(library) as catalogue:
+        assert list(check(catalogue)) == []
+
+
+def test_a_job_template_has_shares_and_a_join(photos, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("r.toml").write_text("schema = 1\n" + LINE)
+    assert run(["ingest", "photos", "lib", "--recipe", "r.toml", "--farm", "openjd=job.json,3"]) == 0
+    template = json.loads(Path("job.json").read_text())
+    words = template["steps"][0]["script"]["actions"]["onRun"]["args"]
+    assert " ".join(words[4:]) == "ingest photos lib --recipe r.toml --share {{Task.Param.Share}}/3 --openjd"
+    assert template["parameterDefinitions"][1]["default"] == "oiiotex-library"
+
+
+def test_claims_of_a_dead_run_are_free_and_those_of_a_live_one_are_not(tmp_path):
+    with Catalogue(tmp_path, create=True) as one, Catalogue(tmp_path) as two:
+        with one.run() as run_one, two.run() as run_two:
+            assert one.claim("moss", run_one) and not two.claim("moss", run_two)
+            two.sweep()
+            assert not two.claim("moss", run_two)
+            one.release("moss", run_one)
+            assert two.claim("moss", run_two)
+        with one.run() as run_one:
+            assert one.claim("moss", run_one)
+        dead = tmp_path / runs.WORK / "run-0123456789abcdef"
+        dead.mkdir()
+        (dead / "half").touch()
+        one.put(catalogues.Asset("moss", "k", "ok"))
+        with one._transaction():
+            one._data.execute("INSERT INTO claims VALUES ('moss', ?)", (dead.name,))
+        with two.run() as run_two:
+            assert two.claim("moss", run_two) and not dead.exists()
+
+
+def dies_or_makes(job: making.Job) -> making.Outcome:
+    """What a worker does whose material kills it."""
+    if job.material.name.startswith("deadly"):
+        os.kill(os.getpid(), 9)
+    return making.Outcome(job.material.name, None, "made")
+
+
+def test_a_material_that_kills_its_process_takes_no_other_with_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(ingest, "make", dies_or_makes)
+    for name in ("a", "b", "deadly", "z"):
+        save(drawn.noise(8, 8, 1)[..., None], touched(tmp_path, "p/x") and tmp_path / "p" / f"{name}.png")
+    (tmp_path / "p/x").unlink()
+    tally, said = brought_in(tmp_path / "p", tmp_path / "library", recipe(), workers=2)
+    assert tally.counts == {"failed": 4}
+    assert sorted(said) == [
+        "a: failed: made", "b: failed: made",
+        "deadly: failed: its process has ended of itself: killed, or out of memory?", "z: failed: made",
+    ]  # fmt: skip
+
+
+def test_what_is_short_of_memory_is_tried_alone_with_all_of_it(photos, tmp_path, monkeypatch):
+    seen = []
+
+    def outcomes(jobs, workers):
+        for job in jobs:
+            seen.append((workers, job.budget))
+            text = "needs 9 MB of memory; the budget is 1 MB" if job.budget < 1 << 30 else "x"
+            yield making.Outcome(job.material.name, None, text), job
+
+    monkeypatch.setattr(ingest, "_in_processes", outcomes)
+    _, said = brought_in(photos, tmp_path / "library", recipe(), workers=2, budget=1 << 30)
+    assert seen == [(2, 1 << 29)] * 2 + [(1, 1 << 30)] * 2
+    assert said == ["gravel: failed: x", "wall: failed: x"]

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is done with a library: searched, shown, exported, reported."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from oiiotex import errors
+from oiiotex.library import catalogue as catalogues
+from oiiotex.library.catalogue import Catalogue
+from oiiotex.library.main import run
+from oiiotex.library.report import write_report
+from oiiotex.library.search import Search
+from oiiotex.library.upkeep import check, orphans
+from tests.conftest import load
+from tests.library_makings import LINE, brought_in, recipe
+from tests.library_makings import here as here
+from tests.library_makings import photos as photos
+
+
+def test_nothing_is_exported_into_the_library(photos, tmp_path, here):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    for target in (library, library / "assets", tmp_path / "photos/../library/new"):
+        with pytest.raises(errors.Error, match="lies in the library: export to a folder outside of it"):
+            run(["export", str(library), str(target)])
+    with Catalogue(library) as catalogue:
+        assert list(check(catalogue)) == [] and orphans(catalogue) == []
+
+
+def test_an_export_replaces_assets_alone(photos, tmp_path, here):
+    library, target = tmp_path / "library", tmp_path / "target"
+    brought_in(photos, library, recipe())
+    (target / "wall").mkdir(parents=True)
+    (target / "wall/mine.txt").write_text("mine")
+    for sidecar in (None, "[]", '{"schema": "mine/1"}'):
+        if sidecar:
+            (target / "wall/asset.json").write_text(sidecar)
+        with pytest.raises(errors.Error, match="is no asset, and would be replaced by one: remove it"):
+            run(["export", str(library), str(target)])
+    assert (target / "wall/mine.txt").read_text() == "mine" and not (target / "gravel").exists()
+    (target / "wall/asset.json").write_text('{"schema": "oiiotex.asset/0"}')
+    run(["export", str(library), str(target)])
+    assert (target / "wall/wall.mtlx").is_file() and not (target / "wall/mine.txt").exists()
+
+
+@pytest.mark.parametrize("name", ["index.json", "blender_assets.cats.txt"])
+def test_an_export_replaces_no_list_of_others(photos, tmp_path, here, name):
+    library, target = tmp_path / "library", tmp_path / "target"
+    brought_in(photos, library, recipe())
+    target.mkdir()
+    (target / name).write_text('{"mine": 1}')
+    with pytest.raises(errors.Error, match=rf"{name}: is no .* would be replaced by one: remove it"):
+        run(["export", str(library), str(target)])
+    assert [path.name for path in target.iterdir()] == [name] and (target / name).read_text() == '{"mine": 1}'
+    (target / name).unlink()
+    for _ in range(2):  # its own it replaces
+        run(["export", str(library), str(target)])
+    assert json.loads((target / "index.json").read_text())["assets"] == ["gravel", "wall"]
+
+
+def test_ingest_says_before_work_that_it_would_replace_a_file(photos, tmp_path):
+    (tmp_path / "recipe.toml").write_text("schema = 1\n" + LINE)
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library/blender_assets.cats.txt").write_text("mine")
+    with pytest.raises(errors.Error, match="is no list of Blender's catalogues"):
+        run(["ingest", str(photos), str(tmp_path / "library"), "--recipe", str(tmp_path / "recipe.toml")])
+    assert len(list((tmp_path / "library").iterdir())) == 1
+
+
+def test_search_show_and_export(photos, tmp_path, here, capsys):
+    library = tmp_path / "library"
+    told = recipe('[assets.wall]\ntags = ["brick"]\nlicence = "CC0-1.0"\n' + LINE)
+    brought_in(photos, library, told)
+    with Catalogue(library) as catalogue:
+        lab = catalogue.assets()["wall"].lab
+
+        def names(**terms: object) -> list[str]:
+            return [asset.name for asset, _ in Search(**terms).assets(catalogue)]
+
+        assert names() == ["gravel", "wall"]
+        assert names(tag="brick") == names(name="w*") == names(measures=("normal_length<0.5",)) == ["wall"]
+        assert names(measures=("normal_length>0.5",)) == names(status="review") == names(size=">25x24") == []
+        assert names(size="24x24") == names(size="<24x24") == ["gravel", "wall"]
+        code = load(library / catalogue.assets()["wall"].folder / "thumbnail.jpg").mean((0, 1)).round().astype(int)
+        near = names(color="#" + "".join(f"{v:02x}" for v in code), distance=200.0)
+        assert near == ["wall", "gravel"] and 0 < lab[0] < 100
+        with pytest.raises(errors.Error, match="--color red"):
+            names(color="red")
+    assert run(["show", str(library), "wall"]) == 0
+    assert json.loads(capsys.readouterr().out)["licence"] == "CC0-1.0"
+    out = tmp_path / "out"
+    assert run(["export", str(library), str(out), "--tag", "brick"]) == 0
+    assert sorted(p.name for p in out.iterdir()) == ["blender_assets.cats.txt", "index.json", "wall"]
+    assert "Materials/brick" in (out / "blender_assets.cats.txt").read_text()
+    assert run(["export", str(library), str(out), "--tag", "brick"]) == 0
+    assert "0 copied, 1 as they were" in capsys.readouterr().out
+    assert run(["list", str(library), "--tag", "brick"]) == 0
+    assert capsys.readouterr().out.startswith("wall ok 24x24")
+
+
+def labelled(n: int, name: str, share: float, lab: tuple[float, ...], size_m: tuple[float, ...] = ()) -> tuple:
+    asset = catalogues.Asset(f"m{n}", "k", "ok", width=64, height=64, size_m=size_m)
+    rest = catalogues.Label("label.2/2", 0.9 - share, (90.0, 0.0, 0.0))
+    return asset, (), {"labels": 2}, (), (catalogues.Label(name, share, lab), rest)
+
+
+def test_labels_and_metres_are_searched(tmp_path):
+    rust = (40.0, 35.0, 40.0)
+    rows = [
+        labelled(0, "rust", 0.1, rust, (1.0, 1.0)), labelled(1, "rust", 0.4, rust, (2.0, 3.0)),
+        labelled(2, "moss", 0.3, (45.0, -20.0, 35.0)),
+    ]  # fmt: skip
+    with Catalogue(tmp_path, create=True) as catalogue:
+        catalogue.put_all(rows)
+        assert catalogue.labels()["m2"][0] == ("moss", 0.3, (45.0, -20.0, 35.0))
+
+        def names(**terms: object) -> list[str]:
+            return [asset.name for asset, _ in Search(**terms).assets(catalogue)]
+
+        assert names(label="rust") == ["m1", "m0"]  # the most first
+        assert names(label="r*>0.2") == ["m1"] and names(label="rust>0.5") == names(label="bark") == []
+        assert names(label="#9c3d20") == names(label="#9c3d20>0.05") == ["m1", "m0"]
+        assert names(label="label.2/*>0.65") == ["m0"] and names(measures=("labels>1",)) == ["m0", "m1", "m2"]
+        assert names(size=">1.5x1.5m") == ["m1"] and names(size="1x1m") == ["m0"] and names(size="<2x2m") == ["m0"]
+        for term in ("#rust", "rust>1"):
+            with pytest.raises(errors.Error, match=f"--label {term}: allowed is"):
+                names(label=term)
+        catalogue.put(rows[0][0])
+        assert names(label="rust") == ["m1"]
+
+
+def test_the_report_is_one_page_that_asks_for_nothing(photos, tmp_path, here):
+    library = tmp_path / "library"
+    (photos / "a<b_diff.png").write_bytes(b"")
+    brought_in(photos, library, recipe(LINE + "[judge]\nlimits = ['normal_length<1']\n"))
+    with Catalogue(library) as catalogue:
+        page = write_report(catalogue, "t & co").read_text()
+    assert "t &amp; co" in page and "a_b" in page and page.count("<tr><td") == 3
+    assert not re.search(r'(src|href)="(?!data:|review/|assets/)', page) and "http" not in page
+    assert page.index(">failed<") < page.index(">review<") < page.index(">ok<")
+
+
+@pytest.mark.slow
+def test_the_reports_columns_sort_in_a_browser(tmp_path):
+    browser = shutil.which("chromium") or pytest.skip("NOT RUN: no chromium")
+    with Catalogue(tmp_path, create=True) as catalogue:
+        for name, seam in (("a", 1.2), ("b", None), ("c", 0.9), ("d", 10.5)):
+            measures = {} if seam is None else {"seam": seam}
+            catalogue.put(catalogues.Asset(name, "k", "ok"), (), measures)
+        page = write_report(catalogue, "sorted").read_text()
+    for clicks, order in ((1, "cadb"), (2, "dacb")):
+        click = "<script>" + "heads.find(h=>h.textContent==='seam').click();" * clicks + "</script>"
+        (tmp_path / "clicked.html").write_text(page.replace("</html>", f"{click}</html>"))
+        flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        command = [browser, *flags, f"--user-data-dir={tmp_path}/profile", "--dump-dom"]
+        done = subprocess.run(
+            [*command, (tmp_path / "clicked.html").as_uri()], capture_output=True, text=True, timeout=100
+        )
+        assert "".join(re.findall(r'<tr><td data-v="(\w)"', done.stdout)) == order
