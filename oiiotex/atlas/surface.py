@@ -9,6 +9,10 @@ from ..deferred import np
 from .charts import Frames, covered, in_pixels, walk
 from .mesh import Mesh
 
+FRACTION = 8  # bits: places in the photo are held in 1/256 px, pixel centres at a half
+ONE = 1 << FRACTION
+FARTHEST = 2  # px from where a step leads to the pixel that stands for it
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -30,6 +34,7 @@ class Surface:
         Its inverse; -1 outside of charts.
     step : (faces, 2, 2) float64
         What pixels of the atlas, x and y, a step in the photo, x and y, is inside of a face.
+    inverse : (faces, 2, 2) float64
     """
 
     mesh: Mesh
@@ -40,6 +45,7 @@ class Surface:
     place: np.ndarray
     index: np.ndarray
     step: np.ndarray
+    inverse: np.ndarray
 
     @classmethod
     def of(cls, mesh: Mesh, frames: Frames, width: int, height: int, level: int, name: str = "") -> Surface:
@@ -53,7 +59,8 @@ class Surface:
         index[place] = np.arange(len(place), dtype=np.int32)
         coarse = Frames(frames.step * 2.0**level, frames.gradient)
         face = owner.reshape(-1)[place]
-        return cls(mesh, coarse, shape, scale, face, place, index.reshape(shape), coarse.in_atlas(mesh, scale))
+        step = coarse.in_atlas(mesh, scale)
+        return cls(mesh, coarse, shape, scale, face, place, index.reshape(shape), step, np.linalg.inv(step))
 
     def nearest(self) -> np.ndarray:
         """The pixel in a chart that is nearest to each pixel of the atlas: (height, width) int32."""
@@ -93,7 +100,7 @@ class Surface:
         known = (there >= 0) & (chart[self.face[there]] == chart[self.face[pixels]][:, None])
         return there, known
 
-    def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> np.ndarray:
+    def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels where steps along the surface lead from some pixels, over borders of charts.
 
         Parameters
@@ -106,22 +113,27 @@ class Surface:
 
         Returns
         -------
-        (n,) int32
+        there : (n,) int32
+        rest : (n, 2) float64
+            How far the centre of that pixel lies from where the step leads, in pixels of the photo.
         """
         face = self.face[pixels]
         corners = in_pixels(self.mesh.uv[face], self.scale)
         weights = barycentric(corners, self.centres(pixels))
         end, weights = walk(self.mesh, self.frames, face, weights, steps)
-        x, y = np.einsum("nc,nck->kn", weights, in_pixels(self.mesh.uv[end], self.scale), optimize=False)
-        row = np.clip(np.floor(y).astype(np.int64), 0, self.shape[0] - 1)
-        column = np.clip(np.floor(x).astype(np.int64), 0, self.shape[1] - 1)
-        return nearest[row, column]
+        ends = np.einsum("nc,nck->nk", weights, in_pixels(self.mesh.uv[end], self.scale), optimize=False)
+        x, y = np.clip(np.floor(ends).astype(np.int64), 0, (self.shape[1] - 1, self.shape[0] - 1)).T
+        there = nearest[y, x]
+        return there, self.in_photo(there, self.centres(there) - ends)
+
+    def in_photo(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
+        """What moves (n, ..., 2) in the atlas, in its pixels, are in those of the photo."""
+        return np.einsum("nij,n...j->n...i", self.inverse[self.face[pixels]], moves, optimize=False)
 
     def gutter_steps(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
         """What moves (n, 2) in the atlas, in its pixels, are along the surface: (n, 3)."""
-        face = self.face[pixels]
-        photo = np.linalg.solve(self.step[face], moves[..., None])
-        return (self.frames.step[face] @ photo)[..., 0]
+        photo = self.in_photo(pixels, moves)
+        return np.einsum("nij,nj->ni", self.frames.step[self.face[pixels]], photo, optimize=False)
 
 
 def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -134,13 +146,13 @@ def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 class Neighbours:
-    """The pixels around each pixel of a surface, at some offsets in the photo."""
+    """The pixels around each pixel of a surface, at some offsets in the photo, and how far beside these they lie."""
 
     def __init__(self, surface: Surface, offsets: np.ndarray, at_once: int = 1 << 14):
         self._surface, self._offsets = surface, offsets
         nearest = surface.nearest()
         self.row = np.full(len(surface.place), -1, np.int32)
-        rows, count = [], 0
+        rows, rests, count = [], [], 0
         for start in range(0, len(surface.place), at_once):
             pixels = np.arange(start, min(start + at_once, len(surface.place)))
             there, known = surface.straight(pixels, offsets)
@@ -148,18 +160,39 @@ class Neighbours:
             if not len(beside):
                 continue
             there = there[beside]
+            rest = self._rest(pixels[beside], there)
             which, offset = np.nonzero(~known[beside])
             leaving = pixels[beside][which]
             steps = np.einsum("nij,nj->ni", surface.frames.step[surface.face[leaving]], offsets[offset], optimize=False)
-            there[which, offset] = surface.around(leaving, steps, nearest)
+            there[which, offset], away = surface.around(leaving, steps, nearest)
+            rest[which, offset] = _fixed(away)
             self.row[pixels[beside]] = count + np.arange(len(beside))
             count += len(beside)
             rows.append(there)
+            rests.append(rest)
         self._beside = np.concatenate(rows) if rows else np.empty((0, len(offsets)), np.int32)
+        self._rests = np.concatenate(rests) if rows else np.empty((0, len(offsets), 2), np.int16)
 
-    def of(self, pixels: np.ndarray) -> np.ndarray:
-        """(n, offsets) int32."""
+    def of(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nearest pixels, and from the offset to their centres, x and y in `ONE`ths of a pixel of the photo.
+
+        Returns
+        -------
+        there : (n, offsets) int32
+        rest : (n, offsets, 2) int16
+        """
         there, _ = self._surface.straight(pixels, self._offsets)
+        rest = self._rest(pixels, there)
         row = self.row[pixels]
-        there[row >= 0] = self._beside[row[row >= 0]]
-        return there
+        there[row >= 0], rest[row >= 0] = self._beside[row[row >= 0]], self._rests[row[row >= 0]]
+        return there, rest
+
+    def _rest(self, pixels: np.ndarray, there: np.ndarray) -> np.ndarray:
+        surface = self._surface
+        moves = surface.centres(there) - surface.centres(pixels)[:, None]
+        return _fixed(surface.in_photo(pixels, moves) - self._offsets)
+
+
+def _fixed(rest: np.ndarray) -> np.ndarray:
+    """In `ONE`ths of a pixel; where a surface ends the last pixel stands for what lies far off."""
+    return np.rint(np.clip(rest, -FARTHEST, FARTHEST) * ONE).astype(np.int16)

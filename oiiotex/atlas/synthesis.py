@@ -18,7 +18,7 @@ from ..errors import ImageError
 from ..patchmatch.field import hash_at
 from .charts import Frames
 from .mesh import Mesh
-from .surface import Neighbours, Surface
+from .surface import FRACTION, ONE, Neighbours, Surface
 
 REACH = 2  # px that a neighbourhood goes to each side
 _DIMENSIONS = 16  # of neighbourhoods as they are compared
@@ -89,11 +89,19 @@ class Exemplar:
             looks[at] = projected(seen(at), basis)
         return cls(flat, looks, basis, snap)
 
-    def moved(self, source: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Pixels that lie at steps (..., 2), x and y, from others; where none may be taken, the nearest that may."""
+    def at(self, places: np.ndarray) -> np.ndarray:
+        """The pixels in which places (..., 2) lie, x and y in `ONE`ths; those beyond the photo's border at it."""
         height, width = self.snap.shape
-        y, x = np.divmod(source.astype(np.int64), width)
-        return self.snap[np.clip(y + steps[..., 1], 0, height - 1), np.clip(x + steps[..., 0], 0, width - 1)]
+        pixels = places >> FRACTION
+        return np.clip(pixels[..., 1], 0, height - 1) * width + np.clip(pixels[..., 0], 0, width - 1)
+
+    def taken(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels for places, and these; where none may be taken, the nearest that may and its centre."""
+        at = self.at(places)
+        pixels = self.snap.reshape(-1)[at]
+        y, x = np.divmod(pixels, np.int32(self.snap.shape[1]))
+        centres = np.stack([x, y], -1) * ONE + ONE // 2
+        return pixels, np.where((pixels == at)[..., None] & (centres // ONE == places >> FRACTION), places, centres)
 
 
 def projected(neighbourhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -182,19 +190,18 @@ def synthesize(
         if coarser is None:
             y, x = np.divmod(surface.place, surface.shape[1])
             chance = hash_at(seed, level, y, x)
-            source = exemplar.snap.reshape(-1)[chance % np.uint32(exemplar.snap.size)]
+            y, x = np.divmod((chance % np.uint32(exemplar.snap.size)).astype(np.int32), exemplar.snap.shape[1])
+            source = exemplar.taken(np.stack([x, y], -1) * ONE + ONE // 2)[1]
         else:
-            source = _inherited(surface, *coarser, exemplar, levels[level + 1])
+            source = _inherited(surface, *coarser, exemplar)
         first = coarser is None
         source = _corrected(surface, exemplar, source, seed, level, first, spread)
         coarser = surface, source
         advance(len(levels) - level, len(levels))
-    return _with_gutters(finest, source, levels[0]), finest
+    return _with_gutters(finest, levels[0].at(source), levels[0]), finest
 
 
-def _inherited(
-    surface: Surface, coarse: Surface, source: np.ndarray, exemplar: Exemplar, before: Exemplar
-) -> np.ndarray:
+def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: Exemplar) -> np.ndarray:
     """What the coarser level says of each pixel: its source there, and the step from the coarse pixel's centre on."""
     pixels = np.arange(len(surface.place))
     centres = surface.centres(pixels)
@@ -204,13 +211,8 @@ def _inherited(
     away = centres - 2 * coarse.centres(parent)
     # where the nearest coarse pixel is of another chart or far off, a step says nothing
     away[(np.abs(away) > 4).any(1)] = 0
-    steps = np.linalg.solve(surface.step[surface.face], away[..., None])[..., 0]
-    y, x = np.divmod(source[parent].astype(np.int64), before.snap.shape[1])
-    height, width = exemplar.snap.shape
-    # the centre of a coarse pixel of the photo is a corner of four fine ones
-    y = np.clip(np.floor(2 * y + 1 + steps[:, 1]).astype(np.int64), 0, height - 1)
-    x = np.clip(np.floor(2 * x + 1 + steps[:, 0]).astype(np.int64), 0, width - 1)
-    return exemplar.snap[y, x]
+    steps = np.rint(surface.in_photo(pixels, away) * ONE).astype(np.int32)
+    return exemplar.taken(2 * source[parent] + steps)[1]
 
 
 def _corrected(
@@ -223,7 +225,6 @@ def _corrected(
     near = np.flatnonzero((np.abs(around) <= 1).all(1))
     rows, columns = np.divmod(surface.place, surface.shape[1])
     parity = (rows % 2) * 2 + columns % 2
-    colour = exemplar.colour[source]
     height, width = exemplar.snap.shape
     reaches = np.array([max(height, width) / 2 ** (2 * n) for n in range(random)] if first else [8.0, 2.0])
 
@@ -232,26 +233,25 @@ def _corrected(
             chosen = np.flatnonzero(parity == turn)
 
             def work(pixels: np.ndarray, step: int = (level * 64 + number) * 8 + 16) -> np.ndarray:
-                there = neighbours.of(pixels)
-                looks = projected(colour[there].reshape(len(pixels), -1).astype(np.float64), exemplar.basis)
-                known = exemplar.moved(source[there[:, near]], -around[near])
-                strange = []
+                there, rest = neighbours.of(pixels)
+                # what the neighbours' copies show at the offsets themselves, beside which their centres lie
+                shown = source[there] - rest
+                looks = projected(exemplar.colour[exemplar.at(shown)].reshape(len(pixels), -1), exemplar.basis)
+                places = [shown[:, near] - around[near].astype(np.int32) * ONE]
                 for which, reach in enumerate(reaches):
                     chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
                     dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
-                    moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int64)
-                    strange.append(exemplar.moved(source[pixels], moves))
-                candidates = np.concatenate([known, np.stack(strange, -1)], 1)
+                    moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int32) * ONE
+                    places.append((source[pixels] + moves)[:, None])
+                candidates, places = exemplar.taken(np.concatenate(places, 1))
                 apart = (exemplar.looks[candidates] - looks[:, None]).astype(np.int64)
                 cost = np.einsum("nkd,nkd->nk", apart, apart).astype(np.float64)
-                cost[:, len(near) :] *= _STRANGER
-                return candidates[np.arange(len(pixels)), cost.argmin(1)]
+                cost[:, near.size :] *= _STRANGER
+                return places[np.arange(len(pixels)), cost.argmin(1)]
 
             pieces = [chosen[n : n + _AT_ONCE] for n in range(0, len(chosen), _AT_ONCE)]
             if pieces:
-                better = np.concatenate(list(spread(work, pieces)))
-                source[chosen] = better
-                colour[chosen] = exemplar.colour[better]
+                source[chosen] = np.concatenate(list(spread(work, pieces)))
     return source
 
 
@@ -265,7 +265,7 @@ def _with_gutters(surface: Surface, source: np.ndarray, exemplar: Exemplar) -> S
     close = np.flatnonzero((moves**2).sum(1) <= GUTTER**2)
     for start in range(0, len(close), _AT_ONCE * 4):
         some = close[start : start + _AT_ONCE * 4]
-        owner[some] = surface.around(owner[some], surface.gutter_steps(owner[some], moves[some]), nearest)
+        owner[some] = surface.around(owner[some], surface.gutter_steps(owner[some], moves[some]), nearest)[0]
     whole = np.empty(surface.index.size, np.int64)
     whole[surface.place] = source
     whole[outside] = source[owner]
