@@ -267,3 +267,34 @@ def test_scale_is_the_width_of_the_photo_on_the_surface(tmp_path):
         whole = (on >= 0) & (on <= 2)
         assert whole.mean() > 0.5
         assert on[whole].mean() == pytest.approx(96 / (120 * scale), rel=0.05)
+
+
+@pytest.mark.parametrize("convention", ["opengl", "directx"])
+def test_normals_turn_with_the_texture(convention, tmp_path):
+    """A photo of a slope towards its right: on a plane whose charts are turned and mirrored it falls where it fell."""
+    flat = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    layouts = {"as it is": (1, 2, 3, 4), "a quarter": (2, 3, 4, 1), "mirrored": (2, 1, 4, 3)}
+    sign = 1 if convention == "opengl" else -1
+    slope = np.float32([0.6, 0.3 * sign, np.sqrt(1 - 0.45)])
+    normals = np.broadcast_to((slope + 1) / 2, (64, 64, 3))
+    for at in layouts.values():
+        a, b, c, d = (f"{point}/{uv}" for point, uv in zip((1, 2, 3, 4), at, strict=True))
+        path = tmp_path / "plane.obj"
+        path.write_text(flat + f"f {a} {b} {c}\nf {a} {c} {d}\n")
+        colour, made = filters.atlas(
+            buffer(PHOTO[:64, :64]), maps=[buffer(normals)], n=2, mesh=path, size=(48, 48), kinds=("colour", "normal"),
+            match=(1, 0), convention=convention,
+        )  # fmt: skip
+        mesh = read_mesh(path, 48, 48)
+        right = Frames.of(mesh, 1.0).step[0, :, 0]
+        up = np.cross((0, 0, 1), right)
+        uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)[np.array(at) - 1]
+        solid = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+        along_u = (solid - 0.5).T @ (uvs[:, 0] - 0.5)
+        along_v = (solid - 0.5).T @ (uvs[:, 1] - 0.5)
+        shown = 2 * pixels(made)[24, 24] - 1
+        np.testing.assert_allclose(
+            shown[0] * along_u + sign * shown[1] * along_v, slope[0] * right + sign * slope[1] * up, atol=1e-5
+        )
+        assert np.ptp(pixels(made), axis=(0, 1)).max() < 1e-5
+        assert pixels(colour).shape == (48, 48, 3)

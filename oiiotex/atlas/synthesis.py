@@ -145,7 +145,7 @@ def synthesize(
     name: str,
     spread: Spread = map,
     advance: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[SourceMap, Surface]:
+) -> tuple[SourceMap, np.ndarray]:
     """Where every pixel of an atlas comes from.
 
     Parameters
@@ -169,8 +169,8 @@ def synthesize(
     -------
     source : SourceMap
         Of all pixels, those outside of charts, too.
-    surface : Surface
-        Of the finest level.
+    face : (height, width) int32
+        Of the mesh, in or next to which each pixel lies.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def synthesize(
         source = _corrected(surface, exemplar, source, seed, level, first, spread)
         coarser = surface, source
         advance(len(levels) - level, len(levels))
-    return _with_gutters(finest, levels[0].at(source), levels[0]), finest
+    return _with_gutters(finest, levels[0].at(source), levels[0]), finest.face[finest.nearest()]
 
 
 def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: Exemplar) -> np.ndarray:
