@@ -8,6 +8,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import trimesh
 
@@ -16,7 +17,7 @@ from oiiotex.atlas.charts import Frames, walk
 from oiiotex.atlas.mesh import read_mesh
 from oiiotex.atlas.surface import ONE, Neighbours, Surface
 from tests import pictures
-from tests.conftest import oiiotex, save
+from tests.conftest import load, oiiotex, save
 from tests.test_promises import buffer, pixels
 
 SIDE = 192
@@ -224,6 +225,7 @@ WRONG = {
     "empty": ("# nothing\n", ""),
     "points": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", ""),
     "outside": (CUBE.replace("vt 0.02", "vt -3.02", 1), "UVs outside 0 to 1"),
+    "tiles": (CUBE.replace("vt 0.02", "vt 2.98", 1), "udim=3x1 takes them for UDIM tiles"),
     "turned": (CUBE.replace("f 1/1 2/2 4/3", "f 1/1 4/3 2/2", 1), "face opposite sides"),
     "flat UVs": (CUBE.replace("f 1/1 2/2 4/3", "f 1/1 2/1 4/1", 1), "UVs have no area"),
 }
@@ -298,3 +300,33 @@ def test_normals_turn_with_the_texture(convention, tmp_path):
         )
         assert np.ptp(pixels(made), axis=(0, 1)).max() < 1e-5
         assert pixels(colour).shape == (48, 48, 3)
+
+
+def test_udim_tiles_are_one_atlas_that_is_cut(tmp_path):
+    """A cube whose sides lie in three tiles, two above each other in each."""
+    lines = []
+    for line in pictures.cube_obj().splitlines():
+        if line.startswith("vt"):
+            u, v = map(float, line.split()[1:])
+            line = f"vt {3 * u:.6f} {2 * v:.6f}"
+        lines.append(line)
+    (tmp_path / "cube.obj").write_text("\n".join(lines))
+    save(PHOTO, tmp_path / "photo.png")
+    words = "photo.png", "--texatlas:mesh=cube.obj:size=64x64:udim=3x2:unwrapped=out.obj", "-o", "all.exr"
+    done = oiiotex(*words, "-o:udim=3x2", "t.<UDIM>.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    whole = load(tmp_path / "all.exr")
+    assert whole.shape == (128, 192, 3)
+    np.testing.assert_array_equal(load(tmp_path / "t.1012.exr"), whole[:64, 64:128])
+    one = filters.atlas(oiio.ImageBuf(str(tmp_path / "photo.png")), mesh=mesh_file("cube", tmp_path), size=(192, 128))
+    np.testing.assert_allclose(pixels(one) / 255, whole, atol=1e-3)
+    np.testing.assert_allclose(parsed((tmp_path / "out.obj").read_text())[1].max(0), parsed("\n".join(lines))[1].max(0))
+
+
+def test_tiles_that_do_not_fit_are_said(tmp_path):
+    sphere = mesh_file("sphere", tmp_path)
+    with pytest.raises(errors.ParameterError, match=r"udim=2x1: sphere.ply has no UVs"):
+        filters.atlas(buffer(PHOTO), mesh=sphere, size=(64, 64), udim=(2, 1))
+    (tmp_path / "between.obj").write_text(PLANE.replace("vt 1 0", "vt 1.5 0").replace("vt 1 1", "vt 1.5 1"))
+    with pytest.raises(errors.ImageError, match=r"2 triangles that lie in several UDIM tiles"):
+        filters.atlas(buffer(PHOTO), mesh=tmp_path / "between.obj", size=(64, 64), udim=(2, 1))

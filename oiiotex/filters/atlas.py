@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
+_LARGEST = 65536  # px of all tiles together
 _FINEST, _COARSEST = 0.5, 2.0  # px of the atlas that a pixel of the photo is wide
 _PIXEL_BYTES, _PHOTO_BYTES, _MAP_BYTES = 120, 200, 40  # at the widest: for each pixel of atlas, photo, further map
 
@@ -56,7 +57,16 @@ class Atlas(MaterialOp, Whole):
         None,
         help="needed: OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones",
     )
-    size: Size | None = param(None, ge=16, le=16384, unit="px", help="of the result; the exemplar's own when left out")
+    size: Size | None = param(
+        None, ge=16, le=16384, unit="px", help="of the result, with udim of a tile; the exemplar's own when left out"
+    )
+    udim: Size | None = param(
+        None,
+        ge=1,
+        le=10,
+        help="columns x rows of UDIM tiles in which the mesh's UVs lie, from 1001 on; the result shows all of them,"
+        ' and -o:udim=3x2 "albedo.<UDIM>.exr" writes them apart',
+    )
     scale: float | None = param(
         None, ge=1e-9, help="how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out"
     )
@@ -81,13 +91,16 @@ class Atlas(MaterialOp, Whole):
             raise ParameterError(f"unwrapped={self.unwrapped}: allowed is a file that ends in .obj")
         maps = self.all_maps()
         photo = self.exemplar.first.spec
-        size = self.size or Size(photo.width, photo.height)
+        tile, tiles = self.size or Size(photo.width, photo.height), self.udim or Size(1, 1)
+        size = Size(tile.width * tiles.width, tile.height * tiles.height)
+        if max(size) > _LARGEST:
+            raise ParameterError(f"udim={tiles}: an atlas of {size} is wider or higher than {_LARGEST} px")
         require_addressable((photo.height, photo.width))
         need = size.width * size.height * _PIXEL_BYTES
         need += photo.width * photo.height * (_PHOTO_BYTES + len(self.maps) * _MAP_BYTES)
         session.require(need, f"an atlas of {size}", "make size smaller")
         with session.stats.time("mesh"):
-            mesh = read_mesh(self.mesh, *size)
+            mesh = read_mesh(self.mesh, *size, tiles)
         unit = self._unit(mesh, size, photo.width)
         seen = self.read(session)
         with session.stats.time("directions"):
@@ -103,7 +116,7 @@ class Atlas(MaterialOp, Whole):
             )
         self.say_what_stays()
         first, *others = self._copies(maps, source, lambda: turns(fine, frames)[face])
-        first["mesh"] = mesh.obj
+        first["mesh"] = lambda: mesh.obj(tiles)
         return (first, *others) if others else first
 
     def _copies(
