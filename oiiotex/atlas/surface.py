@@ -74,32 +74,6 @@ class Surface:
         y, x = np.divmod(self.place[pixels], self.shape[1])
         return np.stack([x, y], -1) + 0.5
 
-    def straight(self, pixels: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels at offsets in the photo, as long as no border of a chart is crossed.
-
-        Parameters
-        ----------
-        pixels : (n,) int
-        offsets : (k, 2) int
-            x and y in the photo.
-
-        Returns
-        -------
-        there : (n, k) int32
-        known : (n, k) bool
-            Where it is a pixel of the same chart.
-        """
-        step = self.step[self.face[pixels]]
-        ends = self.centres(pixels)[:, None] + np.einsum("nij,kj->nki", step, offsets, optimize=False)
-        x, y = np.moveaxis(np.floor(ends).astype(np.int64), -1, 0)
-        height, width = self.shape
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        there = self.index.reshape(-1)[np.where(inside, y * width + x, 0)]
-        there[~inside] = -1
-        chart = self.mesh.chart
-        known = (there >= 0) & (chart[self.face[there]] == chart[self.face[pixels]][:, None])
-        return there, known
-
     def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels where steps along the surface lead from some pixels, over borders of charts.
 
@@ -146,27 +120,39 @@ def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 class Neighbours:
-    """The pixels around each pixel of a surface, at some offsets in the photo, and how far beside these they lie."""
+    """The pixels around each pixel of a surface, at some offsets in the photo, and how far beside these they lie.
+
+    Inside of a chart both follow from the face alone, since pixels lie on a grid; at its border they are looked up.
+    """
 
     def __init__(self, surface: Surface, offsets: np.ndarray, at_once: int = 1 << 14):
-        self._surface, self._offsets = surface, offsets
+        self._surface = surface
+        ends = np.einsum("fij,kj->fki", surface.step, offsets, optimize=False)
+        moves = np.floor(0.5 + ends).astype(np.int64)
+        self._move = moves[..., 1] * surface.shape[1] + moves[..., 0]
+        self._rest = _fixed(np.einsum("fij,fkj->fki", surface.inverse, moves - ends, optimize=False))
         nearest = surface.nearest()
-        self.row = np.full(len(surface.place), -1, np.int32)
+        chart = surface.mesh.chart
+        self._row = np.full(len(surface.place), -1, np.int32)
         rows, rests, count = [], [], 0
         for start in range(0, len(surface.place), at_once):
             pixels = np.arange(start, min(start + at_once, len(surface.place)))
-            there, known = surface.straight(pixels, offsets)
+            face = surface.face[pixels]
+            y, x = np.divmod(surface.place[pixels], surface.shape[1])
+            x, y = x[:, None] + moves[face, :, 0], y[:, None] + moves[face, :, 1]
+            known = (x >= 0) & (x < surface.shape[1]) & (y >= 0) & (y < surface.shape[0])
+            there = self._straight(pixels)
+            known &= (there >= 0) & (chart[surface.face[there]] == chart[face][:, None])
             beside = np.flatnonzero(~known.all(1))
             if not len(beside):
                 continue
-            there = there[beside]
-            rest = self._rest(pixels[beside], there)
+            there, rest = there[beside], self._rest[face[beside]]
             which, offset = np.nonzero(~known[beside])
             leaving = pixels[beside][which]
             steps = np.einsum("nij,nj->ni", surface.frames.step[surface.face[leaving]], offsets[offset], optimize=False)
             there[which, offset], away = surface.around(leaving, steps, nearest)
             rest[which, offset] = _fixed(away)
-            self.row[pixels[beside]] = count + np.arange(len(beside))
+            self._row[pixels[beside]] = count + np.arange(len(beside))
             count += len(beside)
             rows.append(there)
             rests.append(rest)
@@ -181,16 +167,16 @@ class Neighbours:
         there : (n, offsets) int32
         rest : (n, offsets, 2) int16
         """
-        there, _ = self._surface.straight(pixels, self._offsets)
-        rest = self._rest(pixels, there)
-        row = self.row[pixels]
-        there[row >= 0], rest[row >= 0] = self._beside[row[row >= 0]], self._rests[row[row >= 0]]
+        there, rest = self._straight(pixels), self._rest[self._surface.face[pixels]]
+        row = self._row[pixels]
+        border = row >= 0
+        there[border], rest[border] = self._beside[row[border]], self._rests[row[border]]
         return there, rest
 
-    def _rest(self, pixels: np.ndarray, there: np.ndarray) -> np.ndarray:
-        surface = self._surface
-        moves = surface.centres(there) - surface.centres(pixels)[:, None]
-        return _fixed(surface.in_photo(pixels, moves) - self._offsets)
+    def _straight(self, pixels: np.ndarray) -> np.ndarray:
+        """As if the atlas were one chart without end; what is not there is anything."""
+        place = self._surface.place[pixels, None] + self._move[self._surface.face[pixels]]
+        return np.take(self._surface.index.reshape(-1), place, mode="clip")
 
 
 def _fixed(rest: np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ _LEAST_SIDE = 12  # px of the coarsest photo
 _PASSES = (10, 2)  # over all pixels: of the coarsest level, and of the others
 _RANDOM = (4, 0)  # random candidates there
 _STRANGER = 1.6  # how many times as near a random candidate must be: HRRG08's kappa
-_AT_ONCE = 1 << 14
+_AT_ONCE = 1 << 12  # pixels: what is looked at together stays in a core's cache
 GUTTER = 8  # px around charts that are taken from beyond the border
 
 
@@ -99,9 +99,11 @@ class Exemplar:
         """Pixels for places, and these; where none may be taken, the nearest that may and its centre."""
         at = self.at(places)
         pixels = self.snap.reshape(-1)[at]
-        y, x = np.divmod(pixels, np.int32(self.snap.shape[1]))
-        centres = np.stack([x, y], -1) * ONE + ONE // 2
-        return pixels, np.where((pixels == at)[..., None] & (centres // ONE == places >> FRACTION), places, centres)
+        other = pixels != at  # so is all that lies beyond the border, next to which no whole neighbourhood is
+        y, x = np.divmod(pixels[other], np.int32(self.snap.shape[1]))
+        places = places.copy()
+        places[other] = np.stack([x, y], -1) * ONE + ONE // 2
+        return pixels, places
 
 
 def projected(neighbourhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -244,8 +246,8 @@ def _corrected(
                     moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int32) * ONE
                     places.append((source[pixels] + moves)[:, None])
                 candidates, places = exemplar.taken(np.concatenate(places, 1))
-                apart = (exemplar.looks[candidates] - looks[:, None]).astype(np.int64)
-                cost = np.einsum("nkd,nkd->nk", apart, apart).astype(np.float64)
+                apart = (exemplar.looks[candidates] - looks[:, None]).astype(np.float64)
+                cost = np.einsum("nkd,nkd->nk", apart, apart)  # whole numbers below 2^53: exact in any order
                 cost[:, near.size :] *= _STRANGER
                 return places[np.arange(len(pixels)), cost.argmin(1)]
 
