@@ -8,6 +8,7 @@ Candidates are those of the neighbours, moved on by the step between them, and r
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -26,7 +27,8 @@ _BASIS_BITS = 12
 _LEVELS = 6
 _LEAST_SIDE = 12  # px of the coarsest photo
 _PASSES = (10, 2)  # over all pixels: of the coarsest level, and of the others
-_RANDOM = (4, 0)  # random candidates there
+_RANDOM = 4  # candidates on the coarsest level, each in a fourth of the last one's distance
+_FINER = (8.0, 2.0)  # px that random candidates on finer levels lie away
 _STRANGER = 1.6  # how many times as near a random candidate must be: HRRG08's kappa
 _AT_ONCE = 1 << 12  # pixels: what is looked at together stays in a core's cache
 GUTTER = 8  # px around charts that are taken from beyond the border
@@ -221,39 +223,48 @@ def _corrected(
     surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool, spread: Spread
 ) -> np.ndarray:
     """Sources that fit each other better: passes over four sets of pixels, none of which sees what its own set does."""
-    passes, random = (pair[0 if first else 1] for pair in (_PASSES, _RANDOM))
+    passes = _PASSES[0 if first else 1]
     around = offsets()
-    neighbours = Neighbours(surface, around)
-    near = np.flatnonzero((np.abs(around) <= 1).all(1))
+    close = np.flatnonzero((np.abs(around) <= 1).all(1))
+    neighbours, near = Neighbours(surface, around), Neighbours(surface, around[close])
+    own = len(close) // 2
     rows, columns = np.divmod(surface.place, surface.shape[1])
     parity = (rows % 2) * 2 + columns % 2
     height, width = exemplar.snap.shape
-    reaches = np.array([max(height, width) / 2 ** (2 * n) for n in range(random)] if first else [8.0, 2.0])
+    reaches = [max(height, width) / 4.0**n for n in range(_RANDOM)] if first else _FINER
+
+    def work(pixels: np.ndarray, step: int) -> np.ndarray:
+        there, rest = near.of(pixels)
+        candidates, places = exemplar.taken(source[there] - rest - around[close].astype(np.int32) * ONE)
+        better = places[:, own].copy()
+        # where all neighbours go on with the same copy there is nothing to choose; the coarsest level begins with noise
+        torn = np.flatnonzero(first | (candidates != candidates[:, own, None]).any(1))
+        if not len(torn):
+            return better
+        pixels, candidates, places = pixels[torn], [candidates[torn]], [places[torn]]
+        there, rest = neighbours.of(pixels)
+        # what the neighbours' copies show at the offsets themselves, beside which their centres lie
+        shown = exemplar.colour[exemplar.at(source[there] - rest)]
+        looks = projected(shown.reshape(len(pixels), -1), exemplar.basis)
+        for which, reach in enumerate(reaches):
+            chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
+            dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
+            moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int32) * ONE
+            for both, more in zip((candidates, places), exemplar.taken(source[pixels] + moves), strict=True):
+                both.append(more[:, None])
+        apart = (exemplar.looks[np.concatenate(candidates, 1)] - looks[:, None]).astype(np.float64)
+        cost = np.einsum("nkd,nkd->nk", apart, apart)  # whole numbers below 2^53: exact in any order
+        cost[:, len(close) :] *= _STRANGER
+        better[torn] = np.concatenate(places, 1)[np.arange(len(torn)), cost.argmin(1)]
+        return better
 
     for number in range(passes):
         for turn in range(4):
             chosen = np.flatnonzero(parity == turn)
-
-            def work(pixels: np.ndarray, step: int = (level * 64 + number) * 8 + 16) -> np.ndarray:
-                there, rest = neighbours.of(pixels)
-                # what the neighbours' copies show at the offsets themselves, beside which their centres lie
-                shown = source[there] - rest
-                looks = projected(exemplar.colour[exemplar.at(shown)].reshape(len(pixels), -1), exemplar.basis)
-                places = [shown[:, near] - around[near].astype(np.int32) * ONE]
-                for which, reach in enumerate(reaches):
-                    chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
-                    dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
-                    moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int32) * ONE
-                    places.append((source[pixels] + moves)[:, None])
-                candidates, places = exemplar.taken(np.concatenate(places, 1))
-                apart = (exemplar.looks[candidates] - looks[:, None]).astype(np.float64)
-                cost = np.einsum("nkd,nkd->nk", apart, apart)  # whole numbers below 2^53: exact in any order
-                cost[:, near.size :] *= _STRANGER
-                return places[np.arange(len(pixels)), cost.argmin(1)]
-
             pieces = [chosen[n : n + _AT_ONCE] for n in range(0, len(chosen), _AT_ONCE)]
             if pieces:
-                source[chosen] = np.concatenate(list(spread(work, pieces)))
+                step = (level * 64 + number) * 8 + 16
+                source[chosen] = np.concatenate(list(spread(functools.partial(work, step=step), pieces)))
     return source
 
 
