@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..atlas.normals import turned, turns
 from ..core.access import Whole
 from ..core.attributes import mark_as_data
 from ..core.image import Image, channels_of
@@ -83,6 +82,7 @@ class Atlas(MaterialOp, Whole):
         """The atlas, and where its pixels come from; of several maps one such mapping each."""
         from ..atlas.charts import Frames  # trimesh and its like are slow to import
         from ..atlas.mesh import read_mesh
+        from ..atlas.normals import turns
         from ..atlas.synthesis import stack, synthesize
 
         if self.mesh is None:
@@ -123,6 +123,8 @@ class Atlas(MaterialOp, Whole):
         self, maps: tuple[Image, ...], source: SourceMap, turn: Callable[[], np.ndarray]
     ) -> list[dict[str, Any]]:
         """All maps from the same pixels; the source coordinates follow the first. What is no colour is data."""
+        from ..atlas.normals import turned
+
         copies: list[dict[str, Any]] = []
         for image, kind in zip(maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
             parts = source.parts("atlas", image.first)
