@@ -8,15 +8,16 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import trimesh
 
 from oiiotex import errors, filters
 from oiiotex.atlas.charts import Frames, walk
 from oiiotex.atlas.mesh import read_mesh
-from oiiotex.atlas.surface import Neighbours, Surface
+from oiiotex.atlas.surface import ONE, Neighbours, Surface
 from tests import pictures
-from tests.conftest import oiiotex, save
+from tests.conftest import load, oiiotex, save
 from tests.test_promises import buffer, pixels
 
 SIDE = 192
@@ -33,6 +34,24 @@ def bumpy(seed: int = 0) -> trimesh.Trimesh:
     return ball
 
 
+def arch() -> trimesh.Trimesh:
+    """A part of a building: two pillars and the half ring between them, sharp edges, flat and bent sides."""
+    angles = np.linspace(0, np.pi, 17)
+    ring = np.stack([np.cos(angles), np.sin(angles)], -1)
+    feet = np.array([[1, -1.2], [-1, -1.2]])
+    outer, inner = (np.concatenate([feet[:1] * (r, 1), ring * r, feet[1:] * (r, 1)]) for r in (1, 0.6))
+    count = len(outer)
+    corners = [np.insert(path, 1, depth, axis=1) for depth in (-0.3, 0.3) for path in (outer, inner)]
+    around = [np.arange(count) + n * count for n in (0, 1, 3, 2)]  # front outer, front inner, back inner, back outer
+    quads = [
+        np.stack([a[:-1], a[1:], b[1:], b[:-1]], -1) for a, b in zip(around, [*around[1:], around[0]], strict=True)
+    ]
+    ends = [[row[n] for row in around] for n in (0, count - 1)]
+    quads.append([ends[0], ends[1][::-1]])
+    faces = [[[a, b, c], [a, c, d]] for a, b, c, d in np.concatenate(quads)]
+    return trimesh.Trimesh(np.concatenate(corners), np.reshape(faces, (-1, 3)), process=False)
+
+
 def mesh_file(kind: str, folder: Path) -> Path:
     """A mesh in a file; see OWN."""
     path = folder / f"{kind}.{'obj' if kind in OWN else 'ply'}"
@@ -40,7 +59,7 @@ def mesh_file(kind: str, folder: Path) -> Path:
         path.write_text(OWN[kind])
     else:
         made = {"sphere": lambda: trimesh.creation.icosphere(3), "torus": lambda: trimesh.creation.torus(1, 0.4)}
-        {**made, "scan": bumpy}[kind]().export(path)
+        {**made, "scan": bumpy, "arch": arch}[kind]().export(path)
     return path
 
 
@@ -52,8 +71,8 @@ def parsed(text: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return points, uvs, faces[..., 0], faces[..., 1]
 
 
-def jump(text: str, image: np.ndarray) -> float:
-    """How much more colours differ across borders of charts than beside them, at the same distance on the surface.
+def differences(text: str, image: np.ndarray) -> tuple[float, float]:
+    """How much colours differ across borders of charts, and beside them at the same distance on the surface.
 
     Pairs of places 0.75 px to both sides of points of seam edges, and pairs 2.5 and 4 px beside these: nearer ones
     would often be one pixel inside of a chart, and never across its border.
@@ -94,26 +113,29 @@ def jump(text: str, image: np.ndarray) -> float:
             at = points[low] + share * (points[high] - points[low])
             across.append(colour(*two[0], at, 0.75) - colour(*two[1], at, 0.75))
             beside += [colour(*one, at, 2.5) - colour(*one, at, 4) for one in two]
-    return float(np.linalg.norm(across, axis=-1).mean() / np.linalg.norm(beside, axis=-1).mean())
+    return float(np.linalg.norm(across, axis=-1).mean()), float(np.linalg.norm(beside, axis=-1).mean())
 
 
 PHOTO = pictures.pebbles(96, 96, 1)
 
 
-MISSED = pytest.mark.xfail(strict=True, reason="the goal is missed: 1.17 to 1.29 over three seeds")
-
-
-@pytest.mark.parametrize("kind", ["sphere", "cube", pytest.param("torus", marks=MISSED), "scan"])
+@pytest.mark.parametrize("kind", ["sphere", "cube", "torus", "scan", "arch"])
 def test_texture_runs_on_over_borders_of_charts(kind, tmp_path):
+    """Over three seeds together: where stones and gaps come to lie of one has the ratio go up and down by a tenth."""
     path, out = mesh_file(kind, tmp_path), tmp_path / "out.obj"
-    made = filters.atlas(buffer(PHOTO), mesh=path, size=(SIDE, SIDE), unwrapped=out)
-    assert jump(out.read_text(), pixels(made)) <= 1.15
+    across, beside = 0.0, 0.0
+    for seed in range(3):
+        made = filters.atlas(buffer(PHOTO), mesh=path, size=(SIDE, SIDE), unwrapped=out, seed=seed)
+        more = differences(out.read_text(), pixels(made))
+        across, beside = across + more[0], beside + more[1]
+    assert across / beside <= 1.15
 
 
 def test_a_photo_laid_over_the_charts_jumps(tmp_path):
     """The measure sees what it should: the same charts, filled without regard to the surface."""
     laid = np.tile(PHOTO, (2, 2, 1))
-    assert jump(pictures.cube_obj(), laid) > 1.5
+    across, beside = differences(pictures.cube_obj(), laid)
+    assert across / beside > 1.5
 
 
 def test_a_way_over_a_flat_surface_is_straight(tmp_path):
@@ -151,7 +173,7 @@ def test_neighbours_lie_where_steps_on_the_surface_lead(tmp_path):
     x, y = surface.centres(every).T / 100
     first = x < 0.5
     solid = np.where(first, [(x - 0.05) / 0.4, (0.95 - y) / 0.4], [1 + (0.4 - y) / 0.2, (0.9 - x) / 0.2]).T
-    there = Neighbours(surface, offsets).of(every)
+    there, rest = Neighbours(surface, offsets).of(every)
     steps = np.einsum("nij,kj->nki", frames.step[surface.face], offsets)[..., :2]
     wanted = solid[:, None] + steps
     inside = ((wanted > 0) & (wanted < (2, 1))).all(-1)
@@ -159,6 +181,10 @@ def test_neighbours_lie_where_steps_on_the_surface_lead(tmp_path):
     assert away[inside].max() <= 0.5 / 20 + 1e-6  # half a pixel of the coarser chart, which is a twentieth wide
     assert (first[there] != first[:, None])[inside].sum() > 100
     np.testing.assert_array_equal(there[:, 3], every)
+    beside = np.einsum("nkij,nkj->nki", frames.step[surface.face[there]], rest / ONE)[..., :2]
+    apart = np.abs(wanted + beside - solid[there]).max(-1) * 40  # in pixels of the photo
+    assert apart[inside & (surface.face[there] == surface.face[:, None])].max() <= 0.5 / ONE + 1e-9
+    assert apart[inside].max() <= 0.15  # faces have directions of their own
 
 
 def test_threads_do_not_show_and_the_map_says_where_pixels_come_from(tmp_path):
@@ -199,6 +225,7 @@ WRONG = {
     "empty": ("# nothing\n", ""),
     "points": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", ""),
     "outside": (CUBE.replace("vt 0.02", "vt -3.02", 1), "UVs outside 0 to 1"),
+    "tiles": (CUBE.replace("vt 0.02", "vt 2.98", 1), "udim=3x1 takes them for UDIM tiles"),
     "turned": (CUBE.replace("f 1/1 2/2 4/3", "f 1/1 4/3 2/2", 1), "face opposite sides"),
     "flat UVs": (CUBE.replace("f 1/1 2/2 4/3", "f 1/1 2/1 4/1", 1), "UVs have no area"),
 }
@@ -242,3 +269,64 @@ def test_scale_is_the_width_of_the_photo_on_the_surface(tmp_path):
         whole = (on >= 0) & (on <= 2)
         assert whole.mean() > 0.5
         assert on[whole].mean() == pytest.approx(96 / (120 * scale), rel=0.05)
+
+
+@pytest.mark.parametrize("convention", ["opengl", "directx"])
+def test_normals_turn_with_the_texture(convention, tmp_path):
+    """A photo of a slope towards its right: on a plane whose charts are turned and mirrored it falls where it fell."""
+    flat = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    layouts = {"as it is": (1, 2, 3, 4), "a quarter": (2, 3, 4, 1), "mirrored": (2, 1, 4, 3)}
+    sign = 1 if convention == "opengl" else -1
+    slope = np.float32([0.6, 0.3 * sign, np.sqrt(1 - 0.45)])
+    normals = np.broadcast_to((slope + 1) / 2, (64, 64, 3))
+    for at in layouts.values():
+        a, b, c, d = (f"{point}/{uv}" for point, uv in zip((1, 2, 3, 4), at, strict=True))
+        path = tmp_path / "plane.obj"
+        path.write_text(flat + f"f {a} {b} {c}\nf {a} {c} {d}\n")
+        colour, made = filters.atlas(
+            buffer(PHOTO[:64, :64]), maps=[buffer(normals)], n=2, mesh=path, size=(48, 48), kinds=("colour", "normal"),
+            match=(1, 0), convention=convention,
+        )  # fmt: skip
+        mesh = read_mesh(path, 48, 48)
+        right = Frames.of(mesh, 1.0).step[0, :, 0]
+        up = np.cross((0, 0, 1), right)
+        uvs = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)[np.array(at) - 1]
+        solid = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+        along_u = (solid - 0.5).T @ (uvs[:, 0] - 0.5)
+        along_v = (solid - 0.5).T @ (uvs[:, 1] - 0.5)
+        shown = 2 * pixels(made)[24, 24] - 1
+        np.testing.assert_allclose(
+            shown[0] * along_u + sign * shown[1] * along_v, slope[0] * right + sign * slope[1] * up, atol=1e-5
+        )
+        assert np.ptp(pixels(made), axis=(0, 1)).max() < 1e-5
+        assert pixels(colour).shape == (48, 48, 3)
+
+
+def test_udim_tiles_are_one_atlas_that_is_cut(tmp_path):
+    """A cube whose sides lie in three tiles, two above each other in each."""
+    lines = []
+    for line in pictures.cube_obj().splitlines():
+        if line.startswith("vt"):
+            u, v = map(float, line.split()[1:])
+            line = f"vt {3 * u:.6f} {2 * v:.6f}"
+        lines.append(line)
+    (tmp_path / "cube.obj").write_text("\n".join(lines))
+    save(PHOTO, tmp_path / "photo.png")
+    words = "photo.png", "--texatlas:mesh=cube.obj:size=64x64:udim=3x2:unwrapped=out.obj", "-o", "all.exr"
+    done = oiiotex(*words, "-o:udim=3x2", "t.<UDIM>.exr", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    whole = load(tmp_path / "all.exr")
+    assert whole.shape == (128, 192, 3)
+    np.testing.assert_array_equal(load(tmp_path / "t.1012.exr"), whole[:64, 64:128])
+    one = filters.atlas(oiio.ImageBuf(str(tmp_path / "photo.png")), mesh=mesh_file("cube", tmp_path), size=(192, 128))
+    np.testing.assert_allclose(pixels(one) / 255, whole, atol=1e-3)
+    np.testing.assert_allclose(parsed((tmp_path / "out.obj").read_text())[1].max(0), parsed("\n".join(lines))[1].max(0))
+
+
+def test_tiles_that_do_not_fit_are_said(tmp_path):
+    sphere = mesh_file("sphere", tmp_path)
+    with pytest.raises(errors.ParameterError, match=r"udim=2x1: sphere.ply has no UVs"):
+        filters.atlas(buffer(PHOTO), mesh=sphere, size=(64, 64), udim=(2, 1))
+    (tmp_path / "between.obj").write_text(PLANE.replace("vt 1 0", "vt 1.5 0").replace("vt 1 1", "vt 1.5 1"))
+    with pytest.raises(errors.ImageError, match=r"2 triangles that lie in several UDIM tiles"):
+        filters.atlas(buffer(PHOTO), mesh=tmp_path / "between.obj", size=(64, 64), udim=(2, 1))

@@ -15,6 +15,8 @@ log = logging.getLogger("oiiotex")
 _INSTALL = "pip install 'oiiotex[atlas]'"
 _FLAT = 1e-12  # of the square of the mesh's extent, or of the unit square: what has less area is no triangle
 _FINE = 5000  # triangles: a mesh of fewer is cut finer
+_INSIDE = 1e-6  # of UVs beyond a tile
+_MOST_TILES = 10  # that UDIM knows side by side
 _PADDING = 8  # px between charts that are made here
 
 
@@ -69,17 +71,17 @@ class Mesh:
             mesh = Mesh(points, faces, _neighbours(faces, "the mesh"), uv, chart, mesh.unwrapped)
         return mesh
 
-    def obj(self) -> str:
-        """The mesh with its charts as the text of a Wavefront OBJ."""
+    def obj(self, tiles: tuple[int, int] = (1, 1)) -> str:
+        """The mesh with its charts as the text of a Wavefront OBJ, over so many UDIM tiles, columns and rows."""
         lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in self.points]
-        lines += [f"vt {u:.9g} {v:.9g}" for u, v in self.uv.reshape(-1, 2)]
+        lines += [f"vt {u:.9g} {v:.9g}" for u, v in (self.uv * tiles).reshape(-1, 2)]
         corners = np.arange(1, self.faces.size + 1).reshape(-1, 3)
         for face, uv in zip(self.faces + 1, corners, strict=True):
             lines.append("f " + " ".join(f"{point}/{at}" for point, at in zip(face, uv, strict=True)))
         return "\n".join(lines) + "\n"
 
 
-def read_mesh(path: Path, width: int, height: int) -> Mesh:
+def read_mesh(path: Path, width: int, height: int, tiles: tuple[int, int] = (1, 1)) -> Mesh:
     """The mesh of a file of any kind that trimesh reads; with charts of xatlas where it has none of its own.
 
     Parameters
@@ -88,6 +90,8 @@ def read_mesh(path: Path, width: int, height: int) -> Mesh:
         OBJ, PLY, glTF, GLB, STL, OFF, ...
     width, height : int
         Of the atlas, for which charts are made.
+    tiles : (columns, rows)
+        UDIM tiles over which its UVs go; all of them together are the unit square of the result.
 
     Raises
     ------
@@ -111,8 +115,11 @@ def read_mesh(path: Path, width: int, height: int) -> Mesh:
     _require_area(_areas(points[corners]), _FLAT * extent**2, f"{name} has {{}} degenerate triangles, without area")
     across = _neighbours(corners, name)
     unwrapped = uv is None
+    if unwrapped and tuple(tiles) != (1, 1):
+        raise ParameterError(f"udim={tiles[0]}x{tiles[1]}: {name} has no UVs, and charts that are made lie in one tile")
     flat = _unwrapped(points, corners, width, height) if unwrapped else uv[faces]
-    _check_charts(flat, name)
+    _check_charts(flat, name, tiles)
+    flat = flat / tiles
     return Mesh(points, corners, across, flat, _charts(corners, across, flat), unwrapped)
 
 
@@ -203,15 +210,32 @@ def _unwrapped(points: np.ndarray, faces: np.ndarray, width: int, height: int) -
     return uv.astype(np.float64)[indices] * (atlas.width, atlas.height) * scale / (width, height)
 
 
-def _check_charts(uv: np.ndarray, name: str) -> None:
+def _check_charts(uv: np.ndarray, name: str, tiles: tuple[int, int]) -> None:
     broken = np.count_nonzero(~np.isfinite(uv).all((1, 2)))
     if broken:
         raise ImageError(f"{name} has {broken} triangles with NaN or Inf UVs")
-    outside = np.count_nonzero(((uv < -1e-6) | (uv > 1 + 1e-6)).any((1, 2)))
+    outside = np.count_nonzero(((uv < -_INSIDE) | (uv > np.array(tiles) + _INSIDE)).any((1, 2)))
     if outside:
-        raise ImageError(f"{name} has {outside} triangles with UVs outside 0 to 1: pack its charts into one tile")
+        least = np.ceil(uv.max((0, 1)) - _INSIDE).astype(int)
+        if uv.min() >= -_INSIDE and least.max() <= _MOST_TILES:
+            raise ImageError(
+                f"{name} has {outside} triangles with UVs outside {_span(tiles)}: udim={least[0]}x{least[1]} takes them"
+                " for UDIM tiles; else pack its charts into one"
+            )
+        raise ImageError(
+            f"{name} has {outside} triangles with UVs outside {_span(tiles)}: pack its charts into one tile"
+        )
+    between = (np.floor(uv.max(1) - _INSIDE) > np.floor(uv.min(1) + _INSIDE)).any(1)
+    if between.any():
+        raise ImageError(
+            f"{name} has {np.count_nonzero(between)} triangles that lie in several UDIM tiles: cut them there"
+        )
     flat = np.concatenate([uv, np.zeros_like(uv[..., :1])], -1)
     _require_area(_areas(flat), _FLAT, f"{name} has {{}} triangles whose UVs have no area")
+
+
+def _span(tiles: tuple[int, int]) -> str:
+    return "0 to 1" if tuple(tiles) == (1, 1) else f"the {tiles[0]}x{tiles[1]} tiles"
 
 
 def _charts(faces: np.ndarray, across: np.ndarray, uv: np.ndarray) -> np.ndarray:

@@ -9,6 +9,10 @@ from ..deferred import np
 from .charts import Frames, covered, in_pixels, walk
 from .mesh import Mesh
 
+FRACTION = 8  # bits: places in the photo are held in 1/256 px, pixel centres at a half
+ONE = 1 << FRACTION
+FARTHEST = 2  # px from where a step leads to the pixel that stands for it
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -30,6 +34,7 @@ class Surface:
         Its inverse; -1 outside of charts.
     step : (faces, 2, 2) float64
         What pixels of the atlas, x and y, a step in the photo, x and y, is inside of a face.
+    inverse : (faces, 2, 2) float64
     """
 
     mesh: Mesh
@@ -40,6 +45,7 @@ class Surface:
     place: np.ndarray
     index: np.ndarray
     step: np.ndarray
+    inverse: np.ndarray
 
     @classmethod
     def of(cls, mesh: Mesh, frames: Frames, width: int, height: int, level: int, name: str = "") -> Surface:
@@ -53,7 +59,8 @@ class Surface:
         index[place] = np.arange(len(place), dtype=np.int32)
         coarse = Frames(frames.step * 2.0**level, frames.gradient)
         face = owner.reshape(-1)[place]
-        return cls(mesh, coarse, shape, scale, face, place, index.reshape(shape), coarse.in_atlas(mesh, scale))
+        step = coarse.in_atlas(mesh, scale)
+        return cls(mesh, coarse, shape, scale, face, place, index.reshape(shape), step, np.linalg.inv(step))
 
     def nearest(self) -> np.ndarray:
         """The pixel in a chart that is nearest to each pixel of the atlas: (height, width) int32."""
@@ -67,33 +74,7 @@ class Surface:
         y, x = np.divmod(self.place[pixels], self.shape[1])
         return np.stack([x, y], -1) + 0.5
 
-    def straight(self, pixels: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels at offsets in the photo, as long as no border of a chart is crossed.
-
-        Parameters
-        ----------
-        pixels : (n,) int
-        offsets : (k, 2) int
-            x and y in the photo.
-
-        Returns
-        -------
-        there : (n, k) int32
-        known : (n, k) bool
-            Where it is a pixel of the same chart.
-        """
-        step = self.step[self.face[pixels]]
-        ends = self.centres(pixels)[:, None] + np.einsum("nij,kj->nki", step, offsets, optimize=False)
-        x, y = np.moveaxis(np.floor(ends).astype(np.int64), -1, 0)
-        height, width = self.shape
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        there = self.index.reshape(-1)[np.where(inside, y * width + x, 0)]
-        there[~inside] = -1
-        chart = self.mesh.chart
-        known = (there >= 0) & (chart[self.face[there]] == chart[self.face[pixels]][:, None])
-        return there, known
-
-    def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> np.ndarray:
+    def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels where steps along the surface lead from some pixels, over borders of charts.
 
         Parameters
@@ -106,22 +87,27 @@ class Surface:
 
         Returns
         -------
-        (n,) int32
+        there : (n,) int32
+        rest : (n, 2) float64
+            How far the centre of that pixel lies from where the step leads, in pixels of the photo.
         """
         face = self.face[pixels]
         corners = in_pixels(self.mesh.uv[face], self.scale)
         weights = barycentric(corners, self.centres(pixels))
         end, weights = walk(self.mesh, self.frames, face, weights, steps)
-        x, y = np.einsum("nc,nck->kn", weights, in_pixels(self.mesh.uv[end], self.scale), optimize=False)
-        row = np.clip(np.floor(y).astype(np.int64), 0, self.shape[0] - 1)
-        column = np.clip(np.floor(x).astype(np.int64), 0, self.shape[1] - 1)
-        return nearest[row, column]
+        ends = np.einsum("nc,nck->nk", weights, in_pixels(self.mesh.uv[end], self.scale), optimize=False)
+        x, y = np.clip(np.floor(ends).astype(np.int64), 0, (self.shape[1] - 1, self.shape[0] - 1)).T
+        there = nearest[y, x]
+        return there, self.in_photo(there, self.centres(there) - ends)
+
+    def in_photo(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
+        """What moves (n, ..., 2) in the atlas, in its pixels, are in those of the photo."""
+        return np.einsum("nij,n...j->n...i", self.inverse[self.face[pixels]], moves, optimize=False)
 
     def gutter_steps(self, pixels: np.ndarray, moves: np.ndarray) -> np.ndarray:
         """What moves (n, 2) in the atlas, in its pixels, are along the surface: (n, 3)."""
-        face = self.face[pixels]
-        photo = np.linalg.solve(self.step[face], moves[..., None])
-        return (self.frames.step[face] @ photo)[..., 0]
+        photo = self.in_photo(pixels, moves)
+        return np.einsum("nij,nj->ni", self.frames.step[self.face[pixels]], photo, optimize=False)
 
 
 def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -134,32 +120,65 @@ def barycentric(corners: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 class Neighbours:
-    """The pixels around each pixel of a surface, at some offsets in the photo."""
+    """The pixels around each pixel of a surface, at some offsets in the photo, and how far beside these they lie.
+
+    Inside of a chart both follow from the face alone, since pixels lie on a grid; at its border they are looked up.
+    """
 
     def __init__(self, surface: Surface, offsets: np.ndarray, at_once: int = 1 << 14):
-        self._surface, self._offsets = surface, offsets
+        self._surface = surface
+        ends = np.einsum("fij,kj->fki", surface.step, offsets, optimize=False)
+        moves = np.floor(0.5 + ends).astype(np.int64)
+        self._move = moves[..., 1] * surface.shape[1] + moves[..., 0]
+        self._rest = _fixed(np.einsum("fij,fkj->fki", surface.inverse, moves - ends, optimize=False))
         nearest = surface.nearest()
-        self.row = np.full(len(surface.place), -1, np.int32)
-        rows, count = [], 0
+        chart = surface.mesh.chart
+        self._row = np.full(len(surface.place), -1, np.int32)
+        rows, rests, count = [], [], 0
         for start in range(0, len(surface.place), at_once):
             pixels = np.arange(start, min(start + at_once, len(surface.place)))
-            there, known = surface.straight(pixels, offsets)
+            face = surface.face[pixels]
+            y, x = np.divmod(surface.place[pixels], surface.shape[1])
+            x, y = x[:, None] + moves[face, :, 0], y[:, None] + moves[face, :, 1]
+            known = (x >= 0) & (x < surface.shape[1]) & (y >= 0) & (y < surface.shape[0])
+            there = self._straight(pixels)
+            known &= (there >= 0) & (chart[surface.face[there]] == chart[face][:, None])
             beside = np.flatnonzero(~known.all(1))
             if not len(beside):
                 continue
-            there = there[beside]
+            there, rest = there[beside], self._rest[face[beside]]
             which, offset = np.nonzero(~known[beside])
             leaving = pixels[beside][which]
             steps = np.einsum("nij,nj->ni", surface.frames.step[surface.face[leaving]], offsets[offset], optimize=False)
-            there[which, offset] = surface.around(leaving, steps, nearest)
-            self.row[pixels[beside]] = count + np.arange(len(beside))
+            there[which, offset], away = surface.around(leaving, steps, nearest)
+            rest[which, offset] = _fixed(away)
+            self._row[pixels[beside]] = count + np.arange(len(beside))
             count += len(beside)
             rows.append(there)
+            rests.append(rest)
         self._beside = np.concatenate(rows) if rows else np.empty((0, len(offsets)), np.int32)
+        self._rests = np.concatenate(rests) if rows else np.empty((0, len(offsets), 2), np.int16)
 
-    def of(self, pixels: np.ndarray) -> np.ndarray:
-        """(n, offsets) int32."""
-        there, _ = self._surface.straight(pixels, self._offsets)
-        row = self.row[pixels]
-        there[row >= 0] = self._beside[row[row >= 0]]
-        return there
+    def of(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nearest pixels, and from the offset to their centres, x and y in `ONE`ths of a pixel of the photo.
+
+        Returns
+        -------
+        there : (n, offsets) int32
+        rest : (n, offsets, 2) int16
+        """
+        there, rest = self._straight(pixels), self._rest[self._surface.face[pixels]]
+        row = self._row[pixels]
+        border = row >= 0
+        there[border], rest[border] = self._beside[row[border]], self._rests[row[border]]
+        return there, rest
+
+    def _straight(self, pixels: np.ndarray) -> np.ndarray:
+        """As if the atlas were one chart without end; what is not there is anything."""
+        place = self._surface.place[pixels, None] + self._move[self._surface.face[pixels]]
+        return np.take(self._surface.index.reshape(-1), place, mode="clip")
+
+
+def _fixed(rest: np.ndarray) -> np.ndarray:
+    """In `ONE`ths of a pixel; where a surface ends the last pixel stands for what lies far off."""
+    return np.rint(np.clip(rest, -FARTHEST, FARTHEST) * ONE).astype(np.int16)

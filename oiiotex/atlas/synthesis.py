@@ -8,6 +8,7 @@ Candidates are those of the neighbours, moved on by the step between them, and r
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -18,17 +19,18 @@ from ..errors import ImageError
 from ..patchmatch.field import hash_at
 from .charts import Frames
 from .mesh import Mesh
-from .surface import Neighbours, Surface
+from .surface import FRACTION, ONE, Neighbours, Surface
 
 REACH = 2  # px that a neighbourhood goes to each side
 _DIMENSIONS = 16  # of neighbourhoods as they are compared
 _BASIS_BITS = 12
 _LEVELS = 6
 _LEAST_SIDE = 12  # px of the coarsest photo
-_PASSES = (5, 2)  # over
-_RANDOM = (4, 0)  # random candidates there
+_PASSES = (10, 2)  # over all pixels: of the coarsest level, and of the others
+_RANDOM = 4  # candidates on the coarsest level, each in a fourth of the last one's distance
+_FINER = (8.0, 2.0)  # px that random candidates on finer levels lie away
 _STRANGER = 1.6  # how many times as near a random candidate must be: HRRG08's kappa
-_AT_ONCE = 1 << 14
+_AT_ONCE = 1 << 12  # pixels: what is looked at together stays in a core's cache
 GUTTER = 8  # px around charts that are taken from beyond the border
 
 
@@ -89,11 +91,21 @@ class Exemplar:
             looks[at] = projected(seen(at), basis)
         return cls(flat, looks, basis, snap)
 
-    def moved(self, source: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Pixels that lie at steps (..., 2), x and y, from others; where none may be taken, the nearest that may."""
+    def at(self, places: np.ndarray) -> np.ndarray:
+        """The pixels in which places (..., 2) lie, x and y in `ONE`ths; those beyond the photo's border at it."""
         height, width = self.snap.shape
-        y, x = np.divmod(source.astype(np.int64), width)
-        return self.snap[np.clip(y + steps[..., 1], 0, height - 1), np.clip(x + steps[..., 0], 0, width - 1)]
+        pixels = places >> FRACTION
+        return np.clip(pixels[..., 1], 0, height - 1) * width + np.clip(pixels[..., 0], 0, width - 1)
+
+    def taken(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels for places, and these; where none may be taken, the nearest that may and its centre."""
+        at = self.at(places)
+        pixels = self.snap.reshape(-1)[at]
+        other = pixels != at  # so is all that lies beyond the border, next to which no whole neighbourhood is
+        y, x = np.divmod(pixels[other], np.int32(self.snap.shape[1]))
+        places = places.copy()
+        places[other] = np.stack([x, y], -1) * ONE + ONE // 2
+        return pixels, places
 
 
 def projected(neighbourhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
@@ -137,7 +149,7 @@ def synthesize(
     name: str,
     spread: Spread = map,
     advance: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[SourceMap, Surface]:
+) -> tuple[SourceMap, np.ndarray]:
     """Where every pixel of an atlas comes from.
 
     Parameters
@@ -161,8 +173,8 @@ def synthesize(
     -------
     source : SourceMap
         Of all pixels, those outside of charts, too.
-    surface : Surface
-        Of the finest level.
+    face : (height, width) int32
+        Of the mesh, in or next to which each pixel lies.
 
     Raises
     ------
@@ -182,19 +194,18 @@ def synthesize(
         if coarser is None:
             y, x = np.divmod(surface.place, surface.shape[1])
             chance = hash_at(seed, level, y, x)
-            source = exemplar.snap.reshape(-1)[chance % np.uint32(exemplar.snap.size)]
+            y, x = np.divmod((chance % np.uint32(exemplar.snap.size)).astype(np.int32), exemplar.snap.shape[1])
+            source = exemplar.taken(np.stack([x, y], -1) * ONE + ONE // 2)[1]
         else:
-            source = _inherited(surface, *coarser, exemplar, levels[level + 1])
+            source = _inherited(surface, *coarser, exemplar)
         first = coarser is None
         source = _corrected(surface, exemplar, source, seed, level, first, spread)
         coarser = surface, source
         advance(len(levels) - level, len(levels))
-    return _with_gutters(finest, source, levels[0]), finest
+    return _with_gutters(finest, levels[0].at(source), levels[0]), finest.face[finest.nearest()]
 
 
-def _inherited(
-    surface: Surface, coarse: Surface, source: np.ndarray, exemplar: Exemplar, before: Exemplar
-) -> np.ndarray:
+def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: Exemplar) -> np.ndarray:
     """What the coarser level says of each pixel: its source there, and the step from the coarse pixel's centre on."""
     pixels = np.arange(len(surface.place))
     centres = surface.centres(pixels)
@@ -204,54 +215,56 @@ def _inherited(
     away = centres - 2 * coarse.centres(parent)
     # where the nearest coarse pixel is of another chart or far off, a step says nothing
     away[(np.abs(away) > 4).any(1)] = 0
-    steps = np.linalg.solve(surface.step[surface.face], away[..., None])[..., 0]
-    y, x = np.divmod(source[parent].astype(np.int64), before.snap.shape[1])
-    height, width = exemplar.snap.shape
-    # the centre of a coarse pixel of the photo is a corner of four fine ones
-    y = np.clip(np.floor(2 * y + 1 + steps[:, 1]).astype(np.int64), 0, height - 1)
-    x = np.clip(np.floor(2 * x + 1 + steps[:, 0]).astype(np.int64), 0, width - 1)
-    return exemplar.snap[y, x]
+    steps = np.rint(surface.in_photo(pixels, away) * ONE).astype(np.int32)
+    return exemplar.taken(2 * source[parent] + steps)[1]
 
 
 def _corrected(
     surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool, spread: Spread
 ) -> np.ndarray:
     """Sources that fit each other better: passes over four sets of pixels, none of which sees what its own set does."""
-    passes, random = (pair[0 if first else 1] for pair in (_PASSES, _RANDOM))
+    passes = _PASSES[0 if first else 1]
     around = offsets()
-    neighbours = Neighbours(surface, around)
-    near = np.flatnonzero((np.abs(around) <= 1).all(1))
+    close = np.flatnonzero((np.abs(around) <= 1).all(1))
+    neighbours, near = Neighbours(surface, around), Neighbours(surface, around[close])
+    own = len(close) // 2
     rows, columns = np.divmod(surface.place, surface.shape[1])
     parity = (rows % 2) * 2 + columns % 2
-    colour = exemplar.colour[source]
     height, width = exemplar.snap.shape
-    reaches = np.array([max(height, width) / 2 ** (2 * n) for n in range(random)] if first else [8.0, 2.0])
+    reaches = [max(height, width) / 4.0**n for n in range(_RANDOM)] if first else _FINER
+
+    def work(pixels: np.ndarray, step: int) -> np.ndarray:
+        there, rest = near.of(pixels)
+        candidates, places = exemplar.taken(source[there] - rest - around[close].astype(np.int32) * ONE)
+        better = places[:, own].copy()
+        # where all neighbours go on with the same copy there is nothing to choose; the coarsest level begins with noise
+        torn = np.flatnonzero(first | (candidates != candidates[:, own, None]).any(1))
+        if not len(torn):
+            return better
+        pixels, candidates, places = pixels[torn], [candidates[torn]], [places[torn]]
+        there, rest = neighbours.of(pixels)
+        # what the neighbours' copies show at the offsets themselves, beside which their centres lie
+        shown = exemplar.colour[exemplar.at(source[there] - rest)]
+        looks = projected(shown.reshape(len(pixels), -1), exemplar.basis)
+        for which, reach in enumerate(reaches):
+            chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
+            dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
+            moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int32) * ONE
+            for both, more in zip((candidates, places), exemplar.taken(source[pixels] + moves), strict=True):
+                both.append(more[:, None])
+        apart = (exemplar.looks[np.concatenate(candidates, 1)] - looks[:, None]).astype(np.float64)
+        cost = np.einsum("nkd,nkd->nk", apart, apart)  # whole numbers below 2^53: exact in any order
+        cost[:, len(close) :] *= _STRANGER
+        better[torn] = np.concatenate(places, 1)[np.arange(len(torn)), cost.argmin(1)]
+        return better
 
     for number in range(passes):
         for turn in range(4):
             chosen = np.flatnonzero(parity == turn)
-
-            def work(pixels: np.ndarray, step: int = (level * 64 + number) * 8 + 16) -> np.ndarray:
-                there = neighbours.of(pixels)
-                looks = projected(colour[there].reshape(len(pixels), -1).astype(np.float64), exemplar.basis)
-                known = exemplar.moved(source[there[:, near]], -around[near])
-                strange = []
-                for which, reach in enumerate(reaches):
-                    chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
-                    dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
-                    moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int64)
-                    strange.append(exemplar.moved(source[pixels], moves))
-                candidates = np.concatenate([known, np.stack(strange, -1)], 1)
-                apart = (exemplar.looks[candidates] - looks[:, None]).astype(np.int64)
-                cost = np.einsum("nkd,nkd->nk", apart, apart).astype(np.float64)
-                cost[:, len(near) :] *= _STRANGER
-                return candidates[np.arange(len(pixels)), cost.argmin(1)]
-
             pieces = [chosen[n : n + _AT_ONCE] for n in range(0, len(chosen), _AT_ONCE)]
             if pieces:
-                better = np.concatenate(list(spread(work, pieces)))
-                source[chosen] = better
-                colour[chosen] = exemplar.colour[better]
+                step = (level * 64 + number) * 8 + 16
+                source[chosen] = np.concatenate(list(spread(functools.partial(work, step=step), pieces)))
     return source
 
 
@@ -265,7 +278,7 @@ def _with_gutters(surface: Surface, source: np.ndarray, exemplar: Exemplar) -> S
     close = np.flatnonzero((moves**2).sum(1) <= GUTTER**2)
     for start in range(0, len(close), _AT_ONCE * 4):
         some = close[start : start + _AT_ONCE * 4]
-        owner[some] = surface.around(owner[some], surface.gutter_steps(owner[some], moves[some]), nearest)
+        owner[some] = surface.around(owner[some], surface.gutter_steps(owner[some], moves[some]), nearest)[0]
     whole = np.empty(surface.index.size, np.int64)
     whole[surface.place] = source
     whole[outside] = source[owner]

@@ -23,8 +23,13 @@ def atlas(
     labels: ImageLike | None = None,
     mesh: FileName | None = None,
     size: tuple[int, int] | None = None,
+    udim: tuple[int, int] | None = None,
     scale: float | None = None,
     unwrapped: FileName | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -42,25 +47,38 @@ def atlas(
     pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
     synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
     edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
-    everywhere, whatever the charts' own. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts by
-    xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
+    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=colour,data,normal), and
+    tangent-space normals turn with the texture. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts
+    by xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as filters.label(keep=True) makes them
+        the photo; of n maps of a material, the first
     mask : ImageLike | None, default None
         where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
     labels : ImageLike | None, default None
         label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
+    maps : Sequence[ImageLike], default ()
+        the other maps of the material, made anew with it
     mesh : FileName | None, default None
         needed: OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones
     size : tuple[int, int] | None, default None
-        of the result; the exemplar's own when left out; (width, height) >= 16 and <= 16384 px
+        of the result, with udim of a tile; the exemplar's own when left out; (width, height) >= 16 and <= 16384 px
+    udim : tuple[int, int] | None, default None
+        columns x rows of UDIM tiles in which the mesh's UVs lie, from 1001 on; the result shows all of them, and -o:udim=3x2 "albedo.<UDIM>.exr" writes them apart; (width, height) >= 1 and <= 10
     scale : float | None, default None
         how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out; a number >= 1e-09
     unwrapped : FileName | None, default None
         the mesh with the charts of the result goes to this file (.obj)
+    convention : Literal['opengl', 'directx'], default 'opengl'
+        where green of maps of kind normal points: up (opengl) or down
+    n : int, default 1
+        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
+    kinds : Sequence[str] | None, default None
+        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+    match : float | Sequence[float] | None, default None
+        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     label : int | None, default None
         take only pixels of that label, by its id; a whole number >= 1
     level : int | None, default None
@@ -82,9 +100,10 @@ def atlas(
 
     Returns
     -------
-    ImageBuf | dict[str, ImageBuf]
+    ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]
         a dict where more than one part was asked for
-        atlas: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
+        a list of these where there are several images
+        atlas: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; normals are turned [pixels]
         st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
         mesh: the mesh with the charts that the result is for [.obj; with unwrapped]
 
@@ -102,8 +121,13 @@ def atlas(
     labels: ImageLike | None = None,
     mesh: FileName | None = None,
     size: tuple[int, int] | None = None,
+    udim: tuple[int, int] | None = None,
     scale: float | None = None,
     unwrapped: FileName | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -121,10 +145,16 @@ def atlas(
     *,
     mask: ImageLike | None = None,
     labels: ImageLike | None = None,
+    maps: Sequence[ImageLike] = (),
     mesh: FileName | None = None,
     size: tuple[int, int] | None = None,
+    udim: tuple[int, int] | None = None,
     scale: float | None = None,
     unwrapped: FileName | None = None,
+    convention: Literal['opengl', 'directx'] = 'opengl',
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -134,7 +164,7 @@ def atlas(
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
-) -> ImageBuf | dict[str, ImageBuf]: ...
+) -> ImageBuf | dict[str, ImageBuf] | list[ImageBuf] | list[dict[str, ImageBuf]]: ...
 
 @overload
 def checkmaterial(
@@ -1964,9 +1994,6 @@ def patchmatch(
     within: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
-    n: Literal[1] = 1,
-    kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
     relevel: bool = False,
     size: tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
@@ -1977,6 +2004,9 @@ def patchmatch(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2007,12 +2037,6 @@ def patchmatch(
         the other maps of the material, made anew with it
     contrast : float, default 1.0
         how strongly the histogram is held to the photo's at first; it fades out; a number >= 0 and <= 1
-    n : int, default 1
-        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
-    kinds : Sequence[str] | None, default None
-        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
-    match : float | Sequence[float] | None, default None
-        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     relevel : bool, default False
         True: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
     size : tuple[int, int] | None, default None
@@ -2033,6 +2057,12 @@ def patchmatch(
         measures of the result go to this file, JSON (docs/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+    n : int, default 1
+        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
+    kinds : Sequence[str] | None, default None
+        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+    match : float | Sequence[float] | None, default None
+        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     label : int | None, default None
         take only pixels of that label, by its id; a whole number >= 1
     level : int | None, default None
@@ -2076,9 +2106,6 @@ def patchmatch(
     within: ImageLike | None = None,
     weight: ImageLike | None = None,
     contrast: float = 1.0,
-    n: Literal[1] = 1,
-    kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
     relevel: bool = False,
     size: tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
@@ -2089,6 +2116,9 @@ def patchmatch(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2110,9 +2140,6 @@ def patchmatch(
     weight: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
-    n: int = 1,
-    kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
     relevel: bool = False,
     size: tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
@@ -2123,6 +2150,9 @@ def patchmatch(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2606,9 +2636,6 @@ def stationarize(
     structure: float = 0.5,
     preset: Literal['even', 'clean', 'keep'] | None = None,
     paper: bool = False,
-    n: Literal[1] = 1,
-    kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
     relevel: bool = False,
     size: tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
@@ -2619,6 +2646,9 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2671,12 +2701,6 @@ def stationarize(
         a set of modifiers, for those that are left out: even (drift alone goes): contrast=0.7; clean (objects go, too): contrast=0 and the mask that filters.dominant makes; keep (structures stay whole): sigma = longer side / 8, patch=21, contrast=0.7; -v prints the line that makes the same pixels
     paper : bool, default False
         MJH17 by the letter: target=exemplar:contrast=1:structure=0, no prices of use, no overshoot, and what measure=steerable does not see stays; where the paper gives no number (alpha, uniformity) it is ours
-    n : int, default 1
-        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
-    kinds : Sequence[str] | None, default None
-        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
-    match : float | Sequence[float] | None, default None
-        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     relevel : bool, default False
         True: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
     size : tuple[int, int] | None, default None
@@ -2697,6 +2721,12 @@ def stationarize(
         measures of the result go to this file, JSON (docs/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
+    n : int, default 1
+        how many maps of one material are made together, the last images of the stack; a whole number >= 1 and <= 16
+    kinds : Sequence[str] | None, default None
+        what the maps are, in their order: colour (or color), data, normal or height; when left out the first is as without further maps, the others are data. What is no colour is tagged as data
+    match : float | Sequence[float] | None, default None
+        how much the maps count when patches are compared, in their order; 0: not at all; when left out 1 for every map, 0.25 for a height; a number or a sequence of them >= 0
     label : int | None, default None
         take only pixels of that label, by its id; a whole number >= 1
     level : int | None, default None
@@ -2749,9 +2779,6 @@ def stationarize(
     structure: float = 0.5,
     preset: Literal['even', 'clean', 'keep'] | None = None,
     paper: bool = False,
-    n: Literal[1] = 1,
-    kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
     relevel: bool = False,
     size: tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
@@ -2762,6 +2789,9 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,
@@ -2792,9 +2822,6 @@ def stationarize(
     structure: float = 0.5,
     preset: Literal['even', 'clean', 'keep'] | None = None,
     paper: bool = False,
-    n: int = 1,
-    kinds: Sequence[str] | None = None,
-    match: float | Sequence[float] | None = None,
     relevel: bool = False,
     size: tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
@@ -2805,6 +2832,9 @@ def stationarize(
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
+    n: int = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
     label: int | None = None,
     level: int | None = None,
     data: bool = False,

@@ -4,17 +4,21 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..core.access import Whole
+from ..core.attributes import mark_as_data
+from ..core.image import Image, channels_of
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
-from ..core.source_map import COPIED, ST, require_addressable
+from ..core.source_map import COPIED, ST, SourceMap, require_addressable
 from ..deferred import np
 from ..errors import ImageError, ParameterError
-from ..exemplar.exemplar_op import ExemplarOp
+from ..exemplar.material_op import MaterialOp
+from ..exemplar.materials import kinds_of
 from ..session import Session
 
 if TYPE_CHECKING:
@@ -22,12 +26,13 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("oiiotex")
 
+_LARGEST = 65536  # px of all tiles together
 _FINEST, _COARSEST = 0.5, 2.0  # px of the atlas that a pixel of the photo is wide
-_PIXEL_BYTES, _PHOTO_BYTES = 120, 200  # at the widest, for each pixel of the atlas and of the photo
+_PIXEL_BYTES, _PHOTO_BYTES, _MAP_BYTES = 120, 200, 40  # at the widest: for each pixel of atlas, photo, further map
 
 
 @dataclass(frozen=True, kw_only=True)
-class Atlas(ExemplarOp, Whole):
+class Atlas(MaterialOp, Whole):
     """Make a texture for a 3-D object, that runs on over its surface where its charts end.
 
     Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
@@ -35,13 +40,14 @@ class Atlas(ExemplarOp, Whole):
     pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
     synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
     edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
-    everywhere, whatever the charts' own. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts by
-    xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
+    everywhere, whatever the charts' own. All maps of a material are made together (n=3:kinds=colour,data,normal), and
+    tangent-space normals turn with the texture. Gutters of 8 px show what lies beyond. A mesh without UVs gets charts
+    by xatlas: unwrapped=FILE.obj is the mesh that goes with the result. Needs `pip install oiiotex[atlas]`.
     """
 
     name: ClassVar[str] = "atlas"
     outputs: ClassVar[tuple[Output, ...]] = (
-        Output("atlas", Kind.PIXELS, COPIED),
+        Output("atlas", Kind.PIXELS, f"{COPIED}; of n maps n images, in their order; normals are turned"),
         ST,
         Output("mesh", Kind.MESH, "the mesh with the charts that the result is for", asked_by="unwrapped"),
     )
@@ -50,29 +56,51 @@ class Atlas(ExemplarOp, Whole):
         None,
         help="needed: OBJ, PLY, glTF, GLB, STL or OFF; its own UVs, in 0 to 1, without overlaps, else made ones",
     )
-    size: Size | None = param(None, ge=16, le=16384, unit="px", help="of the result; the exemplar's own when left out")
+    size: Size | None = param(
+        None, ge=16, le=16384, unit="px", help="of the result, with udim of a tile; the exemplar's own when left out"
+    )
+    udim: Size | None = param(
+        None,
+        ge=1,
+        le=10,
+        help="columns x rows of UDIM tiles in which the mesh's UVs lie, from 1001 on; the result shows all of them,"
+        ' and -o:udim=3x2 "albedo.<UDIM>.exr" writes them apart',
+    )
     scale: float | None = param(
         None, ge=1e-9, help="how wide the photo is on the surface, in the mesh's units; pixel for pixel when left out"
     )
     unwrapped: Path | None = param(None, help="the mesh with the charts of the result goes to this file (.obj)")
+    convention: str = param(
+        "opengl", choices=("opengl", "directx"), help="where green of maps of kind normal points: up (opengl) or down"
+    )
 
-    def compute(self, session: Session) -> dict[str, Any]:
-        """The atlas, and where its pixels come from."""
+    def result_count(self) -> int:
+        """Each map of the material is an image of its own."""
+        return 1 + len(self.maps)
+
+    def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+        """The atlas, and where its pixels come from; of several maps one such mapping each."""
         from ..atlas.charts import Frames  # trimesh and its like are slow to import
         from ..atlas.mesh import read_mesh
+        from ..atlas.normals import turns
         from ..atlas.synthesis import stack, synthesize
 
         if self.mesh is None:
             raise ParameterError("mesh=FILE is missing: the object that is textured")
         if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
             raise ParameterError(f"unwrapped={self.unwrapped}: allowed is a file that ends in .obj")
+        maps = self.all_maps()
         photo = self.exemplar.first.spec
-        size = self.size or Size(photo.width, photo.height)
+        tile, tiles = self.size or Size(photo.width, photo.height), self.udim or Size(1, 1)
+        size = Size(tile.width * tiles.width, tile.height * tiles.height)
+        if max(size) > _LARGEST:
+            raise ParameterError(f"udim={tiles}: an atlas of {size} is wider or higher than {_LARGEST} px")
         require_addressable((photo.height, photo.width))
-        need = size.width * size.height * _PIXEL_BYTES + photo.width * photo.height * _PHOTO_BYTES
+        need = size.width * size.height * _PIXEL_BYTES
+        need += photo.width * photo.height * (_PHOTO_BYTES + len(self.maps) * _MAP_BYTES)
         session.require(need, f"an atlas of {size}", "make size smaller")
         with session.stats.time("mesh"):
-            mesh = read_mesh(self.mesh, *size)
+            mesh = read_mesh(self.mesh, *size, tiles)
         unit = self._unit(mesh, size, photo.width)
         seen = self.read(session)
         with session.stats.time("directions"):
@@ -80,13 +108,34 @@ class Atlas(ExemplarOp, Whole):
             frames = Frames.of(fine, unit)
         with session.stats.time("synthesis"):
             try:
-                levels = stack(np.ascontiguousarray(seen.values[..., :3]), seen.usable)
+                levels = stack(np.ascontiguousarray(seen.values), seen.usable)
             except ImageError as error:
                 raise ImageError(f"{self.exemplar.source}: {error}, without {seen.why or 'its border'}") from error
-            name = self.mesh.name
-            source = synthesize(fine, frames, size, levels, self.seed, name, session.spread, session.advance)[0]
+            source, face = synthesize(
+                fine, frames, size, levels, self.seed, self.mesh.name, session.spread, session.advance
+            )
         self.say_what_stays()
-        return {**source.parts("atlas", self.exemplar.first), "mesh": mesh.obj}
+        first, *others = self._copies(maps, source, lambda: turns(fine, frames)[face])
+        first["mesh"] = lambda: mesh.obj(tiles)
+        return (first, *others) if others else first
+
+    def _copies(
+        self, maps: tuple[Image, ...], source: SourceMap, turn: Callable[[], np.ndarray]
+    ) -> list[dict[str, Any]]:
+        """All maps from the same pixels; the source coordinates follow the first. What is no colour is data."""
+        from ..atlas.normals import turned
+
+        copies: list[dict[str, Any]] = []
+        for image, kind in zip(maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
+            parts = source.parts("atlas", image.first)
+            if kind == "normal":
+                colour = list(channels_of(image.first.spec).colour)
+                encoded = bool(image.first.pixels()[..., colour].min() >= 0)
+                parts["atlas"] = turned(parts["atlas"], turn(), encoded, self.convention == "opengl")
+            if kind != "colour":
+                parts["atlas"] = parts["atlas"].respecced(mark_as_data)
+            copies.append({"atlas": parts["atlas"]} if copies else parts)
+        return copies
 
     def _unit(self, mesh: Mesh, size: Size, photo_width: int) -> float:
         """How wide a pixel of the photo is on the surface; says what charts do to areas."""

@@ -14,15 +14,16 @@ from ..core.access import InBands
 from ..core.attributes import mark_as_data
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
-from ..core.parameters import Numbers, Size, Words, image, param
+from ..core.parameters import Size, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
 from ..exemplar.coarse_looks import coarse_looks
 from ..exemplar.constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
-from ..exemplar.exemplar_op import ExemplarOp, ExemplarPixels
+from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.heights import RELEVEL, height_tile
-from ..exemplar.materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material
+from ..exemplar.material_op import MaterialOp
+from ..exemplar.materials import kinds_of
 from ..exemplar.photo_lattice import fitting_size, least_size, photo_lattice
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
@@ -41,7 +42,7 @@ _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {
 
 
 @dataclass(frozen=True, kw_only=True)
-class PatchSynthesis(ExemplarOp, InBands):
+class PatchSynthesis(MaterialOp, InBands):
     """What both ops share: inputs, how a recipe becomes an image, the report."""
 
     outputs: ClassVar[tuple[Output, ...]] = (
@@ -50,13 +51,8 @@ class PatchSynthesis(ExemplarOp, InBands):
         REPORT,
     )
 
-    exemplar: Image = image(help="the photo; of n maps of a material, the first")
-    maps: tuple[Image, ...] = image((), help="the other maps of the material, made anew with it", count="n")
     within: Image | None = image(None, help=WITHIN)
     weight: Image | None = image(None, help=WEIGHT)
-    n: int = param(1, ge=1, le=16, help="how many maps of one material are made together, the last images of the stack")
-    kinds: Words | None = param(None, help=KINDS_HELP)
-    match: Numbers | None = param(None, ge=0, help=MATCH_HELP)
     relevel: bool = param(False, help=RELEVEL)
     size: Size | None = param(None, ge=5, le=65536, unit="px", help="of the result; the exemplar's own when left out")
     tile: str | None = param(
@@ -84,10 +80,6 @@ class PatchSynthesis(ExemplarOp, InBands):
     )
     report: Path | None = param(None, help=REPORT_HELP)
     fail: Words | None = param(None, help=FAIL_HELP)
-
-    def seen(self, session: Session) -> tuple[np.ndarray, np.ndarray | None]:
-        """All maps of the material together."""
-        return read_material((self.exemplar, *self.maps), self.kinds, self.match, self.data, session)
 
     def recipe(self, width: int, height: int) -> Recipe:
         """What to synthesize at this size."""
@@ -180,7 +172,7 @@ class PatchSynthesis(ExemplarOp, InBands):
 
     def planned(self, session: Session) -> tuple[tuple[Image, ...], Size, Quality]:
         """All maps, the size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
-        maps = (self.exemplar, *self.maps)
+        maps = self.all_maps()
         self._check(maps)
         size = self.size or Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
         tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
@@ -237,8 +229,6 @@ class PatchSynthesis(ExemplarOp, InBands):
 
     def _check(self, maps: tuple[Image, ...]) -> None:
         """Refuse modifiers that do not go together."""
-        if self.n != len(maps):
-            raise ParameterError(f"n={self.n}: there are {len(maps)} maps")
         if self.relevel and "height" not in kinds_of(self.kinds, len(maps), self.data):
             raise ParameterError("relevel=1: none of the maps is a height: kinds= says which is")
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
