@@ -112,7 +112,8 @@ _FIELDS: dict[str, dict[str, Any]] = {
     },
     "paint": {
         "width": _number(64, 4096, whole=True), "height": _number(64, 4096, whole=True),
-        "label": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
+        "layer": _one_of("coarse", "fine"), "label": _number(0, 255, whole=True),
+        "finer": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
     },
 }  # fmt: skip
 
@@ -135,7 +136,15 @@ def default_state(display: str, view: str, side: int) -> State:
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
         "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
-        "paint": {"width": 1024, "height": 1024, "label": 1, "brush": 64.0, "seed": 0},
+        "paint": {
+            "width": 1024,
+            "height": 1024,
+            "layer": "coarse",
+            "label": 1,
+            "finer": 0,
+            "brush": 64.0,
+            "seed": 0,
+        },
     }
 
 
