@@ -235,6 +235,31 @@ def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page,
     page.reload()  # painting and history are there
     page.wait_for_selector("[data-step='1']")
     np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+    # a finer label, which does not leave the one that it is part of
+    page.locator(".swatch").nth(1).click()
+    page.locator(".entry.chosen .within button").first.click()
+    page.mouse.move(corner[0] + 100 * scale, corner[1] + 175 * scale)
+    page.mouse.down()
+    page.mouse.move(corner[0] + 250 * scale, corner[1] + 175 * scale, steps=5)
+    page.mouse.up()
+    page.wait_for_selector("[data-step='2']")
+    refined = pixels_of(page, "texture")
+    words = copied_line(page)
+    np.testing.assert_array_equal(refined, shown_of(words, folder, SPACE))
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("[data-step='1']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+    painted = load(folder / "photo.paint" / "000002.fine.png").any(-1)
+    coarse = load(folder / "photo.paint" / "000002.png")
+    assert np.count_nonzero(painted) > 3000 and (coarse[painted] == coarse[175, 200]).all()
+    table = json.loads((folder / "photo.palette.json").read_text())
+    chosen = table["labels"][1]["children"][0]
+    paint = next(n for n, word in enumerate(words) if word.startswith("--texpaint"))
+    words = [*words[1:paint], f"{words[paint]}:keep=1", "-o", "labels.exr"]
+    done = oiiotex(*words, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    labels = load(folder / "labels.exr", table["level"] - 1)[..., 0]  # after the picture comes label.1
+    assert (labels[painted] == chosen).mean() > 0.8
 
 
 def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, served, folder):

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A painting's layers and its steps on disk: what is kept, and within which box two steps may differ."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex.core.demand import PieceCache
+from oiiotex.io.reading import read
+from oiiotex.live.painting import Steps
+from oiiotex.live.palette import COARSE, FINE, Palette
+
+PLACE = (slice(0, 8), slice(0, 8))
+TABLE = {
+    "labels": [{"id": 7, "name": "moss", "colour": "0,204,255"}, {"id": 2, "name": "stone", "colour": "230,26,0"}],
+    "finer": [
+        {"id": 300, "name": "label.1/300", "colour": "0,204,255", "parent": 7, "box": [0, 0, 8, 8]},
+        {"id": 301, "name": "label.1/301", "colour": "9,9,9", "parent": 7},  # it has no swatch
+        {"id": 5, "name": "label.1/5", "colour": "77,77,128", "parent": 2, "box": [8, 0, 8, 8]},
+    ],
+}
+
+
+@pytest.fixture
+def palette() -> Palette:
+    return Palette(TABLE, np.zeros((8, 16, 3), np.float32))
+
+
+def layers() -> dict[str, np.ndarray]:
+    coarse = np.full((8, 8), 7, np.uint8)
+    coarse[:, 4:] = 2
+    return {COARSE: coarse, FINE: np.zeros_like(coarse)}
+
+
+def test_finer_labels_are_numbered_where_they_have_a_swatch_and_stay_inside_their_own(palette):
+    assert [(one["number"], one["id"]) for one in palette.finer] == [(1, 300), (2, 5)]
+    assert palette.allows(FINE, np.array([[0, 1, 2]])) and not palette.allows(FINE, np.array([[3]]))
+    assert palette.allows(COARSE, np.array([[2, 7]])) and not palette.allows(COARSE, np.array([[0]]))
+    painting = layers()
+    painting[FINE][2:4], painting[FINE][6] = 1, 2
+    palette.keep_inside(painting, (slice(0, 7), slice(0, 8)))
+    wanted = np.zeros((8, 8), np.uint8)
+    wanted[2:4, :4], wanted[6, 4:] = 1, 2
+    np.testing.assert_array_equal(painting[FINE], wanted)
+
+
+def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
+    painting = layers()
+    painting[FINE][1, :4], painting[FINE][3, 4:] = 1, 2
+    for layer, plane in painting.items():
+        path = tmp_path / f"{layer}.png"
+        palette.write(layer, path, plane)
+        np.testing.assert_array_equal(palette.read(layer, read(path, PieceCache(1 << 20))), plane)
+    legend = json.loads(oiio.ImageBuf(str(tmp_path / "fine.png")).spec()["oiiotex:legend"])
+    assert legend == {
+        "1": {"name": "label.1/300", "colour": "0,204,255"}, "2": {"name": "label.1/5", "colour": "77,77,128"},
+    }  # fmt: skip
+
+
+def plan(path: Path, coarse: np.ndarray, fine: np.ndarray | None = None, side: int = 640) -> None:
+    """A step's plan, of patches of 32 px every 24 that show nothing but where they lie."""
+    arrays = {}
+    for prefix, offsets in (("", coarse), ("fine_", fine)):
+        if offsets is not None:
+            cuts = np.zeros((*offsets.shape, 32), np.uint8)
+            arrays |= {f"{prefix}facts": np.array([1, side, side, 32, 8, 0, 0, 99, 99]), f"{prefix}offsets": offsets}
+            arrays |= {f"{prefix}vertical": cuts, f"{prefix}horizontal": cuts}
+    np.savez(path, **arrays)
+
+
+def test_two_steps_differ_within_a_box_of_what_is_painted_anew(tmp_path):
+    steps, nothing = Steps(tmp_path), np.zeros((640, 640), np.uint8)
+    cells = np.zeros((27, 27), np.uint32)
+    other = cells.copy()
+    other[4, 5:7] = 1
+    plan(steps.plan(0), cells)
+    plan(steps.plan(1), other)
+    budget = 1 << 26
+    assert steps.changed(0, 1, (nothing, nothing), budget) == (5 * 24 - 32, 4 * 24 - 32, 7 * 24 + 32, 5 * 24 + 32)
+    assert steps.changed(0, 0, (nothing, nothing), budget).empty
+    # the first of a fine layer: the tiles of 128 px around it that a cut within 32 px of it may change
+    fine = nothing.copy()
+    fine[300:330, 400:420] = 1
+    plan(steps.plan(2), cells, cells)
+    assert steps.changed(0, 2, (nothing, fine), budget) == (256, 256, 512, 384)
+    # another patch of the fine layer shows where that is painted, and nowhere else
+    far, near = cells.copy(), cells.copy()
+    far[2, 2], near[13, 17] = 1, 1
+    plan(steps.plan(3), cells, far)
+    assert steps.changed(2, 3, (fine, fine), budget).empty
+    plan(steps.plan(4), cells, near)
+    assert steps.changed(2, 4, (fine, fine), budget) == (256, 256, 512, 384)
+    plan(steps.plan(5), cells, side=320)
+    assert steps.changed(0, 5, (nothing, nothing), budget) is None
+
+
+def test_steps_that_are_joined_or_dropped_take_their_fine_layers_with_them(tmp_path):
+    steps = Steps(tmp_path / "photo.paint")
+    steps.begin()
+    for step, painted in enumerate((False, True, False, True)):
+        for path in (steps.picture(step), steps.plan(step), *([steps.fine(step)] if painted else [])):
+            path.write_text(str(step))
+    steps.join(0, 2)  # the looks at a stroke that took the fine layer away
+    assert [path.name for path in sorted(steps.folder.iterdir())] == [
+        "000000.npz", "000000.png", "000001.npz", "000001.png",
+    ]  # fmt: skip
+    assert steps.picture(1).read_text() == steps.plan(1).read_text() == "2"
