@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.core.demand import PieceCache
+from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
-from oiiotex.live.painting import Steps
+from oiiotex.live.painting import Steps, fine_of, paintings_in
 from oiiotex.live.palette import COARSE, FINE, Palette
+from tests.conftest import save
 
-PLACE = (slice(0, 8), slice(0, 8))
+CACHE = PieceCache(1 << 24)
 TABLE = {
     "labels": [{"id": 7, "name": "moss", "colour": "0,204,255"}, {"id": 2, "name": "stone", "colour": "230,26,0"}],
     "finer": [
@@ -32,7 +35,7 @@ def palette() -> Palette:
 
 
 def layers() -> dict[str, np.ndarray]:
-    coarse = np.full((8, 8), 7, np.uint8)
+    coarse = np.full((64, 96), 7, np.uint8)
     coarse[:, 4:] = 2
     return {COARSE: coarse, FINE: np.zeros_like(coarse)}
 
@@ -43,8 +46,8 @@ def test_finer_labels_are_numbered_where_they_have_a_swatch_and_stay_inside_thei
     assert palette.allows(COARSE, np.array([[2, 7]])) and not palette.allows(COARSE, np.array([[0]]))
     painting = layers()
     painting[FINE][2:4], painting[FINE][6] = 1, 2
-    palette.keep_inside(painting, (slice(0, 7), slice(0, 8)))
-    wanted = np.zeros((8, 8), np.uint8)
+    palette.keep_inside(painting, (slice(0, 7), slice(0, 96)))
+    wanted = np.zeros((64, 96), np.uint8)
     wanted[2:4, :4], wanted[6, 4:] = 1, 2
     np.testing.assert_array_equal(painting[FINE], wanted)
 
@@ -52,14 +55,60 @@ def test_finer_labels_are_numbered_where_they_have_a_swatch_and_stay_inside_thei
 def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
     painting = layers()
     painting[FINE][1, :4], painting[FINE][3, 4:] = 1, 2
+    files = {layer: tmp_path / f"{layer}.png" for layer in painting}
     for layer, plane in painting.items():
-        path = tmp_path / f"{layer}.png"
-        palette.write(layer, path, plane)
-        np.testing.assert_array_equal(palette.read(layer, read(path, PieceCache(1 << 20))), plane)
-    legend = json.loads(oiio.ImageBuf(str(tmp_path / "fine.png")).spec()["oiiotex:legend"])
+        palette.write(layer, files[layer], plane)
+    np.testing.assert_equal(palette.read_layers(files, CACHE), painting)
+    legend = json.loads(oiio.ImageBuf(str(files[FINE])).spec()["oiiotex:legend"])
     assert legend == {
         "1": {"name": "label.1/300", "colour": "0,204,255"}, "2": {"name": "label.1/5", "colour": "77,77,128"},
     }  # fmt: skip
+
+
+def test_paintings_from_elsewhere_are_ids_or_colours(palette, tmp_path):
+    painting = layers()
+    painting[FINE][1, :4] = 1
+    ids = save(painting[COARSE][..., None], tmp_path / "ids.exr", "float")
+    finer = np.where(painting[FINE] > 0, 300, 0)[..., None]
+    assert fine_of(ids) == save(finer, tmp_path / "ids.fine.exr", "uint32")
+    np.testing.assert_equal(palette.read_layers({COARSE: ids, FINE: fine_of(ids)}, CACHE), painting)
+    colours = np.where(painting[COARSE][..., None] == 7, (0, 204, 255), (230, 26, 0)) / 255
+    colours[0, 0] += 0.02  # a soft brush
+    soft = save(colours, tmp_path / "soft.tif", "uint16")
+    found = palette.read_layers({COARSE: soft, FINE: fine_of(soft)}, CACHE)
+    np.testing.assert_equal(found, {COARSE: painting[COARSE], FINE: np.zeros_like(painting[FINE])})
+
+
+@pytest.mark.parametrize(
+    ("pixels", "legend", "said"),
+    [
+        (np.full((64, 64, 1), 3), "", "ids that mean no label: 3 (4096 px, the first at 0,0)"),
+        (np.full((64, 64, 3), 0.5), "", "colours that mean no label"),
+        (np.full((64, 32, 1), 7), "", "is of 32x64: a painting has 64 to 4096 px a side"),
+        (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
+        (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "colour": "0,204,255"}}', "with leaf, this palette has moss"),
+        (np.full((64, 64, 1), 7), "[" * 5000, "its legend cannot be read"),
+    ],
+    ids=("ids", "colours", "small", "large", "legend", "deep"),
+)
+def test_what_is_no_painting_of_this_photo_is_refused_in_words(palette, tmp_path, pixels, legend, said):
+    path = save(pixels, tmp_path / "other.tif", "float")
+    image = read(path, CACHE)
+    if legend:
+        image.first.spec.attribute("oiiotex:legend", legend)
+        with pytest.raises(ImageError, match=re.escape(said)):
+            palette.read(COARSE, image)
+        return
+    with pytest.raises(ImageError, match=re.escape(said)):
+        palette.read_layers({COARSE: path, FINE: fine_of(path)}, CACHE)
+
+
+def test_pictures_beside_are_offered_and_links_are_not(tmp_path):
+    for name in ("b.png", "a.EXR", "a.fine.exr", "notes.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "link.png").symlink_to("/etc/passwd")
+    assert list(paintings_in([tmp_path, tmp_path, tmp_path / "none"])) == [f"{tmp_path}/a.EXR", f"{tmp_path}/b.png"]
 
 
 def plan(path: Path, coarse: np.ndarray, fine: np.ndarray | None = None, side: int = 640) -> None:

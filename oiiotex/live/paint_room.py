@@ -8,6 +8,7 @@ the label that it is part of.
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from ..io.reading import read
 from ..service.client import BRUSH, EXPORT
 from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
-from .painting import Steps
+from .painting import Steps, fine_of, paintings_in
 from .palette import COARSE, FINE, LAYERS, Layers, Palette
 
 _SWATCH = 48  # px
@@ -84,6 +85,10 @@ class PaintRoom:
                 work = self._save(int(asked["times"]))
             elif do == "new":
                 await self._new(int(asked["label"]))
+            elif do == "paintings":
+                page.tell(json.dumps({"do": "paintings", "room": "paint", "names": list(self._paintings())}))
+            elif do == "bring":
+                await self._bring(asked["name"])
             else:
                 raise ValueError(do)
         if work is not None:  # others paint on meanwhile
@@ -158,11 +163,39 @@ class PaintRoom:
             raise ParameterError(f"label={label}: there is {', '.join(map(str, allowed))}")
         paint = self._hub.document.state["paint"]
         coarse = np.full((paint["height"], paint["width"]), label or allowed[0], np.uint8)
+        await self._begin({COARSE: coarse, FINE: np.zeros_like(coarse)})
+
+    async def _begin(self, layers: Layers) -> None:
+        """A painting without a history."""
         self._step, self._layers, self._pixels = -1, None, None
         self._steps.begin()
-        await self._make({COARSE: coarse, FINE: np.zeros_like(coarse)}, 0, None)
+        await self._make(layers, 0, None)
         self._show_layers()
         self._show_texture()
+
+    def _paintings(self) -> dict[str, Path]:
+        """What can be brought from elsewhere: files beside the photo and beside the document."""
+        source = self._hub.source.image
+        assert source is not None
+        return paintings_in((Path(source.source).parent, self._hub.document.path.parent))
+
+    async def _bring(self, name: str) -> None:
+        """Go on with a painting from elsewhere: a step of this one, where they are of one size."""
+        paths = self._paintings()
+        if name not in paths:
+            raise ParameterError(f"{name[:200]}: no painting beside the photo or the document has this name")
+        palette, cache = await self._opened_palette(), self._hub.session.cache
+        layers = await asyncio.to_thread(palette.read_layers, {COARSE: paths[name], FINE: fine_of(paths[name])}, cache)
+        if self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape:
+            self._begun = None
+            self._steps.drop_after(self._step)
+            await self._make(layers, self._step + 1, self._step)
+            self._show_layers()
+            return
+        height, width = layers[COARSE].shape
+        size = self._hub.document.change("paint", {"width": width, "height": height})
+        self._hub.tell({"do": "set", "room": "paint", "values": size})
+        await self._begin(layers)
 
     async def _stroke(self, asked: dict[str, Any], data: bytes, page: Page) -> None:
         """Take a layer's box, and make its neighbourhood anew; looks at a stroke that goes on become one step."""
@@ -201,7 +234,8 @@ class PaintRoom:
             self._tell_step()
             return
         self._begun = None
-        layers = self._read(step)
+        assert self._palette is not None
+        layers = self._palette.read_layers(self._files(step), self._hub.session.cache)
         same = self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape
         before = self._step
         await self._make(layers, step, step, keep=True)
@@ -217,15 +251,6 @@ class PaintRoom:
     def _files(self, step: int) -> dict[str, Path]:
         """A step's layers on disk, of which the fine one may not be there."""
         return {COARSE: self._steps.picture(step), FINE: self._steps.fine(step)}
-
-    def _read(self, step: int) -> Layers:
-        """A step's painting."""
-        assert self._palette is not None
-        layers: Layers = {}
-        for layer, path in self._files(step).items():
-            if path.exists():
-                layers[layer] = self._palette.read(layer, read(path, self._hub.session.cache))
-        return {FINE: np.zeros_like(layers[COARSE])} | layers
 
     async def _make(self, layers: Layers, step: int, before: int | None, keep: bool = False, tell: bool = True) -> None:
         """The texture of a painting, beginning with the plan of a step; what has changed is shown."""

@@ -8,6 +8,7 @@ import re
 import shutil
 import struct
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from ..io.atomic import temporary_beside
 from ..io.documents import read_arrays
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PAINTED = frozenset((".png", ".exr", ".tif", ".tiff"))
+_MOST_OFFERED = 500
 _STEP = re.compile(r"(\d{6})\.png")
 
 
@@ -50,6 +53,26 @@ def write_indexed(
             file.write(struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)))
 
 
+def paintings_in(folders: Iterable[Path]) -> dict[str, Path]:
+    """Files of folders that may be paintings, the first _MOST_OFFERED by name; links are none.
+
+    X.fine.png is the fine layer of X.png, and no painting of its own.
+    """
+    entries = (entry for folder in dict.fromkeys(folders) if folder.is_dir() for entry in folder.iterdir())
+    offered = sorted(
+        entry
+        for entry in entries
+        if entry.suffix.lower() in _PAINTED and Path(entry.stem).suffix != ".fine"
+        if entry.is_file() and not entry.is_symlink()
+    )
+    return {str(path): path for path in offered[:_MOST_OFFERED]}
+
+
+def fine_of(path: Path) -> Path:
+    """Where the fine layer of a painting is, if it has one."""
+    return path.with_name(f"{path.stem}.fine{path.suffix}")
+
+
 class Steps:
     """The steps of a painting, without end in both directions: files NNNNNN.png and .npz of a folder.
 
@@ -70,7 +93,7 @@ class Steps:
 
     def fine(self, step: int) -> Path:
         """Its fine layer, if there is anything in it."""
-        return self.folder / f"{step:06d}.fine.png"
+        return fine_of(self.picture(step))
 
     def plan(self, step: int) -> Path:
         """With which patches it was made."""

@@ -3,15 +3,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..core.image import Image
+from ..color.config import as_float
+from ..core.demand import PieceCache
+from ..core.image import Image, channels_of
 from ..deferred import np
-from ..labels.legend import code_of, codes_in
+from ..errors import ImageError
+from ..io.reading import read
+from ..labels.legend import code_of
+from ..quilting.guide_map import Meaning, Strays
+from .document import LEAST_PAINTED, MOST_PAINTED
 from .painting import write_indexed
 
+_SOFT = 0.2  # as --texpaint's
+_LEGEND = "oiiotex:legend"
 COARSE, FINE = LAYERS = "coarse", "fine"
 
 Layers = dict[str, np.ndarray]  # by name: (height, width) uint8, numbers of a palette's labels
@@ -53,13 +62,75 @@ class Palette:
         fine = layers[FINE][place]
         fine[self._parents[fine] != layers[COARSE][place]] = 0
 
+    def read_layers(self, files: Mapping[str, Path], cache: PieceCache) -> Layers:
+        """A painting's layers, from files of which the fine one may not be there.
+
+        Raises
+        ------
+        ImageError
+            It is too small, too large, of two sizes, or not of this photo's labels.
+        """
+        layers: Layers = {}
+        for layer, path in files.items():
+            if layer == FINE and (path.is_symlink() or not path.exists()):
+                layers[FINE] = np.zeros_like(layers[COARSE])
+                continue
+            image = read(path, cache)
+            size = image.first.spec.width, image.first.spec.height
+            if not all(LEAST_PAINTED <= n <= MOST_PAINTED for n in size):
+                allowed = f"a painting has {LEAST_PAINTED} to {MOST_PAINTED} px a side"
+                raise ImageError(f"{path} is of {size[0]}x{size[1]}: {allowed}")
+            layers[layer] = self.read(layer, image)
+        if layers[COARSE].shape != layers[FINE].shape:
+            raise ImageError(f"{files[FINE]} is of another size than {files[COARSE]}")
+        self.keep_inside(layers, (slice(None), slice(None)))
+        return layers
+
     def read(self, layer: str, image: Image) -> np.ndarray:
-        """Numbers of a painting that `write` has written."""
-        codes = codes_in(image.first.pixels(), (0, 1, 2))
-        numbers = np.zeros(codes.shape, np.uint8)
-        for number, entry in self._entries[layer].items():
-            numbers[codes == code_of(entry["colour"])] = number
-        return numbers
+        """Numbers of a painting: ids of labels, or their colours; those of soft brushes are taken for the nearest.
+
+        Raises
+        ------
+        ImageError
+            It has what is no label of the palette, or is a painting of another one.
+        """
+        part = image.first
+        self._require_same_labels(layer, image)
+        channels = channels_of(part.spec)
+        meaning = self._meaning(layer, len(channels.colour) > 1)
+        pixels = part.pixels()
+        codes = meaning.codes_of(pixels, channels)
+        if layer == FINE and channels.alpha is not None:
+            codes[as_float(pixels[..., channels.alpha]) < 0.5] = 0
+        place, stray = meaning.find(codes)
+        if stray.any():
+            strays = Strays()
+            strays.add(codes, stray, np.arange(codes.shape[1]), np.arange(codes.shape[0]))
+            raise ImageError(f"{image.source} has {meaning.strays(strays, 'px')}: paint with those of the palette")
+        return meaning.keys[place, 0].astype(np.uint8)
+
+    def _meaning(self, layer: str, colours: bool) -> Meaning:
+        """Of a layer's colours, or ids."""
+        entries = self._entries[layer].items()
+        numbers = {code_of(e["colour"]) if colours else e["id"]: number for number, e in entries}
+        numbers |= {0: 0} if layer == FINE else {}
+        codes = sorted(numbers)
+        keys = np.array([[numbers[code]] * 2 for code in codes], np.int64)
+        return Meaning(np.array(codes, np.int64), keys, np.ones(len(codes), bool), colours, _SOFT)
+
+    def _require_same_labels(self, layer: str, image: Image) -> None:
+        """By the legend of `write`, where there is one."""
+        text = image.first.spec.get_string_attribute(_LEGEND)
+        if not text:
+            return
+        try:
+            named = {entry["colour"]: entry["name"] for entry in json.loads(text).values()}
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise ImageError(f"{image.source}: its legend cannot be read") from error
+        for entry in self._entries[layer].values():
+            name = named.get(entry["colour"], entry["name"])
+            if name != entry["name"]:
+                raise ImageError(f"{image.source} is painted with {name}, this palette has {entry['name']} instead")
 
     def write(self, layer: str, path: Path, numbers: np.ndarray) -> None:
         """Write a layer as an indexed PNG with its legend: colours are those of the table, so that --texpaint reads it.

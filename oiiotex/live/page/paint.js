@@ -58,8 +58,9 @@ export class PaintRoom {
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
-    this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel);
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "A painting from elsewhere: a picture in the palette's colours, or ids, that lies beside the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+    this.opening = make("dialog", { ariaLabel: "Open a painting" });
+    this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel, this.opening);
   }
 
   ask(message, bytes) {
@@ -118,6 +119,7 @@ export class PaintRoom {
   }
 
   hear(message) {
+    if (message.do === "paintings") return this.offer(message.names);
     if (message.do !== "step") return;
     this.working = false;
     if (message.going) return;
@@ -127,6 +129,16 @@ export class PaintRoom {
     const took = this.asked ? `${Math.round(performance.now() - this.asked)} ms` : "";
     this.fact.textContent = `Step ${message.step} of ${message.last}${took ? `, ${took}` : ""}`;
     this.element.dataset.step = String(message.step);
+  }
+
+  /** Paintings that can be opened. */
+  offer(names) {
+    const text = names.length ? "Pictures beside the photo and the document. One in the palette's colours, or of ids of labels, can be opened:" : "No picture lies beside the photo or the document. Put a painting there: a PNG in the palette's colours, or ids of labels as EXR or TIFF.";
+    const close = button("Close", "Open none", () => this.opening.close());
+    const choose = (name) => { this.opening.close(); this.ask({ do: "bring", name }); };
+    const files = names.map((name) => button(name, `Open ${name}`, () => choose(name)));
+    this.opening.replaceChildren(make("p", { textContent: text }), make("div", { className: "files" }, ...files), make("form", {}, close));
+    this.opening.showModal();
   }
 
   askLine() {
