@@ -11,12 +11,15 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from oiiotex import filters
 from oiiotex.core.demand import PieceCache
 from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
 from oiiotex.live.painting import Steps, fine_of, paintings_in
 from oiiotex.live.palette import COARSE, FINE, Palette
+from tests import test_painting
 from tests.conftest import save
+from tests.test_labelgrowth import ids_buffer
 
 CACHE = PieceCache(1 << 24)
 TABLE = {
@@ -159,3 +162,33 @@ def test_steps_that_are_joined_or_dropped_take_their_fine_layers_with_them(tmp_p
         "000000.npz", "000000.png", "000001.npz", "000001.png",
     ]  # fmt: skip
     assert steps.picture(1).read_text() == steps.plan(1).read_text() == "2"
+
+
+def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(tmp_path):
+    coarse = np.full((160, 200), 1)
+    coarse[:, 120:] = 2
+    fine = np.zeros_like(coarse)
+    fine[40:120, 30:110] = 2
+    steps, photo = Steps(tmp_path), test_painting.photo()
+
+    def painted(name: str, **more: object) -> np.ndarray:
+        path = tmp_path / name
+        filters.paint(photo, ids_buffer(coarse), fine=ids_buffer(fine), plan=path, **more)
+        return np.load(path)
+
+    shown = painted("000000.npz", patch=16)
+    before = steps.enlarged(0, 3, 1 << 26)
+    around, anew = (painted(f"{n}.npz", size=(600, 480), **more) for n, more in enumerate(({"before": before}, {})))
+    for layer in ("", "fine_"):
+        small = shown[f"{layer}offsets"]
+        assert (around[f"{layer}facts"][3:5] == shown[f"{layer}facts"][3:5]).all()  # patch and overlap
+        rows, columns = small.shape
+        corners = around[f"{layer}offsets"][::3, ::3][:rows, :columns]
+        same = corners == small
+        demanded = (around[f"{layer}keys"][::3, ::3][:rows, :columns] == shown[f"{layer}keys"]) & (
+            around[f"{layer}guide"][::3, ::3][:rows, :columns] == shown[f"{layer}guide"]
+        ).all((2, 3))
+        assert same[demanded].all() and demanded.mean() > 0.6
+    assert (anew["offsets"][::3, ::3][: len(small), : small.shape[1]] == shown["offsets"]).mean() < 0.1
+    steps.forget(0)
+    assert not before.exists()

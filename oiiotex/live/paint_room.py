@@ -19,7 +19,7 @@ from ..deferred import np
 from ..errors import Error, ImageError, ParameterError
 from ..io.documents import read_document
 from ..io.reading import read
-from ..service.client import BRUSH, EXPORT
+from ..service.client import BRUSH, EXPORT, Client, Request
 from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
 from .painting import Steps, fine_of, paintings_in
@@ -258,7 +258,7 @@ class PaintRoom:
         labelled = (await hub.made("label"))["number"]
         if not keep:
             self._write(step, layers)
-        values: dict[str, Any] = {"table": os.path.abspath(self._table)} | self._values()
+        values: dict[str, Any] = {"table": os.path.abspath(self._table)}
         if before is None:
             values["patch"] = self._patch()
         else:
@@ -268,9 +268,7 @@ class PaintRoom:
         paintings = await self._put(client, step)
         hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
         try:
-            coarse, fine = paintings[COARSE], {FINE: paintings[FINE]} if FINE in paintings else None
-            request = client.make("paint", [labelled, coarse], values, optional=fine, priority=BRUSH)
-            facts, _ = await asyncio.wrap_future(request)
+            facts, _ = await asyncio.wrap_future(self._asked(client, labelled, paintings, values, BRUSH))
         except Error:
             if not keep:
                 self._steps.forget(step)
@@ -350,33 +348,41 @@ class PaintRoom:
         self._hub.show(facts, picture, page)
 
     async def _save(self, times: int) -> None:
-        """Write the texture; so many times larger it is sewn anew, in the same patches of the photo."""
+        """Write the texture; so many times larger it is sewn around the patches that the page shows."""
         if self._layers is None or self._made is None:
             raise ImageError("there is no painting yet: open the room first")
         if times == 1:
             await self._hub.save(self._made, self._name())
             return
-        width, height = self._whole.size
         if not 1 < times <= _MOST_TIMES:
             raise ParameterError(f"times={times}: allowed is a whole number from 1 to {_MOST_TIMES}")
-        hub, client, picture = (
-            self._hub,
-            await self._hub.client(),
-            read(self._steps.picture(self._step), self._hub.session.cache),
-        )
-        labelled, painting = (await hub.made("label"))["number"], await asyncio.to_thread(client.put, picture)
+        hub, client = self._hub, await self._hub.client()
+        labelled, paintings = (await hub.made("label"))["number"], await self._put(client, self._step)
+        width, height = self._whole.size
+        before = await asyncio.to_thread(self._steps.enlarged, self._step, times, hub.session.budget)
         values = {
             "table": os.path.abspath(self._table),
             "size": f"{times * width}x{times * height}",
-            "patch": self._patch(),
+            "before": os.path.abspath(before),
         }
-        request = client.make("paint", [labelled, painting], values | self._values(), priority=EXPORT)
-        facts, _ = await asyncio.wrap_future(request)
+        request = self._asked(client, labelled, paintings, values, EXPORT)
         try:
-            await hub.save(facts["images"][0], self._name())
+            facts, _ = await asyncio.wrap_future(request)
+            try:
+                await hub.save(facts["images"][0], self._name())
+            finally:
+                client.drop(facts["images"][0]["number"])
         finally:
-            client.drop(painting)
-            client.drop(facts["images"][0]["number"])
+            for painting in paintings.values():
+                client.drop(painting)
+
+    def _asked(
+        self, client: Client, labelled: int, paintings: dict[str, int], values: dict[str, Any], priority: int
+    ) -> Request:
+        """A painting's texture, of layers that the resident process has."""
+        fine = {FINE: paintings[FINE]} if FINE in paintings else None
+        images = [labelled, paintings[COARSE]]
+        return client.make("paint", images, values | self._values(), optional=fine, priority=priority)
 
     def _name(self) -> str:
         source = self._hub.source

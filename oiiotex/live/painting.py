@@ -17,6 +17,7 @@ from ..deferred import np
 from ..graphcut.seam_overlay import TILE
 from ..io.atomic import temporary_beside
 from ..io.documents import read_arrays
+from ..quilting.quilt_plan import Grid, Plan
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PAINTED = frozenset((".png", ".exr", ".tif", ".tiff"))
@@ -120,8 +121,8 @@ class Steps:
 
     def forget(self, step: int) -> None:
         """Take a step's files away."""
-        for path in (self.picture, self.fine, self.plan):
-            path(step).unlink(missing_ok=True)
+        for path in self.folder.glob(f"{step:06d}.*"):
+            path.unlink()
 
     def join(self, first: int, last: int) -> None:
         """Make one step, the one after `first`, of all up to `last`."""
@@ -131,6 +132,26 @@ class Steps:
                 if path(last).exists():
                     path(last).replace(path(first + 1))
         self.drop_after(first + 1)
+
+    def enlarged(self, step: int, times: int, budget: int) -> Path:
+        """A plan of the painting so many times larger: each patch of the step's lies where its corner has moved.
+
+        Patches are of the photo's pixels and do not grow: one cell has become times x times, and all of them but the
+        first are free. As `before=` of --texpaint it keeps of the former those whose labels are still asked for there.
+
+        Raises
+        ------
+        ImageError
+            The plan cannot be read within `budget` bytes.
+        """
+        arrays, path = read_arrays(self.plan(step), budget), self.folder / f"{step:06d}.x{times}.npz"
+        larger: dict[str, np.ndarray] = {}
+        for layer in ("", "fine_"):
+            if f"{layer}facts" in arrays:
+                larger |= {f"{layer}{name}": array for name, array in _enlarged(arrays, layer, times, path).items()}
+        with temporary_beside(path) as temporary, open(temporary, "wb") as file:
+            np.savez_compressed(file, **larger)
+        return path
 
     def changed(self, before: int, after: int, fine: tuple[np.ndarray, np.ndarray], budget: int) -> Window | None:
         """Around the pixels that differ between two steps; None where these are of two sizes.
@@ -157,6 +178,25 @@ class Steps:
             over = _both(over & _grown(either, band), _grown(_around(seen ^ was), band))
             box = _in_tiles(_both(box, over))
         return box & whole
+
+
+def _enlarged(arrays: dict[str, np.ndarray], layer: str, times: int, path: Path) -> dict[str, np.ndarray]:
+    """A layer's arrays."""
+    plan, exemplar = Plan.of(arrays, path, layer)
+    small = plan.grid
+    grid = Grid(times * small.width, times * small.height, patch=small.patch, overlap=small.overlap)
+    keys, guide = (arrays[f"{layer}{name}"] for name in ("keys", "guide"))
+    rows, columns = small.shape
+    corners = slice(0, times * (rows - 1) + 1, times), slice(0, times * (columns - 1) + 1, times)
+    cells = {
+        "offsets": np.zeros(grid.shape, np.uint32),
+        "keys": np.full(grid.shape, -1, keys.dtype),  # is asked for nowhere
+        "guide": np.zeros((*grid.shape, *guide.shape[2:]), guide.dtype),
+    }
+    for name, values in (("offsets", plan.offsets), ("keys", keys), ("guide", guide)):
+        cells[name][corners] = values
+    # cuts are made when their neighbours are, none of which is kept
+    return Plan(grid, cells["offsets"], *np.zeros((2, *grid.shape, grid.patch), np.uint8)).arrays(exemplar) | cells
 
 
 def _changed_cells(old: dict[str, Any], new: dict[str, Any], layer: str) -> Window:

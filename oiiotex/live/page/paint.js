@@ -52,7 +52,7 @@ export class PaintRoom {
       height: whole("Height", { title: "Of the painting in px. Another size is a new painting", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
       seed: whole("Seed", { title: "Another seed is a new painting", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
     };
-    this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Sewn anew, four times larger"], [16, "16 ×", "Sewn anew, sixteen times larger"]], () => {});
+    this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Four times larger, sewn around these patches"], [16, "16 ×", "Sixteen times larger, sewn around these patches"]], () => {});
     this.times.set(1);
     this.fact = make("p", { className: "hint" });
     const panel = make("aside", {},
