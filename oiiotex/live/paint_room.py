@@ -17,16 +17,13 @@ from ..color.config import as_float
 from ..core.window import Window
 from ..deferred import np
 from ..errors import Error, ImageError, ParameterError
-from ..io.documents import read_document
 from ..io.reading import read
 from ..service.client import BRUSH, EXPORT, Client, Request
-from .hub import Hub, Page, labels_of
+from .hub import Hub, Page
 from .lines import line, output_name, word_of
 from .painting import Steps, fine_of, paintings_in
-from .palette import COARSE, FINE, LAYERS, Layers, Palette
+from .palette import COARSE, FINE, LAYERS, Layers, Palette, palette_of
 
-_SWATCH = 48  # px
-_LEAST_LABELS, _MOST_LABELS, _MOST_WITHIN = 4, 24, 6
 _MOST_TIMES = 64
 _PATCHES = 16, 64  # px, the least and the largest
 
@@ -104,33 +101,10 @@ class PaintRoom:
 
     # --- what can be painted with ---
 
-    async def _level(self) -> int:
-        """The coarsest level that has some labels to paint with."""
-        made, client = await self._hub.made("label"), await self._hub.client()
-        counts = {}
-        for name in reversed(labels_of(made)):
-            _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
-            level = int(name.removeprefix("label."))
-            counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
-            if counts[level] >= _LEAST_LABELS:
-                return level
-        return max(counts, key=lambda level: counts[level])
-
     async def _opened_palette(self) -> Palette:
         if self._palette is None:
             self._hub.tell({"do": "note", "room": "paint", "text": "Looking for the photo's labels ..."})
-        labelled, client = (await self._hub.made("label"))["number"], await self._hub.client()
-        if self._palette is None:
-            values = {
-                "level": await self._level(),
-                "side": _SWATCH,
-                "rows": _MOST_LABELS,
-                "children": _MOST_WITHIN,
-                "json": os.path.abspath(self._table),
-            }
-            request = client.make("palette", [labelled], values, priority=BRUSH, read="", keep=False)
-            _, (picture,) = await asyncio.wrap_future(request)
-            self._palette = Palette(read_document(self._table), as_float(picture))
+            self._palette = await palette_of(self._hub, self._table)
         return self._palette
 
     def _show_palette(self, page: Page | None = None) -> None:

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,17 +15,23 @@ from ..core.demand import PieceCache
 from ..core.image import Image, channels_of
 from ..deferred import np
 from ..errors import ImageError
+from ..io.documents import read_document
 from ..io.reading import read
 from ..labels.legend import code_of
 from ..quilting.guide_map import Meaning, Strays
+from ..service.client import BRUSH, Client
 from .document import LEAST_PAINTED, MOST_PAINTED
+from .hub import Hub, labels_of
 from .painting import write_indexed
+
+_SWATCH = 48  # px
+_LEAST_LABELS, _MOST_LABELS, _MOST_WITHIN = 4, 24, 6
 
 _SOFT = 0.2  # as --texpaint's
 _LEGEND = "oiiotex:legend"
 COARSE, FINE = LAYERS = "coarse", "fine"
 
-Layers = dict[str, np.ndarray]  # by name: (height, width) uint8, numbers of a palette's labels
+Layers = dict[str, "np.ndarray"]  # by name: (height, width) uint8, numbers of a palette's labels
 
 
 class Palette:
@@ -144,3 +152,30 @@ class Palette:
         colours = {number: tuple(map(int, entry["colour"].split(","))) for number, entry in entries.items()}
         legend = {str(number): {"name": e["name"], "colour": e["colour"]} for number, e in entries.items()}
         write_indexed(path, numbers, colours, legend)
+
+
+async def palette_of(hub: Hub, table: Path) -> Palette:
+    """Of the hub's photo, by --texlabel and --texpalette, whose table is written."""
+    made, client = await hub.made("label"), await hub.client()
+    values = {
+        "level": await _level(client, made),
+        "side": _SWATCH,
+        "rows": _MOST_LABELS,
+        "children": _MOST_WITHIN,
+        "json": os.path.abspath(table),
+    }
+    request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False)
+    _, (picture,) = await asyncio.wrap_future(request)
+    return Palette(read_document(table), as_float(picture))
+
+
+async def _level(client: Client, made: dict[str, Any]) -> int:
+    """The coarsest level that has some labels to paint with."""
+    counts = {}
+    for name in reversed(labels_of(made)):
+        _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
+        level = int(name.removeprefix("label."))
+        counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
+        if counts[level] >= _LEAST_LABELS:
+            return level
+    return max(counts, key=lambda level: counts[level])
