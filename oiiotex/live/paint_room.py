@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,6 @@ class PaintRoom:
 
     async def _opened_palette(self) -> Palette:
         if self._palette is None:
-            self._hub.tell({"do": "note", "room": "paint", "text": "Looking for the photo's labels ..."})
             self._palette = await palette_of(self._hub, self._table)
         return self._palette
 
@@ -242,7 +242,9 @@ class PaintRoom:
         paintings = await self._put(client, step)
         hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
         try:
-            facts, _ = await asyncio.wrap_future(self._asked(client, labelled, paintings, values, BRUSH))
+            advance = hub.advancing("Sewing the painting") if before is None else None
+            request = self._asked(client, labelled, paintings, values, BRUSH, advance)
+            facts, _ = await asyncio.wrap_future(request)
         except Error:
             if not keep:
                 self._steps.forget(step)
@@ -339,7 +341,7 @@ class PaintRoom:
             "size": f"{times * width}x{times * height}",
             "before": os.path.abspath(before),
         }
-        request = self._asked(client, labelled, paintings, values, EXPORT)
+        request = self._asked(client, labelled, paintings, values, EXPORT, hub.advancing())
         try:
             facts, _ = await asyncio.wrap_future(request)
             try:
@@ -351,12 +353,14 @@ class PaintRoom:
                 client.drop(painting)
 
     def _asked(
-        self, client: Client, labelled: int, paintings: dict[str, int], values: dict[str, Any], priority: int
-    ) -> Request:
+        self, client: Client, labelled: int, paintings: dict[str, int], values: dict[str, Any], priority: int,
+        advance: Callable[[int, int], None] | None,
+    ) -> Request:  # fmt: skip
         """A painting's texture, of layers that the resident process has."""
         fine = {FINE: paintings[FINE]} if FINE in paintings else None
         images = [labelled, paintings[COARSE]]
-        return client.make("paint", images, values | self._values(), optional=fine, priority=priority)
+        values |= self._values()
+        return client.make("paint", images, values, optional=fine, priority=priority, on_progress=advance)
 
     def _name(self) -> str:
         source = self._hub.source

@@ -164,7 +164,8 @@ async def palette_of(hub: Hub, table: Path) -> Palette:
         "children": _MOST_WITHIN,
         "json": os.path.abspath(table),
     }
-    request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False)
+    advance = hub.advancing("Making swatches of the labels")
+    request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)
     _, (picture,) = await asyncio.wrap_future(request)
     return Palette(read_document(table), as_float(picture))
 

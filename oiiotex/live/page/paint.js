@@ -118,6 +118,11 @@ export class PaintRoom {
     for (const view of [this.planView, this.textureView]) view.empty.hidden = true;
   }
 
+  /** Say what is done until there is a painting. */
+  waitFor(text) {
+    if (text) for (const view of [this.planView, this.textureView]) view.empty.textContent = text;
+  }
+
   hear(message) {
     if (message.do === "paintings") return this.offer(message.names);
     if (message.do !== "step") return;
