@@ -21,7 +21,7 @@ pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiio
 pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
 
 from oiiotex.color.config import ColorConfig, as_float
-from oiiotex.color.display import shown_by, usual_view
+from oiiotex.color.display import shown_by, usual_view, views
 from tests import pictures
 from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import load, oiiotex, save
@@ -29,7 +29,8 @@ from tests.conftest import load, oiiotex, save
 SPACE = "srgb_rec709_scene"
 PIXELS = """async (name) => {
   const { rooms } = await import("./main.js");
-  const canvas = { tile: rooms.tile?.tile, texture: rooms.paint?.texture }[name] ?? rooms.zoom.tiles.get(name);
+  const shown = { tile: rooms.tile?.tile, photo: rooms.tile?.photo, texture: rooms.paint?.texture };
+  const canvas = shown[name] ?? rooms.zoom.tiles.get(name);
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   let text = "";
   for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
@@ -158,6 +159,26 @@ def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
     words = copied_line(page)
     assert any(":seed=1" in word for word in words)
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
+def test_a_display_without_the_view_that_is_chosen_shows_one_of_its_own(page, folder):
+    config = ColorConfig()
+    pixels = as_float(load(folder / "photo.png"))[..., :3]
+    of_both, of_one = "Un-tone-mapped", "ACES 2.0 - SDR 100 nits (Rec.709)"
+    displays = "sRGB - Display", "Display P3 - Display"
+    theirs = views(config)[displays[1]]
+    assert of_one in views(config)[displays[0]] and of_one not in theirs and of_both in theirs
+    for before, after in ((of_both, of_both), (of_one, theirs[0])):
+        page.select_option("select[aria-label=Display]", json.dumps(displays[0]))
+        page.select_option("select[aria-label=View]", json.dumps(before))
+        page.select_option("select[aria-label=Display]", json.dumps(displays[1]))
+        assert page.input_value("select[aria-label=View]") == json.dumps(after)
+        assert page.locator("select[aria-label=View] option").all_inner_texts() == theirs
+        wanted = shown_by(config, SPACE, displays[1], after)(pixels)
+        until = time.monotonic() + 30
+        while not np.array_equal(pixels_of(page, "photo"), wanted):
+            assert time.monotonic() < until
+        assert not page.locator("#status.wrong").count()
 
 
 def test_a_painted_mask_is_in_the_line(page, folder):
