@@ -146,6 +146,7 @@ class PaintRoom:
         await self._make(layers, 0, None)
         self._show_layers()
         self._show_texture()
+        self._tell_step()  # what can be seen is there
 
     def _paintings(self) -> dict[str, Path]:
         """What can be brought from elsewhere: files beside the photo and beside the document."""
@@ -165,6 +166,7 @@ class PaintRoom:
             self._steps.drop_after(self._step)
             await self._make(layers, self._step + 1, self._step)
             self._show_layers()
+            self._tell_step()
             return
         height, width = layers[COARSE].shape
         size = self._hub.document.change("paint", {"width": width, "height": height})
@@ -189,7 +191,7 @@ class PaintRoom:
             self._begun = self._step
             self._steps.drop_after(self._step)
         try:
-            await self._make(layers, self._step + 1, self._step, tell=False)
+            await self._make(layers, self._step + 1, self._step)
         except Error:
             self._begun = None
             self._show_layers()  # the page has painted what could not be made
@@ -216,6 +218,7 @@ class PaintRoom:
         self._show_layers()
         if not same or before < 0:
             self._show_texture()
+        self._tell_step()
 
     @property
     def _whole(self) -> Window:
@@ -226,7 +229,7 @@ class PaintRoom:
         """A step's layers on disk, of which the fine one may not be there."""
         return {COARSE: self._steps.picture(step), FINE: self._steps.fine(step)}
 
-    async def _make(self, layers: Layers, step: int, before: int | None, keep: bool = False, tell: bool = True) -> None:
+    async def _make(self, layers: Layers, step: int, before: int | None, keep: bool = False) -> None:
         """The texture of a painting, beginning with the plan of a step; what has changed is shown."""
         hub, client = self._hub, await self._hub.client()
         labelled = (await hub.made("label"))["number"]
@@ -259,8 +262,6 @@ class PaintRoom:
             hub.release(client, self._made["number"])
         self._made = facts["images"][0]
         self._layers, self._step = layers, step
-        if tell:
-            self._tell_step()
 
     async def _put(self, client: Any, step: int) -> dict[str, int]:
         """The numbers of a step's layers in the resident process."""

@@ -167,7 +167,8 @@ export class PaintRoom {
     }
     const total = facts.labels.reduce((sum, one) => sum + one.area, 0);
     this.palette.replaceChildren(...facts.labels.map((label) => {
-      const within = facts.finer.filter((one) => one.parent === label.id);
+      const parts = facts.finer.filter((one) => one.parent === label.id);
+      const within = label.children.length > 1 ? parts : []; // a single one is the label itself
       const name = label.name.includes("/") ? `Label ${label.id}` : label.name;
       const one = button("", `Paint with label ${label.id}${within.length ? `, ${within.length} within` : ""}`, () => this.set({ layer: "coarse", label: label.id, finer: 0 }), { className: "swatch" });
       one.dataset.layer = "coarse";
