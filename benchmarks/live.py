@@ -28,10 +28,10 @@ SLIDER = """async (value) => {
   while (room.dataset.turn === turn) await new Promise((go) => setTimeout(go, 2));
   return performance.now() - begun;
 }"""
-STROKE = """async ([x, y, label]) => {
+STROKE = """async ([x, y, paint]) => {
   const { rooms, shell } = await import("./main.js");
   const room = rooms.paint;
-  shell.state.paint.label = label;
+  Object.assign(shell.state.paint, paint);
   const before = room.element.dataset.step;
   const event = { pointerType: "mouse" };
   const begun = performance.now();
@@ -93,13 +93,17 @@ def main() -> None:
         page.click("#tab-paint")
         page.wait_for_selector("[data-step='0']")
         labels = page.evaluate("import('./main.js').then(({ rooms }) => rooms.paint.labels.map((one) => one.id))")
+        parents = page.evaluate("import('./main.js').then(({ rooms }) => [...rooms.paint.parents])")
         places = rng.uniform(64, given.painting - 128, (given.strokes, 2))
         first = resident_memory(folder)
         others = labels[1:]
-        strokes = [[float(x), float(y), others[n % len(others)]] for n, (x, y) in enumerate(places)]
-        times = [page.evaluate(STROKE, stroke) for stroke in strokes]
+        coarse = [{"layer": "coarse", "label": others[n % len(others)], "finer": 0} for n in range(given.strokes)]
+        times = [page.evaluate(STROKE, [*map(float, at), paint]) for at, paint in zip(places, coarse, strict=True)]
         line(f"stroke of 64 px to texture, {given.painting} px", times)
         print(f"| memory before and after these strokes | {first} MB | {resident_memory(folder)} MB | 1 |")
+        fine = {"layer": "fine", "label": labels[0], "finer": parents.index(labels[0])}
+        times = [page.evaluate(STROKE, [*map(float, at), fine]) for at in places[: given.runs]]
+        line(f"stroke of a finer label to texture, {given.painting} px", times)
         page.click("#tab-zoom")
         page.wait_for_selector("[data-missing='0']")
         rates = []

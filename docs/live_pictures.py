@@ -47,7 +47,7 @@ def tile(browser: object, folder: Path) -> None:
 
 
 def paint(browser: object, folder: Path) -> None:
-    """Moss and stones, painted."""
+    """Moss and stones, painted, and the ground refined."""
     name = cut("moss_grass_stones_ground", folder, oiio.ROI(0, 1024, 0, 682), 512)
     with served(folder, name, "--iscolorspace", SPACE) as url:
         page = opened(browser, url)
@@ -63,9 +63,12 @@ def paint(browser: object, folder: Path) -> None:
             (1, [(-0.7, -0.5), (-0.3, -0.6), (0.1, -0.5), (0.3, -0.3), (0.7, -0.35)]),
             (3, [(-0.7, 0.35), (-0.3, 0.2), (0.1, 0.3), (0.4, 0.15), (0.75, 0.25)]),
             (2, [(-0.6, 0.75), (-0.2, 0.7), (0.2, 0.75), (0.6, 0.65)]),
+            (0, [(-0.6, -0.1), (-0.2, -0.2), (0.1, -0.05), (0.5, -0.1)]),
         )
         for step, (label, places) in enumerate(strokes, 1):
             page.locator(".swatch").nth(min(label, page.locator(".swatch").count() - 1)).click()
+            if step == len(strokes):
+                page.locator(".entry.chosen .within button").first.click()
             for n, (across, down) in enumerate(places):
                 page.mouse.move(x + side * across, y + side * down, steps=6)
                 if n == 0:

@@ -21,7 +21,7 @@ pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiio
 pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
 
 from oiiotex.color.config import ColorConfig, as_float
-from oiiotex.color.display import shown_by, usual_view
+from oiiotex.color.display import shown_by, usual_view, views
 from tests import pictures
 from tests.browser import Served, chromium, end_resident, resident_pid
 from tests.conftest import load, oiiotex, save
@@ -29,7 +29,8 @@ from tests.conftest import load, oiiotex, save
 SPACE = "srgb_rec709_scene"
 PIXELS = """async (name) => {
   const { rooms } = await import("./main.js");
-  const canvas = { tile: rooms.tile?.tile, texture: rooms.paint?.texture }[name] ?? rooms.zoom.tiles.get(name);
+  const shown = { tile: rooms.tile?.tile, photo: rooms.tile?.photo, texture: rooms.paint?.texture };
+  const canvas = shown[name] ?? rooms.zoom.tiles.get(name);
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   let text = "";
   for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
@@ -143,6 +144,9 @@ def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
     assert any(":sigma=12.1" in word for word in words), words
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
     wait(page, "document.querySelector('.measures').textContent.includes('seam ratio')")
+    rows = [one.split("\t") for one in page.inner_text(".measures table").splitlines()]
+    assert rows[0] == ["", "Photo", "Tile"] and {"seam ratio x", "seam ratio y", "texture cost"} <= {r[0] for r in rows}
+    assert all(float(value.rstrip(" %")) >= 0 for row in rows if row[0].startswith("seam") for value in row[1:])
     line_made = load(folder / words[-1])
     page.get_by_role("button", name="Save").click()
     wait(page, "document.getElementById('status').textContent.startsWith('Saved as')")
@@ -155,6 +159,26 @@ def test_a_tile_is_tuned_and_its_line_makes_the_same_pixels(page, folder):
     words = copied_line(page)
     assert any(":seed=1" in word for word in words)
     np.testing.assert_array_equal(pixels_of(page, "tile"), shown_of(words, folder, SPACE))
+
+
+def test_a_display_without_the_view_that_is_chosen_shows_one_of_its_own(page, folder):
+    config = ColorConfig()
+    pixels = as_float(load(folder / "photo.png"))[..., :3]
+    of_both, of_one = "Un-tone-mapped", "ACES 2.0 - SDR 100 nits (Rec.709)"
+    displays = "sRGB - Display", "Display P3 - Display"
+    theirs = views(config)[displays[1]]
+    assert of_one in views(config)[displays[0]] and of_one not in theirs and of_both in theirs
+    for before, after in ((of_both, of_both), (of_one, theirs[0])):
+        page.select_option("select[aria-label=Display]", json.dumps(displays[0]))
+        page.select_option("select[aria-label=View]", json.dumps(before))
+        page.select_option("select[aria-label=Display]", json.dumps(displays[1]))
+        assert page.input_value("select[aria-label=View]") == json.dumps(after)
+        assert page.locator("select[aria-label=View] option").all_inner_texts() == theirs
+        wanted = shown_by(config, SPACE, displays[1], after)(pixels)
+        until = time.monotonic() + 30
+        while not np.array_equal(pixels_of(page, "photo"), wanted):
+            assert time.monotonic() < until
+        assert not page.locator("#status.wrong").count()
 
 
 def test_a_painted_mask_is_in_the_line(page, folder):
@@ -235,6 +259,42 @@ def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page,
     page.reload()  # painting and history are there
     page.wait_for_selector("[data-step='1']")
     np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+    # a finer label, which does not leave the one that it is part of
+    page.locator(".swatch").nth(1).click()
+    page.locator(".entry.chosen .within button").first.click()
+    page.mouse.move(corner[0] + 100 * scale, corner[1] + 175 * scale)
+    page.mouse.down()
+    page.mouse.move(corner[0] + 250 * scale, corner[1] + 175 * scale, steps=5)
+    page.mouse.up()
+    page.wait_for_selector("[data-step='2']")
+    refined = pixels_of(page, "texture")
+    words = copied_line(page)
+    np.testing.assert_array_equal(refined, shown_of(words, folder, SPACE))
+    page.keyboard.press("Control+z")
+    page.wait_for_selector("[data-step='1']")
+    np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+    painted = load(folder / "photo.paint" / "000002.fine.png").any(-1)
+    coarse = load(folder / "photo.paint" / "000002.png")
+    assert np.count_nonzero(painted) > 3000 and (coarse[painted] == coarse[175, 200]).all()
+    table = json.loads((folder / "photo.palette.json").read_text())
+    chosen = table["labels"][1]["children"][0]
+    paint = next(n for n, word in enumerate(words) if word.startswith("--texpaint"))
+    words = [*words[1:paint], f"{words[paint]}:keep=1", "-o", "labels.exr"]
+    done = oiiotex(*words, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    labels = load(folder / "labels.exr", table["level"] - 1)[..., 0]  # after the picture comes label.1
+    assert (labels[painted] == chosen).mean() > 0.8
+    # a painting from elsewhere is a step of this one
+    ids = np.full((384, 512, 1), table["labels"][0]["id"])
+    ids[100:250, 200:400] = table["labels"][2]["id"]
+    save(ids, folder / "elsewhere.exr", "uint32")
+    page.get_by_role("button", name="Open", exact=True).click()
+    page.get_by_role("button", name="elsewhere.exr").click()
+    page.wait_for_selector("[data-step='2']")
+    assert not (folder / "photo.paint" / "000002.fine.png").exists()
+    brought = pixels_of(page, "texture")
+    assert (brought != after).any(-1)[100:250, 200:400].mean() > 0.9
+    np.testing.assert_array_equal(brought, shown_of(copied_line(page), folder, SPACE))
 
 
 def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, served, folder):

@@ -174,6 +174,8 @@ def test_nonsense_on_the_wire_is_refused_in_words_and_a_flood_closes_it(served):
         b'{"do":"brush","room":"tile","name":"../../x"}', b'{"do":"tiles","room":"zoom","level":99,"tiles":[]}',
         b'{"do":"tiles","room":"zoom","level":1,"tiles":[["1e9",0]]}',
         b'{"do":"seeds","room":"tile","first":"x","count":1}',
+        b'{"do":"bring","room":"paint","name":"../secret.png"}', b'{"do":"bring","room":"paint","name":["photo.png"]}',
+        b'{"do":"bring","room":"paint","name":"secret.txt"}',
         b"[" * 100000,
     ):  # fmt: skip
         wire.send(nonsense)

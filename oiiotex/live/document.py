@@ -18,6 +18,7 @@ from ..io.documents import read_document
 
 VERSION = 1
 MOST_VARIANTS = 64
+LEAST_PAINTED, MOST_PAINTED = 64, 4096  # px, of a painting's side
 _MOST_THUMBNAIL = 60_000  # letters
 
 State = dict[str, Any]
@@ -111,8 +112,10 @@ _FIELDS: dict[str, dict[str, Any]] = {
         "lock": _number(0, 1, whole=True), "keys": _list(_KEY, 256), "frames": _number(2, 1 << 16, whole=True),
     },
     "paint": {
-        "width": _number(64, 4096, whole=True), "height": _number(64, 4096, whole=True),
-        "label": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
+        "width": _number(LEAST_PAINTED, MOST_PAINTED, whole=True),
+        "height": _number(LEAST_PAINTED, MOST_PAINTED, whole=True),
+        "layer": _one_of("coarse", "fine"), "label": _number(0, 255, whole=True),
+        "finer": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
     },
 }  # fmt: skip
 
@@ -135,7 +138,15 @@ def default_state(display: str, view: str, side: int) -> State:
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
         "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
-        "paint": {"width": 1024, "height": 1024, "label": 1, "brush": 64.0, "seed": 0},
+        "paint": {
+            "width": 1024,
+            "height": 1024,
+            "layer": "coarse",
+            "label": 1,
+            "finer": 0,
+            "brush": 64.0,
+            "seed": 0,
+        },
     }
 
 

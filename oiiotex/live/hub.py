@@ -37,6 +37,7 @@ MOST_TASKS = 64  # that pages have asked for and are not done
 _PATIENCE = 10.0  # s between two restarts of the resident process
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
 _NONSENSE = json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"})
+_LOOKING = {"label": "Looking for the photo's labels", "dominant": "Looking for the dominant texture"}
 _WAITING = 1024  # messages that wait for a page: who is slower is let go
 
 log = logging.getLogger("oiiotex")
@@ -152,7 +153,8 @@ class Hub:
         photo, client = await self.photo(), await self.client()
         async with self._making:
             if op not in self._made:
-                request = client.make(op, [photo], {"keep": 1}, priority=BRUSH, on_progress=self.advancing())
+                advance = self.advancing(_LOOKING[op])
+                request = client.make(op, [photo], {"keep": 1}, priority=BRUSH, on_progress=advance)
                 facts, _ = await asyncio.wrap_future(request)
                 self._made[op] = facts["images"][0]
             return self._made[op]
@@ -192,12 +194,13 @@ class Hub:
         else:
             client.drop(number)
 
-    def advancing(self) -> Callable[[int, int], None]:
-        """Tells all pages how far a job is."""
+    def advancing(self, text: str = "") -> Callable[[int, int], None]:
+        """Tells all pages how far a job is, and what it does where that is to be read."""
         loop = asyncio.get_running_loop()
 
         def advanced(done: int, total: int) -> None:
-            loop.call_soon_threadsafe(self.tell, {"do": "busy", "room": "", "done": done, "total": total})
+            facts = {"do": "busy", "room": "", "done": done, "total": total, "text": text}
+            loop.call_soon_threadsafe(self.tell, facts)
 
         return advanced
 

@@ -1,26 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Room Paint: a painting of labels becomes texture; an edit makes its neighbourhood anew (LSA16 section 6.2)."""
+"""Room Paint: a painting of labels, coarse and fine, becomes texture (LSA16 section 6.2, figures 13 to 15).
+
+An edit makes its neighbourhood anew. Where the fine layer has nothing, the coarse one stays; what it has lies inside
+the label that it is part of.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import os
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from ..color.config import as_float
 from ..core.window import Window
 from ..deferred import np
 from ..errors import Error, ImageError, ParameterError
-from ..io.documents import read_document
 from ..io.reading import read
-from ..labels.legend import code_of, codes_in
-from ..service.client import BRUSH, EXPORT
-from .hub import Hub, Page, labels_of
+from ..service.client import BRUSH, EXPORT, Client, Request
+from .hub import Hub, Page
 from .lines import line, output_name, word_of
-from .painting import Steps, write_indexed
+from .painting import Steps, fine_of, paintings_in
+from .palette import COARSE, FINE, LAYERS, Layers, Palette, palette_of
 
-_SWATCH = 48  # px
-_LEAST_LABELS, _MOST_LABELS = 4, 24
 _MOST_TIMES = 64
 _PATCHES = 16, 64  # px, the least and the largest
 
@@ -37,10 +41,10 @@ class PaintRoom:
         self._hub = hub
         self._steps = Steps(hub.document.beside("paint"))
         self._table = hub.document.beside("palette.json")
-        self._palette: tuple[dict[str, Any], np.ndarray] | None = None  # its table, and its picture
+        self._palette: Palette | None = None
         self._step = -1
         self._begun: int | None = None  # the step before a stroke that goes on
-        self._ids: np.ndarray | None = None
+        self._layers: Layers | None = None
         self._made: dict[str, Any] | None = None  # the texture, as the resident process says it
         self._pixels: np.ndarray | None = None  # as they are sent: of the photo's channels, float32
         self._turn = asyncio.Lock()
@@ -53,7 +57,7 @@ class PaintRoom:
         if room == "view" and self._pixels is not None:
             self._show_texture()
             self._show_palette()
-        if room == "paint" and names & {"width", "height", "seed"} and self._ids is not None:
+        if room == "paint" and names & {"width", "height", "seed"} and self._layers is not None:
             async with self._turn:
                 await self._new()
 
@@ -79,6 +83,10 @@ class PaintRoom:
                 work = self._save(int(asked["times"]))
             elif do == "new":
                 await self._new(int(asked["label"]))
+            elif do == "paintings":
+                page.tell(json.dumps({"do": "paintings", "room": "paint", "names": list(self._paintings())}))
+            elif do == "bring":
+                await self._bring(asked["name"])
             else:
                 raise ValueError(do)
         if work is not None:  # others paint on meanwhile
@@ -94,40 +102,15 @@ class PaintRoom:
 
     # --- what can be painted with ---
 
-    async def _level(self) -> int:
-        """The coarsest level that has some labels to paint with."""
-        made, client = await self._hub.made("label"), await self._hub.client()
-        counts = {}
-        for name in reversed(labels_of(made)):
-            _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
-            level = int(name.removeprefix("label."))
-            counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
-            if counts[level] >= _LEAST_LABELS:
-                return level
-        return max(counts, key=lambda level: counts[level])
-
-    async def _opened_palette(self) -> dict[str, Any]:
+    async def _opened_palette(self) -> Palette:
         if self._palette is None:
-            self._hub.tell({"do": "note", "room": "paint", "text": "Looking for the photo's labels ..."})
-        labelled, client = (await self._hub.made("label"))["number"], await self._hub.client()
-        if self._palette is None:
-            values = {
-                "level": await self._level(),
-                "side": _SWATCH,
-                "rows": _MOST_LABELS,
-                "children": 6,
-                "json": os.path.abspath(self._table),
-            }
-            request = client.make("palette", [labelled], values, priority=BRUSH, read="", keep=False)
-            _, (picture,) = await asyncio.wrap_future(request)
-            self._palette = read_document(self._table), as_float(picture)
-        return self._palette[0]
+            self._palette = await palette_of(self._hub, self._table)
+        return self._palette
 
     def _show_palette(self, page: Page | None = None) -> None:
         assert self._palette is not None
-        table, picture = self._palette
-        facts = {"room": "paint", "kind": "palette", "labels": table["labels"], "finer": table["finer"]}
-        self._hub.show(facts, self._hub.picture(picture, self._hub.shown()), page)
+        facts = {"room": "paint", "kind": "palette", "labels": self._palette.labels, "finer": self._palette.finer}
+        self._hub.show(facts, self._hub.picture(self._palette.picture, self._hub.shown()), page)
 
     # --- the painting ---
 
@@ -135,12 +118,12 @@ class PaintRoom:
         """Show a page all there is; begin, or go on with, the painting."""
         await self._opened_palette()
         self._show_palette(page)
-        if self._ids is None:
+        if self._layers is None:
             if self._steps.last < 0:
                 await self._new()
                 return
             await self._go(self._steps.last)
-        self._show_ids(page)
+        self._show_layers(page)
         self._show_texture(page=page)
         self._tell_step()
 
@@ -149,46 +132,76 @@ class PaintRoom:
 
     async def _new(self, label: int = 0) -> None:
         """A painting of one label, by default the largest."""
-        table = await self._opened_palette()
-        allowed = [entry["id"] for entry in table["labels"]]
+        allowed = [entry["id"] for entry in (await self._opened_palette()).labels]
         if label and label not in allowed:
             raise ParameterError(f"label={label}: there is {', '.join(map(str, allowed))}")
         paint = self._hub.document.state["paint"]
-        ids = np.full((paint["height"], paint["width"]), label or allowed[0], np.uint8)
+        coarse = np.full((paint["height"], paint["width"]), label or allowed[0], np.uint8)
+        await self._begin({COARSE: coarse, FINE: np.zeros_like(coarse)})
+
+    async def _begin(self, layers: Layers) -> None:
+        """A painting without a history."""
+        self._step, self._layers, self._pixels = -1, None, None
         self._steps.begin()
-        await self._make(ids, 0, None)
-        self._show_ids()
+        await self._make(layers, 0, None)
+        self._show_layers()
         self._show_texture()
+        self._tell_step()  # what can be seen is there
+
+    def _paintings(self) -> dict[str, Path]:
+        """What can be brought from elsewhere: files beside the photo and beside the document."""
+        source = self._hub.source.image
+        assert source is not None
+        return paintings_in((Path(source.source).parent, self._hub.document.path.parent))
+
+    async def _bring(self, name: str) -> None:
+        """Go on with a painting from elsewhere: a step of this one, where they are of one size."""
+        paths = self._paintings()
+        if name not in paths:
+            raise ParameterError(f"{name[:200]}: no painting beside the photo or the document has this name")
+        palette, cache = await self._opened_palette(), self._hub.session.cache
+        layers = await asyncio.to_thread(palette.read_layers, {COARSE: paths[name], FINE: fine_of(paths[name])}, cache)
+        if self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape:
+            self._begun = None
+            self._steps.drop_after(self._step)
+            await self._make(layers, self._step + 1, self._step)
+            self._show_layers()
+            self._tell_step()
+            return
+        height, width = layers[COARSE].shape
+        size = self._hub.document.change("paint", {"width": width, "height": height})
+        self._hub.tell({"do": "set", "room": "paint", "values": size})
+        await self._begin(layers)
 
     async def _stroke(self, asked: dict[str, Any], data: bytes, page: Page) -> None:
-        """Take ids of a box, and make its neighbourhood anew; looks at a stroke that goes on become one step."""
-        if self._ids is None or self._pixels is None or self._palette is None:
+        """Take a layer's box, and make its neighbourhood anew; looks at a stroke that goes on become one step."""
+        if self._layers is None or self._pixels is None or self._palette is None:
             raise ImageError("there is no painting yet: open the room first")
-        left, top, width, height = (int(asked[name]) for name in ("left", "top", "width", "height"))
-        rows, columns = self._ids.shape
-        if len(data) != width * height or min(left, top) < 0 or left + width > columns or top + height > rows:
+        layer, box = asked["layer"], Window.sized(*(int(asked[name]) for name in ("left", "top", "width", "height")))
+        if layer not in LAYERS or len(data) != box.width * box.height or box & self._whole != box:
             raise ValueError("box")
-        allowed = {entry["id"] for entry in self._palette[0]["labels"]}
-        box = np.frombuffer(data, np.uint8).reshape(height, width)
-        if not set(np.flatnonzero(np.bincount(box.ravel()))) <= allowed:
+        painted = np.frombuffer(data, np.uint8).reshape(box.height, box.width)
+        if not self._palette.allows(layer, painted):
             raise ValueError("labels")
-        ids = self._ids.copy()
-        ids[top : top + height, left : left + width] = box
+        place = box.inside(self._whole)
+        layers = {name: plane.copy() for name, plane in self._layers.items()}
+        layers[layer][place] = painted
+        self._palette.keep_inside(layers, place)
         if self._begun is None:
             self._begun = self._step
             self._steps.drop_after(self._step)
         try:
-            await self._make(ids, self._step + 1, self._step, tell=False)
+            await self._make(layers, self._step + 1, self._step)
         except Error:
             self._begun = None
-            self._show_ids()  # the page has painted what could not be made
+            self._show_layers()  # the page has painted what could not be made
             raise
         going = asked.get("going") is True
         if not going:
             self._steps.join(self._begun, self._step)
             self._step, self._begun = self._begun + 1, None
         for other in self._hub.pages - {page}:
-            self._show_ids(other, (left, top, left + width, top + height))
+            self._show_layers(other, box)
         self._tell_step(going)
 
     async def _go(self, step: int) -> None:
@@ -197,67 +210,72 @@ class PaintRoom:
             self._tell_step()
             return
         self._begun = None
-        ids = self._read(step)
-        same = self._ids is not None and ids.shape == self._ids.shape
+        assert self._palette is not None
+        layers = self._palette.read_layers(self._files(step), self._hub.session.cache)
+        same = self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape
         before = self._step
-        await self._make(ids, step, step, keep=True)
-        self._show_ids()
+        await self._make(layers, step, step, keep=True)
+        self._show_layers()
         if not same or before < 0:
             self._show_texture()
+        self._tell_step()
 
-    def _read(self, step: int) -> np.ndarray:
-        """Ids of a step's painting."""
-        assert self._palette is not None
-        pixels = read(self._steps.picture(step), self._hub.session.cache).first.pixels()
-        codes = codes_in(pixels, (0, 1, 2))
-        ids = np.zeros(codes.shape, np.uint8)
-        for entry in self._palette[0]["labels"]:
-            ids[codes == code_of(entry["colour"])] = entry["id"]
-        return ids
+    @property
+    def _whole(self) -> Window:
+        assert self._layers is not None
+        return Window.sized(0, 0, *self._layers[COARSE].shape[::-1])
 
-    async def _make(
-        self, ids: np.ndarray, step: int, before: int | None, keep: bool = False, tell: bool = True
-    ) -> None:
+    def _files(self, step: int) -> dict[str, Path]:
+        """A step's layers on disk, of which the fine one may not be there."""
+        return {COARSE: self._steps.picture(step), FINE: self._steps.fine(step)}
+
+    async def _make(self, layers: Layers, step: int, before: int | None, keep: bool = False) -> None:
         """The texture of a painting, beginning with the plan of a step; what has changed is shown."""
         hub, client = self._hub, await self._hub.client()
         labelled = (await hub.made("label"))["number"]
-        path = self._steps.picture(step)
         if not keep:
-            self._write(path, ids)
-        painting = await asyncio.to_thread(client.put, read(path, hub.session.cache))
-        values: dict[str, Any] = {"table": os.path.abspath(self._table)} | self._values()
+            self._write(step, layers)
+        values: dict[str, Any] = {"table": os.path.abspath(self._table)}
         if before is None:
             values["patch"] = self._patch()
         else:
             values["before"] = os.path.abspath(self._steps.plan(before))
         if not keep:
             values["plan"] = os.path.abspath(self._steps.plan(step))
+        paintings = await self._put(client, step)
         hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
         try:
-            request = client.make("paint", [labelled, painting], values, priority=BRUSH)
+            advance = hub.advancing("Sewing the painting") if before is None else None
+            request = self._asked(client, labelled, paintings, values, BRUSH, advance)
             facts, _ = await asyncio.wrap_future(request)
         except Error:
             if not keep:
-                path.unlink(missing_ok=True)
+                self._steps.forget(step)
             raise
         finally:
-            client.drop(painting)
+            for painting in paintings.values():
+                client.drop(painting)
             hub.tell({"do": "busy", "room": "paint", "done": 1, "total": 1})
         image = facts["images"][0]["number"]
-        await self._look(client, image, step)
+        await self._look(client, image, step, layers[FINE])
         if self._made is not None:
             hub.release(client, self._made["number"])
         self._made = facts["images"][0]
-        self._ids, self._step = ids, step
-        if tell:
-            self._tell_step()
+        self._layers, self._step = layers, step
 
-    async def _look(self, client: Any, image: int, step: int) -> None:
+    async def _put(self, client: Any, step: int) -> dict[str, int]:
+        """The numbers of a step's layers in the resident process."""
+        cache = self._hub.session.cache
+        there = {layer: path for layer, path in self._files(step).items() if path.exists()}
+        return {layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()}
+
+    async def _look(self, client: Any, image: int, step: int, fine: np.ndarray) -> None:
         """Read what has changed of the texture, and show it; all of it where nothing is shown yet."""
-        box = None
-        if self._pixels is not None and self._step >= 0 and self._steps.plan(self._step).exists():
-            box = await asyncio.to_thread(self._steps.changed, self._step, step, self._hub.session.budget)
-        window = None if box is None else Window(*box)
+        window = None
+        if self._layers is not None and self._steps.plan(self._step).exists():
+            layers = self._layers[FINE], fine
+            budget = self._hub.session.budget
+            window = await asyncio.to_thread(self._steps.changed, self._step, step, layers, budget)
         if window is not None and window.empty:
             return
         _, (pixels,) = await asyncio.wrap_future(client.read(image, window, priority=BRUSH))
@@ -269,12 +287,14 @@ class PaintRoom:
             self._pixels[window.top : window.bottom, window.left : window.right] = values
             self._show_texture(window)
 
-    def _write(self, path: Any, ids: np.ndarray) -> None:
+    def _write(self, step: int, layers: Layers) -> None:
+        """A step's layers, of the fine one only what is painted."""
         assert self._palette is not None
-        labels = self._palette[0]["labels"]
-        colours = {e["id"]: tuple(map(int, e["colour"].split(","))) for e in labels}
-        legend = {str(e["id"]): {"name": e["name"], "colour": e["colour"]} for e in labels}
-        write_indexed(path, ids, colours, legend)
+        for layer, path in self._files(step).items():
+            if layer == COARSE or layers[layer].any():
+                self._palette.write(layer, path, layers[layer])
+            else:
+                path.unlink(missing_ok=True)
 
     def _patch(self) -> int:
         """A side of which the photo holds some dozens."""
@@ -289,11 +309,12 @@ class PaintRoom:
 
     # --- what is shown ---
 
-    def _show_ids(self, page: Page | None = None, box: tuple[int, int, int, int] | None = None) -> None:
-        assert self._ids is not None
-        left, top, right, bottom = box or (0, 0, *self._ids.shape[::-1])
-        facts = {"room": "paint", "kind": "ids", "left": left, "top": top, "whole": list(self._ids.shape[::-1])}
-        self._hub.show(facts, self._ids[top:bottom, left:right, None], page)
+    def _show_layers(self, page: Page | None = None, box: Window | None = None) -> None:
+        assert self._layers is not None
+        box = box or self._whole
+        facts = {"room": "paint", "kind": "ids", "left": box.left, "top": box.top, "whole": list(self._whole.size)}
+        for layer, plane in self._layers.items():
+            self._hub.show(facts | {"layer": layer}, plane[box.inside(self._whole)][..., None], page)
 
     def _show_texture(self, window: Window | None = None, page: Page | None = None) -> None:
         assert self._pixels is not None
@@ -304,33 +325,43 @@ class PaintRoom:
         self._hub.show(facts, picture, page)
 
     async def _save(self, times: int) -> None:
-        """Write the texture; so many times larger it is sewn anew, in the same patches of the photo."""
-        if self._ids is None or self._made is None:
+        """Write the texture; so many times larger it is sewn around the patches that the page shows."""
+        if self._layers is None or self._made is None:
             raise ImageError("there is no painting yet: open the room first")
         if times == 1:
             await self._hub.save(self._made, self._name())
             return
-        height, width = self._ids.shape
         if not 1 < times <= _MOST_TIMES:
             raise ParameterError(f"times={times}: allowed is a whole number from 1 to {_MOST_TIMES}")
-        hub, client, picture = (
-            self._hub,
-            await self._hub.client(),
-            read(self._steps.picture(self._step), self._hub.session.cache),
-        )
-        labelled, painting = (await hub.made("label"))["number"], await asyncio.to_thread(client.put, picture)
+        hub, client = self._hub, await self._hub.client()
+        labelled, paintings = (await hub.made("label"))["number"], await self._put(client, self._step)
+        width, height = self._whole.size
+        before = await asyncio.to_thread(self._steps.enlarged, self._step, times, hub.session.budget)
         values = {
             "table": os.path.abspath(self._table),
             "size": f"{times * width}x{times * height}",
-            "patch": self._patch(),
+            "before": os.path.abspath(before),
         }
-        request = client.make("paint", [labelled, painting], values | self._values(), priority=EXPORT)
-        facts, _ = await asyncio.wrap_future(request)
+        request = self._asked(client, labelled, paintings, values, EXPORT, hub.advancing())
         try:
-            await hub.save(facts["images"][0], self._name())
+            facts, _ = await asyncio.wrap_future(request)
+            try:
+                await hub.save(facts["images"][0], self._name())
+            finally:
+                client.drop(facts["images"][0]["number"])
         finally:
-            client.drop(painting)
-            client.drop(facts["images"][0]["number"])
+            for painting in paintings.values():
+                client.drop(painting)
+
+    def _asked(
+        self, client: Client, labelled: int, paintings: dict[str, int], values: dict[str, Any], priority: int,
+        advance: Callable[[int, int], None] | None,
+    ) -> Request:  # fmt: skip
+        """A painting's texture, of layers that the resident process has."""
+        fine = {FINE: paintings[FINE]} if FINE in paintings else None
+        images = [labelled, paintings[COARSE]]
+        values |= self._values()
+        return client.make("paint", images, values, optional=fine, priority=priority, on_progress=advance)
 
     def _name(self) -> str:
         source = self._hub.source
@@ -343,5 +374,7 @@ class PaintRoom:
         if self._step < 0 or source.image is None:
             raise ParameterError("there is no painting yet")
         values = {"table": self._table, "before": self._steps.plan(self._step)} | self._values()
+        if self._steps.fine(self._step).exists():
+            values["fine"] = self._steps.fine(self._step)
         name, picture = self._name(), str(self._steps.picture(self._step))
         return line([*source.words, "--texlabel:keep=1", picture, word_of("--texpaint", values), "-o", name])

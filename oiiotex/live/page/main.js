@@ -167,6 +167,11 @@ on("message", (message) => {
   } else if (message.do === "busy") {
     if (message.room === current || !message.room) shell.progress(message.done, message.total);
     rooms[message.room]?.busy?.(message);
+    if (message.text) {
+      const text = message.done < message.total ? `${message.text}: ${Math.floor((100 * message.done) / message.total)} %` : "";
+      shell.status(text);
+      rooms.paint?.waitFor(text);
+    }
   } else if (message.do === "note") {
     shell.status(message.text);
   } else if (message.do === "error") {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Room Paint: labels of the photo are painted, and become its texture. Values of the painting are ids: nothing is
-// antialiased, and what the server is told of a stroke are the ids of its box.
+// antialiased, and what the server is told of a stroke are the ids of its box. There are two layers: labels, and what
+// they are refined by, the labels of the next finer map that are part of them (0: none). These stay inside their label.
 
 import { button, make, section, segments, slider, whole } from "./controls.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
@@ -13,8 +14,9 @@ export class PaintRoom {
     this.shell = shell;
     this.tool = "brush";
     this.size = [0, 0];
-    this.ids = null;
+    this.layers = null; // coarse and fine, Uint8 of the painting's size
     this.labels = [];
+    this.parents = new Uint8Array(256); // the label that a finer one is part of
     this.open = false;
     this.build();
   }
@@ -24,7 +26,7 @@ export class PaintRoom {
       size: () => this.size,
       overlay: (context, viewer) => drawBrush(context, viewer, this.tool === "brush" ? this.shell.state.paint.brush : 3),
       paint: {
-        active: () => this.ids !== null,
+        active: () => this.layers !== null,
         down: (x, y, event) => this.down(x, y, event),
         move: (x, y, event) => this.move(x, y, event),
         up: () => this.up(),
@@ -50,14 +52,15 @@ export class PaintRoom {
       height: whole("Height", { title: "Of the painting in px. Another size is a new painting", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
       seed: whole("Seed", { title: "Another seed is a new painting", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
     };
-    this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Sewn anew, four times larger"], [16, "16 ×", "Sewn anew, sixteen times larger"]], () => {});
+    this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Four times larger, sewn around these patches"], [16, "16 ×", "Sixteen times larger, sewn around these patches"]], () => {});
     this.times.set(1);
     this.fact = make("p", { className: "hint" });
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
-    this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel);
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "A painting from elsewhere: a picture in the palette's colours, or ids, that lies beside the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+    this.opening = make("dialog", { ariaLabel: "Open a painting" });
+    this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel, this.opening);
   }
 
   ask(message, bytes) {
@@ -83,7 +86,14 @@ export class PaintRoom {
     if (all && this.open) this.ask({ do: "open" });
     for (const [name, control] of Object.entries(this.controls)) control.set(paint[name]);
     this.brush.set(paint.brush);
-    for (const one of this.palette.children) one.setAttribute("aria-pressed", String(Number(one.dataset.label) === paint.label));
+    for (const group of this.palette.children) {
+      const chosen = Number(group.dataset.label) === paint.label;
+      group.classList.toggle("chosen", chosen);
+      for (const one of group.querySelectorAll("button")) {
+        const same = one.dataset.layer === paint.layer && (paint.layer === "coarse" || Number(one.dataset.finer) === paint.finer);
+        one.setAttribute("aria-pressed", String(chosen && same));
+      }
+    }
   }
 
   // --- what comes ---
@@ -94,7 +104,7 @@ export class PaintRoom {
     if (width !== this.size[0] || height !== this.size[1]) {
       this.size = [width, height];
       for (const canvas of [this.plan, this.texture]) [canvas.width, canvas.height] = this.size;
-      this.ids = new Uint8Array(width * height);
+      this.layers = { coarse: new Uint8Array(width * height), fine: new Uint8Array(width * height) };
       for (const view of [this.planView, this.textureView]) view.fit();
     }
     if (facts.kind === "texture") {
@@ -102,13 +112,19 @@ export class PaintRoom {
       this.textureView.redraw();
     } else if (facts.kind === "ids" && !this.painting) {
       for (let y = 0; y < facts.height; y++)
-        this.ids.set(bytes.subarray(y * facts.width, (y + 1) * facts.width), (facts.top + y) * width + facts.left);
+        this.layers[facts.layer].set(bytes.subarray(y * facts.width, (y + 1) * facts.width), (facts.top + y) * width + facts.left);
       this.drawPlan(facts.left, facts.top, facts.left + facts.width, facts.top + facts.height);
     }
     for (const view of [this.planView, this.textureView]) view.empty.hidden = true;
   }
 
+  /** Say what is done until there is a painting. */
+  waitFor(text) {
+    if (text) for (const view of [this.planView, this.textureView]) view.empty.textContent = text;
+  }
+
   hear(message) {
+    if (message.do === "paintings") return this.offer(message.names);
     if (message.do !== "step") return;
     this.working = false;
     if (message.going) return;
@@ -120,6 +136,16 @@ export class PaintRoom {
     this.element.dataset.step = String(message.step);
   }
 
+  /** Paintings that can be opened. */
+  offer(names) {
+    const text = names.length ? "Pictures beside the photo and the document. One in the palette's colours, or of ids of labels, can be opened:" : "No picture lies beside the photo or the document. Put a painting there: a PNG in the palette's colours, or ids of labels as EXR or TIFF.";
+    const close = button("Close", "Open none", () => this.opening.close());
+    const choose = (name) => { this.opening.close(); this.ask({ do: "bring", name }); };
+    const files = names.map((name) => button(name, `Open ${name}`, () => choose(name)));
+    this.opening.replaceChildren(make("p", { textContent: text }), make("div", { className: "files" }, ...files), make("form", {}, close));
+    this.opening.showModal();
+  }
+
   askLine() {
     this.shell.ask("paint", { do: "line" });
   }
@@ -127,24 +153,55 @@ export class PaintRoom {
   showPalette(facts, picture) {
     this.labels = facts.labels;
     this.colours = new Uint32Array(256).fill(0xff000000);
+    this.dimmed = new Uint32Array(256).fill(0xff000000);
+    this.finer = new Uint32Array(256);
+    this.parents.fill(0);
+    const packed = (colour, times) => colour.split(",").reduce((sum, channel, n) => sum | (Math.round(times * Number(channel)) << (8 * n)), 0xff000000);
     for (const { id, colour } of facts.labels) {
-      const [red, green, blue] = colour.split(",").map(Number);
-      this.colours[id] = 0xff000000 | red | (green << 8) | (blue << 16);
+      this.colours[id] = packed(colour, 1);
+      this.dimmed[id] = packed(colour, 0.4);
+    }
+    for (const { number, parent, colour } of facts.finer) {
+      this.finer[number] = packed(colour, 1);
+      this.parents[number] = parent;
     }
     const total = facts.labels.reduce((sum, one) => sum + one.area, 0);
     this.palette.replaceChildren(...facts.labels.map((label) => {
-      const [left, top, width, height] = label.box;
-      const swatch = make("canvas", { width: 48, height: 28, style: "width:48px;height:28px" });
-      swatch.getContext("2d").drawImage(picture, left, top, Math.min(width, 84), Math.min(height, 48), 0, 0, 48, 28);
-      const children = label.children.length ? `, ${label.children.length} within` : "";
-      const one = button("", `Paint with label ${label.id}${children}`, () => this.set({ label: label.id }), { className: "swatch" });
-      one.dataset.label = label.id;
-      one.append(make("i", { style: `background:rgb(${label.colour})` }), swatch, make("b", { textContent: label.name.includes("/") ? `Label ${label.id}` : label.name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
-      return one;
+      const parts = facts.finer.filter((one) => one.parent === label.id);
+      const within = label.children.length > 1 ? parts : []; // a single one is the label itself
+      const name = label.name.includes("/") ? `Label ${label.id}` : label.name;
+      const one = button("", `Paint with label ${label.id}${within.length ? `, ${within.length} within` : ""}`, () => this.set({ layer: "coarse", label: label.id, finer: 0 }), { className: "swatch" });
+      one.dataset.layer = "coarse";
+      one.append(make("i", { style: `background:rgb(${label.colour})` }), this.swatch(label, picture, 48, 28), make("b", { textContent: name }), make("small", { textContent: `${Math.round((100 * label.area) / total)} %` }));
+      const finer = within.map((part) => this.finerSwatch(part, label, this.swatch(part, picture, 38, 24)));
+      if (within.length) finer.push(this.finerSwatch({ number: 0 }, label, make("span", { textContent: "all" })));
+      const group = make("div", { className: "entry" }, one, make("div", { className: "within", role: "group", ariaLabel: `Within ${name}` }, ...finer));
+      group.dataset.label = label.id;
+      return group;
     }));
-    if (!facts.labels.some((one) => one.id === this.shell.state.paint.label)) this.set({ label: facts.labels[0].id });
+    const { label, finer } = this.shell.state.paint;
+    if (!facts.labels.some((one) => one.id === label)) this.set({ layer: "coarse", label: facts.labels[0].id, finer: 0 });
+    else if (finer && this.parents[finer] !== label) this.set({ layer: "coarse", finer: 0 });
     this.refresh(false);
-    if (this.ids) this.drawPlan(0, 0, ...this.size);
+    if (this.layers) this.drawPlan(0, 0, ...this.size);
+  }
+
+  /** A part of the palette's picture. */
+  swatch({ box: [left, top, width, height] }, picture, across, down) {
+    const canvas = make("canvas", { width: across, height: down, style: `width:${across}px;height:${down}px` });
+    const scale = Math.min(width / across, height / down);
+    canvas.getContext("2d").drawImage(picture, left, top, across * scale, down * scale, 0, 0, across, down);
+    return canvas;
+  }
+
+  /** Chooses a finer label, or none, to paint with inside a label. */
+  finerSwatch({ number, id, colour }, label, face) {
+    const title = number ? `Paint with ${id} of the finer labels, inside label ${label.id}` : `Take finer labels away inside label ${label.id}: all of it again`;
+    const one = button("", title, () => this.set({ layer: "fine", label: label.id, finer: number }), { style: colour ? `border-color:rgb(${colour})` : "" });
+    one.dataset.layer = "fine";
+    one.dataset.finer = number;
+    one.append(face);
+    return one;
   }
 
   drawPlan(left, top, right, bottom) {
@@ -152,7 +209,14 @@ export class PaintRoom {
     if (right <= left || bottom <= top || !this.colours) return;
     const image = new ImageData(right - left, bottom - top);
     const out = new Uint32Array(image.data.buffer);
-    for (let y = top, at = 0; y < bottom; y++) for (let x = left; x < right; x++, at++) out[at] = this.colours[this.ids[y * width + x]];
+    const { coarse, fine } = this.layers;
+    for (let y = top, at = 0; y < bottom; y++) {
+      for (let x = left; x < right; x++, at++) {
+        const place = y * width + x;
+        if (!fine[place]) out[at] = this.colours[coarse[place]];
+        else out[at] = (x + y) & 8 ? this.finer[fine[place]] : this.dimmed[coarse[place]]; // hatched: colours of both layers may be the same
+      }
+    }
     this.plan.getContext("2d").putImageData(image, left, top);
     this.planView.redraw();
   }
@@ -165,25 +229,46 @@ export class PaintRoom {
   }
 
   down(x, y, event) {
-    const { label } = this.shell.state.paint;
     const [width, height] = this.size;
     const [column, row] = [Math.floor(x), Math.floor(y)];
     const inside = column >= 0 && row >= 0 && column < width && row < height;
     if (this.tool === "pick") {
-      if (inside) this.set({ label: this.ids[row * width + column] });
+      if (inside) this.pick(row * width + column);
     } else if (this.tool === "fill") {
-      if (inside) this.send(this.fill(column, row, label));
+      if (inside) this.send(this.fill(column, row));
     } else {
       this.painting = { last: [x, y], box: [width, height, 0, 0], told: performance.now() };
       this.move(x, y, event);
     }
   }
 
+  /** Choose what is painted at a place. */
+  pick(at) {
+    const [label, finer] = [this.layers.coarse[at], this.layers.fine[at]];
+    this.set({ layer: finer ? "fine" : "coarse", label, finer });
+  }
+
+  /** The plane that is painted, with which value, and of an index whether it may be. */
+  layer() {
+    const { layer, label, finer } = this.shell.state.paint;
+    const { coarse } = this.layers;
+    return layer === "fine" ? [this.layers.fine, finer, (at) => coarse[at] === label] : [coarse, label, () => true];
+  }
+
+  /** Take away what lies in a box of the fine layer on another label than its own, as the server does. */
+  keepInside([left, top, right, bottom]) {
+    const { coarse, fine } = this.layers;
+    for (let y = top; y < bottom; y++)
+      for (let at = y * this.size[0] + left; at < y * this.size[0] + right; at++) if (this.parents[fine[at]] !== coarse[at]) fine[at] = 0;
+  }
+
   move(x, y, event) {
     if (!this.painting) return;
-    const { brush, label } = this.shell.state.paint;
+    const { brush } = this.shell.state.paint;
+    const [plane, value, allowed] = this.layer();
     const diameter = brush * (event.pointerType === "pen" ? Math.max(0.05, event.pressure) : 1);
-    const box = stroke(this.ids, ...this.size, this.painting.last, [x, y], diameter, label);
+    const box = stroke(plane, ...this.size, this.painting.last, [x, y], diameter, value, allowed);
+    this.keepInside(box);
     const before = this.painting.box;
     const all = [Math.min(before[0], box[0]), Math.min(before[1], box[1]), Math.max(before[2], box[2]), Math.max(before[3], box[3])];
     this.painting.box = all;
@@ -202,25 +287,27 @@ export class PaintRoom {
     this.send(box);
   }
 
-  /** Fill what hangs together; its box. */
-  fill(column, row, label) {
+  /** Fill what hangs together in the layer, inside the label; its box. */
+  fill(column, row) {
     const [width, height] = this.size;
-    const old = this.ids[row * width + column];
-    if (old === label) return [0, 0, 0, 0];
+    const [plane, value, allowed] = this.layer();
+    const old = plane[row * width + column];
+    if (old === value || !allowed(row * width + column)) return [0, 0, 0, 0];
+    const fills = (at) => plane[at] === old && allowed(at);
     const box = [width, height, 0, 0];
     const waiting = [[column, row]];
     while (waiting.length) {
       const [x, y] = waiting.pop();
-      if (this.ids[y * width + x] !== old) continue;
+      if (!fills(y * width + x)) continue;
       let [left, right] = [x, x];
-      while (left > 0 && this.ids[y * width + left - 1] === old) left--;
-      while (right < width - 1 && this.ids[y * width + right + 1] === old) right++;
-      this.ids.fill(label, y * width + left, y * width + right + 1);
+      while (left > 0 && fills(y * width + left - 1)) left--;
+      while (right < width - 1 && fills(y * width + right + 1)) right++;
+      plane.fill(value, y * width + left, y * width + right + 1);
       for (const next of [y - 1, y + 1]) {
         if (next < 0 || next >= height) continue;
         for (let at = left; at <= right; at++) {
-          const here = this.ids[next * width + at] === old;
-          if (here && (at === left || this.ids[next * width + at - 1] !== old)) waiting.push([at, next]);
+          const here = fills(next * width + at);
+          if (here && (at === left || !fills(next * width + at - 1))) waiting.push([at, next]);
         }
       }
       box[0] = Math.min(box[0], left);
@@ -228,19 +315,21 @@ export class PaintRoom {
       box[2] = Math.max(box[2], right + 1);
       box[3] = Math.max(box[3], y + 1);
     }
+    this.keepInside(box);
     this.drawPlan(...box);
     return box;
   }
 
-  /** Tell the server the ids of a box; `going`: the stroke goes on, and the whole of it will be one step. */
+  /** Tell the server a box of the painted layer; `going`: the stroke goes on, and the whole of it will be one step. */
   send([left, top, right, bottom], going = false) {
     const [width, height] = [right - left, bottom - top];
     if (width <= 0 || height <= 0) return;
+    const { layer } = this.shell.state.paint;
     const bytes = new Uint8Array(width * height);
     for (let y = 0; y < height; y++)
-      bytes.set(this.ids.subarray((top + y) * this.size[0] + left, (top + y) * this.size[0] + right), y * width);
+      bytes.set(this.layers[layer].subarray((top + y) * this.size[0] + left, (top + y) * this.size[0] + right), y * width);
     this.working = true;
-    this.ask({ do: "stroke", left, top, width, height, going }, bytes);
+    this.ask({ do: "stroke", layer, left, top, width, height, going }, bytes);
   }
 
   // --- keys ---

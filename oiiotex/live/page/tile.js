@@ -204,7 +204,12 @@ export class TileRoom {
   hear(message) {
     if (message.do !== "measures") return;
     const shown = message.lines.filter(([level]) => level !== "debug");
-    this.measures.replaceChildren(...shown.map(([level, text]) => make("p", { className: level, textContent: text })));
+    const rows = shown.map(([, text]) => measured(text));
+    const cells = (tag, texts) => texts.map((text) => make(tag, { textContent: text }));
+    const table = make("table", {}, make("tr", {}, ...cells("th", ["", "Photo", "Tile"])),
+      ...rows.filter((row) => row).map(({ name, photo, tile, title }) => make("tr", { title }, ...cells("td", [name, photo, tile]))));
+    const others = shown.filter((_, n) => !rows[n]).map(([level, text]) => make("p", { className: level, textContent: text }));
+    this.measures.replaceChildren(table, ...others);
   }
 
   busy(message) {
@@ -439,4 +444,12 @@ export class TileRoom {
   keyUp(key) {
     if (key === " ") this.photoView.space = this.tileView.space = false;
   }
+}
+
+/** A line of -v, "NAME PHOTO -> TILE UNIT (what it is)" or "NAME TILE UNIT (what it is)", as a row; else null. */
+function measured(text) {
+  const found = /^([a-z][a-z -]*?) (-?[\d.]+)(?: -> (-?[\d.]+))?( %)?.*\(/.exec(text);
+  if (!found) return null;
+  const [, name, first, second, unit = ""] = found;
+  return { name, photo: second === undefined ? "" : first + unit, tile: (second ?? first) + unit, title: text };
 }

@@ -155,8 +155,12 @@ export function drawBrush(context, viewer, diameter) {
   context.stroke();
 }
 
-/** Set the pixels of a line's discs in a Uint8 plane; nothing is antialiased, because values are ids. Returns a box. */
-export function stroke(plane, width, height, from, to, diameter, value) {
+/**
+ * Set the pixels of a line's discs in a Uint8 plane; nothing is antialiased, because values are ids. Returns a box.
+ *
+ * `allowed` says of an index whether it may be set.
+ */
+export function stroke(plane, width, height, from, to, diameter, value, allowed = () => true) {
   const radius = Math.max(0.5, diameter / 2);
   const left = Math.max(0, Math.floor(Math.min(from[0], to[0]) - radius));
   const right = Math.min(width, Math.ceil(Math.max(from[0], to[0]) + radius) + 1);
@@ -169,7 +173,7 @@ export function stroke(plane, width, height, from, to, diameter, value) {
       const [px, py] = [x + 0.5 - from[0], y + 0.5 - from[1]];
       const t = length ? Math.min(1, Math.max(0, (px * dx + py * dy) / length)) : 0;
       const [ex, ey] = [px - t * dx, py - t * dy];
-      if (ex * ex + ey * ey <= radius * radius) plane[y * width + x] = value;
+      if (ex * ex + ey * ey <= radius * radius && allowed(y * width + x)) plane[y * width + x] = value;
     }
   }
   return [left, top, right, bottom];

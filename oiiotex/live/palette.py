@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What can be painted with: labels of a photo and, inside each, those of its next finer map (LSA16 figures 13, 14)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..color.config import as_float
+from ..core.demand import PieceCache
+from ..core.image import Image, channels_of
+from ..deferred import np
+from ..errors import ImageError
+from ..io.documents import read_document
+from ..io.reading import read
+from ..labels.legend import code_of
+from ..quilting.guide_map import Meaning, Strays
+from ..service.client import BRUSH, Client
+from .document import LEAST_PAINTED, MOST_PAINTED
+from .hub import Hub, labels_of
+from .painting import write_indexed
+
+_SWATCH = 48  # px
+_LEAST_LABELS, _MOST_LABELS, _MOST_WITHIN = 4, 24, 6
+
+_SOFT = 0.2  # as --texpaint's
+_LEGEND = "oiiotex:legend"
+COARSE, FINE = LAYERS = "coarse", "fine"
+
+Layers = dict[str, "np.ndarray"]  # by name: (height, width) uint8, numbers of a palette's labels
+
+
+class Palette:
+    """Numbers of labels in a painting's two layers, 8 bits each: the page's, and those of indexed PNGs.
+
+    Coarse ones are the labels' ids. Of the finer map, which may have thousands, those are numbered that have a swatch;
+    0 is none: there the coarse label stays as it is.
+
+    Parameters
+    ----------
+    table : dict
+        As --texpalette writes it.
+    picture : (height, width, channels) float32
+        Its swatches.
+    """
+
+    def __init__(self, table: Mapping[str, Any], picture: np.ndarray):
+        self.picture, self.labels = picture, table["labels"]
+        shown = (entry for entry in table["finer"] if "box" in entry)
+        self.finer = [entry | {"number": number} for number, entry in enumerate(shown, 1)]
+        self._entries = {
+            COARSE: {entry["id"]: entry for entry in self.labels},
+            FINE: {entry["number"]: entry for entry in self.finer},
+        }
+        self._parents = np.zeros(256, np.uint8)
+        for entry in self.finer:
+            self._parents[entry["number"]] = entry["parent"]
+
+    def allows(self, layer: str, numbers: np.ndarray) -> bool:
+        """Whether all are labels of that layer."""
+        allowed = self._entries[layer].keys() | ({0} if layer == FINE else set())
+        return allowed.issuperset(np.flatnonzero(np.bincount(numbers.ravel())).tolist())
+
+    def keep_inside(self, layers: Layers, place: tuple[slice, slice]) -> None:
+        """Take away what lies in a place of the fine layer on another label than the one that it is part of."""
+        fine = layers[FINE][place]
+        fine[self._parents[fine] != layers[COARSE][place]] = 0
+
+    def read_layers(self, files: Mapping[str, Path], cache: PieceCache) -> Layers:
+        """A painting's layers, from files of which the fine one may not be there.
+
+        Raises
+        ------
+        ImageError
+            It is too small, too large, of two sizes, or not of this photo's labels.
+        """
+        layers: Layers = {}
+        for layer, path in files.items():
+            if layer == FINE and (path.is_symlink() or not path.exists()):
+                layers[FINE] = np.zeros_like(layers[COARSE])
+                continue
+            image = read(path, cache)
+            size = image.first.spec.width, image.first.spec.height
+            if not all(LEAST_PAINTED <= n <= MOST_PAINTED for n in size):
+                allowed = f"a painting has {LEAST_PAINTED} to {MOST_PAINTED} px a side"
+                raise ImageError(f"{path} is of {size[0]}x{size[1]}: {allowed}")
+            layers[layer] = self.read(layer, image)
+        if layers[COARSE].shape != layers[FINE].shape:
+            raise ImageError(f"{files[FINE]} is of another size than {files[COARSE]}")
+        self.keep_inside(layers, (slice(None), slice(None)))
+        return layers
+
+    def read(self, layer: str, image: Image) -> np.ndarray:
+        """Numbers of a painting: ids of labels, or their colours; those of soft brushes are taken for the nearest.
+
+        Raises
+        ------
+        ImageError
+            It has what is no label of the palette, or is a painting of another one.
+        """
+        part = image.first
+        self._require_same_labels(layer, image)
+        channels = channels_of(part.spec)
+        meaning = self._meaning(layer, len(channels.colour) > 1)
+        pixels = part.pixels()
+        codes = meaning.codes_of(pixels, channels)
+        if layer == FINE and channels.alpha is not None:
+            codes[as_float(pixels[..., channels.alpha]) < 0.5] = 0
+        place, stray = meaning.find(codes)
+        if stray.any():
+            strays = Strays()
+            strays.add(codes, stray, np.arange(codes.shape[1]), np.arange(codes.shape[0]))
+            raise ImageError(f"{image.source} has {meaning.strays(strays, 'px')}: paint with those of the palette")
+        return meaning.keys[place, 0].astype(np.uint8)
+
+    def _meaning(self, layer: str, colours: bool) -> Meaning:
+        """Of a layer's colours, or ids."""
+        entries = self._entries[layer].items()
+        numbers = {code_of(e["colour"]) if colours else e["id"]: number for number, e in entries}
+        numbers |= {0: 0} if layer == FINE else {}
+        codes = sorted(numbers)
+        keys = np.array([[numbers[code]] * 2 for code in codes], np.int64)
+        return Meaning(np.array(codes, np.int64), keys, np.ones(len(codes), bool), colours, _SOFT)
+
+    def _require_same_labels(self, layer: str, image: Image) -> None:
+        """By the legend of `write`, where there is one."""
+        text = image.first.spec.get_string_attribute(_LEGEND)
+        if not text:
+            return
+        try:
+            named = {entry["colour"]: entry["name"] for entry in json.loads(text).values()}
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            raise ImageError(f"{image.source}: its legend cannot be read") from error
+        for entry in self._entries[layer].values():
+            name = named.get(entry["colour"], entry["name"])
+            if name != entry["name"]:
+                raise ImageError(f"{image.source} is painted with {name}, this palette has {entry['name']} instead")
+
+    def write(self, layer: str, path: Path, numbers: np.ndarray) -> None:
+        """Write a layer as an indexed PNG with its legend: colours are those of the table, so that --texpaint reads it.
+
+        Raises
+        ------
+        ImageError
+            The file cannot be written.
+        """
+        entries = self._entries[layer]
+        colours = {number: tuple(map(int, entry["colour"].split(","))) for number, entry in entries.items()}
+        legend = {str(number): {"name": e["name"], "colour": e["colour"]} for number, e in entries.items()}
+        write_indexed(path, numbers, colours, legend)
+
+
+async def palette_of(hub: Hub, table: Path) -> Palette:
+    """Of the hub's photo, by --texlabel and --texpalette, whose table is written."""
+    made, client = await hub.made("label"), await hub.client()
+    values = {
+        "level": await _level(client, made),
+        "side": _SWATCH,
+        "rows": _MOST_LABELS,
+        "children": _MOST_WITHIN,
+        "json": os.path.abspath(table),
+    }
+    advance = hub.advancing("Making swatches of the labels")
+    request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)
+    _, (picture,) = await asyncio.wrap_future(request)
+    return Palette(read_document(table), as_float(picture))
+
+
+async def _level(client: Client, made: dict[str, Any]) -> int:
+    """The coarsest level that has some labels to paint with."""
+    counts = {}
+    for name in reversed(labels_of(made)):
+        _, (ids,) = await asyncio.wrap_future(client.read(made["number"], part=name, priority=BRUSH))
+        level = int(name.removeprefix("label."))
+        counts[level] = np.count_nonzero(np.bincount(ids.ravel())[1:])
+        if counts[level] >= _LEAST_LABELS:
+            return level
+    return max(counts, key=lambda level: counts[level])

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A painting's layers and its steps on disk: what is kept, and within which box two steps may differ."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import filters
+from oiiotex.core.demand import PieceCache
+from oiiotex.errors import ImageError
+from oiiotex.io.reading import read
+from oiiotex.live.painting import Steps, fine_of, paintings_in
+from oiiotex.live.palette import COARSE, FINE, Palette
+from tests import test_painting
+from tests.conftest import save
+from tests.test_labelgrowth import ids_buffer
+
+CACHE = PieceCache(1 << 24)
+TABLE = {
+    "labels": [{"id": 7, "name": "moss", "colour": "0,204,255"}, {"id": 2, "name": "stone", "colour": "230,26,0"}],
+    "finer": [
+        {"id": 300, "name": "label.1/300", "colour": "0,204,255", "parent": 7, "box": [0, 0, 8, 8]},
+        {"id": 301, "name": "label.1/301", "colour": "9,9,9", "parent": 7},  # it has no swatch
+        {"id": 5, "name": "label.1/5", "colour": "77,77,128", "parent": 2, "box": [8, 0, 8, 8]},
+    ],
+}
+
+
+@pytest.fixture
+def palette() -> Palette:
+    return Palette(TABLE, np.zeros((8, 16, 3), np.float32))
+
+
+def layers() -> dict[str, np.ndarray]:
+    coarse = np.full((64, 96), 7, np.uint8)
+    coarse[:, 4:] = 2
+    return {COARSE: coarse, FINE: np.zeros_like(coarse)}
+
+
+def test_finer_labels_are_numbered_where_they_have_a_swatch_and_stay_inside_their_own(palette):
+    assert [(one["number"], one["id"]) for one in palette.finer] == [(1, 300), (2, 5)]
+    assert palette.allows(FINE, np.array([[0, 1, 2]])) and not palette.allows(FINE, np.array([[3]]))
+    assert palette.allows(COARSE, np.array([[2, 7]])) and not palette.allows(COARSE, np.array([[0]]))
+    painting = layers()
+    painting[FINE][2:4], painting[FINE][6] = 1, 2
+    palette.keep_inside(painting, (slice(0, 7), slice(0, 96)))
+    wanted = np.zeros((64, 96), np.uint8)
+    wanted[2:4, :4], wanted[6, 4:] = 1, 2
+    np.testing.assert_array_equal(painting[FINE], wanted)
+
+
+def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
+    painting = layers()
+    painting[FINE][1, :4], painting[FINE][3, 4:] = 1, 2
+    files = {layer: tmp_path / f"{layer}.png" for layer in painting}
+    for layer, plane in painting.items():
+        palette.write(layer, files[layer], plane)
+    np.testing.assert_equal(palette.read_layers(files, CACHE), painting)
+    legend = json.loads(oiio.ImageBuf(str(files[FINE])).spec()["oiiotex:legend"])
+    assert legend == {
+        "1": {"name": "label.1/300", "colour": "0,204,255"}, "2": {"name": "label.1/5", "colour": "77,77,128"},
+    }  # fmt: skip
+
+
+def test_paintings_from_elsewhere_are_ids_or_colours(palette, tmp_path):
+    painting = layers()
+    painting[FINE][1, :4] = 1
+    ids = save(painting[COARSE][..., None], tmp_path / "ids.exr", "float")
+    finer = np.where(painting[FINE] > 0, 300, 0)[..., None]
+    assert fine_of(ids) == save(finer, tmp_path / "ids.fine.exr", "uint32")
+    np.testing.assert_equal(palette.read_layers({COARSE: ids, FINE: fine_of(ids)}, CACHE), painting)
+    colours = np.where(painting[COARSE][..., None] == 7, (0, 204, 255), (230, 26, 0)) / 255
+    colours[0, 0] += 0.02  # a soft brush
+    soft = save(colours, tmp_path / "soft.tif", "uint16")
+    found = palette.read_layers({COARSE: soft, FINE: fine_of(soft)}, CACHE)
+    np.testing.assert_equal(found, {COARSE: painting[COARSE], FINE: np.zeros_like(painting[FINE])})
+
+
+@pytest.mark.parametrize(
+    ("pixels", "legend", "said"),
+    [
+        (np.full((64, 64, 1), 3), "", "ids that mean no label: 3 (4096 px, the first at 0,0)"),
+        (np.full((64, 64, 3), 0.5), "", "colours that mean no label"),
+        (np.full((64, 32, 1), 7), "", "is of 32x64: a painting has 64 to 4096 px a side"),
+        (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
+        (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "colour": "0,204,255"}}', "with leaf, this palette has moss"),
+        (np.full((64, 64, 1), 7), "[" * 5000, "its legend cannot be read"),
+    ],
+    ids=("ids", "colours", "small", "large", "legend", "deep"),
+)
+def test_what_is_no_painting_of_this_photo_is_refused_in_words(palette, tmp_path, pixels, legend, said):
+    path = save(pixels, tmp_path / "other.tif", "float")
+    image = read(path, CACHE)
+    if legend:
+        image.first.spec.attribute("oiiotex:legend", legend)
+        with pytest.raises(ImageError, match=re.escape(said)):
+            palette.read(COARSE, image)
+        return
+    with pytest.raises(ImageError, match=re.escape(said)):
+        palette.read_layers({COARSE: path, FINE: fine_of(path)}, CACHE)
+
+
+def test_pictures_beside_are_offered_and_links_are_not(tmp_path):
+    for name in ("b.png", "a.EXR", "a.fine.exr", "notes.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "link.png").symlink_to("/etc/passwd")
+    assert list(paintings_in([tmp_path, tmp_path, tmp_path / "none"])) == [f"{tmp_path}/a.EXR", f"{tmp_path}/b.png"]
+
+
+def plan(path: Path, coarse: np.ndarray, fine: np.ndarray | None = None, side: int = 640) -> None:
+    """A step's plan, of patches of 32 px every 24 that show nothing but where they lie."""
+    arrays = {}
+    for prefix, offsets in (("", coarse), ("fine_", fine)):
+        if offsets is not None:
+            cuts = np.zeros((*offsets.shape, 32), np.uint8)
+            arrays |= {f"{prefix}facts": np.array([1, side, side, 32, 8, 0, 0, 99, 99]), f"{prefix}offsets": offsets}
+            arrays |= {f"{prefix}vertical": cuts, f"{prefix}horizontal": cuts}
+    np.savez(path, **arrays)
+
+
+def test_two_steps_differ_within_a_box_of_what_is_painted_anew(tmp_path):
+    steps, nothing = Steps(tmp_path), np.zeros((640, 640), np.uint8)
+    cells = np.zeros((27, 27), np.uint32)
+    other = cells.copy()
+    other[4, 5:7] = 1
+    plan(steps.plan(0), cells)
+    plan(steps.plan(1), other)
+    budget = 1 << 26
+    assert steps.changed(0, 1, (nothing, nothing), budget) == (5 * 24 - 32, 4 * 24 - 32, 7 * 24 + 32, 5 * 24 + 32)
+    assert steps.changed(0, 0, (nothing, nothing), budget).empty
+    # the first of a fine layer: the tiles of 128 px around it that a cut within 32 px of it may change
+    fine = nothing.copy()
+    fine[300:330, 400:420] = 1
+    plan(steps.plan(2), cells, cells)
+    assert steps.changed(0, 2, (nothing, fine), budget) == (256, 256, 512, 384)
+    # another patch of the fine layer shows where that is painted, and nowhere else
+    far, near = cells.copy(), cells.copy()
+    far[2, 2], near[13, 17] = 1, 1
+    plan(steps.plan(3), cells, far)
+    assert steps.changed(2, 3, (fine, fine), budget).empty
+    plan(steps.plan(4), cells, near)
+    assert steps.changed(2, 4, (fine, fine), budget) == (256, 256, 512, 384)
+    plan(steps.plan(5), cells, side=320)
+    assert steps.changed(0, 5, (nothing, nothing), budget) is None
+
+
+def test_steps_that_are_joined_or_dropped_take_their_fine_layers_with_them(tmp_path):
+    steps = Steps(tmp_path / "photo.paint")
+    steps.begin()
+    for step, painted in enumerate((False, True, False, True)):
+        for path in (steps.picture(step), steps.plan(step), *([steps.fine(step)] if painted else [])):
+            path.write_text(str(step))
+    steps.join(0, 2)  # the looks at a stroke that took the fine layer away
+    assert [path.name for path in sorted(steps.folder.iterdir())] == [
+        "000000.npz", "000000.png", "000001.npz", "000001.png",
+    ]  # fmt: skip
+    assert steps.picture(1).read_text() == steps.plan(1).read_text() == "2"
+
+
+def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(tmp_path):
+    coarse = np.full((160, 200), 1)
+    coarse[:, 120:] = 2
+    fine = np.zeros_like(coarse)
+    fine[40:120, 30:110] = 2
+    steps, photo = Steps(tmp_path), test_painting.photo()
+
+    def painted(name: str, **more: object) -> np.ndarray:
+        path = tmp_path / name
+        filters.paint(photo, ids_buffer(coarse), fine=ids_buffer(fine), plan=path, **more)
+        return np.load(path)
+
+    shown = painted("000000.npz", patch=16)
+    before = steps.enlarged(0, 3, 1 << 26)
+    around, anew = (painted(f"{n}.npz", size=(600, 480), **more) for n, more in enumerate(({"before": before}, {})))
+    for layer in ("", "fine_"):
+        small = shown[f"{layer}offsets"]
+        assert (around[f"{layer}facts"][3:5] == shown[f"{layer}facts"][3:5]).all()  # patch and overlap
+        rows, columns = small.shape
+        corners = around[f"{layer}offsets"][::3, ::3][:rows, :columns]
+        same = corners == small
+        demanded = (around[f"{layer}keys"][::3, ::3][:rows, :columns] == shown[f"{layer}keys"]) & (
+            around[f"{layer}guide"][::3, ::3][:rows, :columns] == shown[f"{layer}guide"]
+        ).all((2, 3))
+        assert same[demanded].all() and demanded.mean() > 0.6
+    assert (anew["offsets"][::3, ::3][: len(small), : small.shape[1]] == shown["offsets"]).mean() < 0.1
+    steps.forget(0)
+    assert not before.exists()
