@@ -21,7 +21,8 @@ from oiiotex.core.image import Image, from_buffer, from_pixels
 from oiiotex.core.label_map import LabelMap
 from oiiotex.io.cryptomatte import cryptomatte_part, hashed, hashes
 from oiiotex.labels import affinity_graph, scales, stochastic_nmf
-from oiiotex.labels.features import KINDS, gabor_responses, moments
+from oiiotex.labels.features import KINDS, moments
+from oiiotex.labels.filter_bank import gabor_responses
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
 from oiiotex.session import Session
 from tests import pictures
