@@ -10,6 +10,7 @@ from itertools import product
 
 from oiiotex.exemplar.materials import _MOST_CHANNELS
 from oiiotex.filters.patch_synthesis import _PATCHES
+from oiiotex.labels.filter_bank import PLANES
 from oiiotex.projections.histograms import BINS, INVERSE
 from oiiotex.projections.pearson_table import KURTOSES, SCORES, SKEWNESSES
 from oiiotex.stationarity.steerable import RADIUS
@@ -19,6 +20,7 @@ TABLES = {"SKEWNESSES": [SKEWNESSES], "KURTOSES": [KURTOSES], "SCORES": [SCORES]
 # file in cl/: macro: the values that it may have
 OPTIONS: dict[str, dict[str, object]] = {
     "candidates": {"RUN": [1, 16]},
+    "filter_bank": {"PLANES": [PLANES]},
     "histograms": {"BINS": [BINS], "INVERSE": [INVERSE], "CHANNELS": CHANNELS},
     "moments": {"INVERSE": [INVERSE], **TABLES, "CHANNELS": CHANNELS},
     "multiscale": {"RUN": [1, 16]},

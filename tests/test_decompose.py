@@ -274,7 +274,7 @@ def test_one_texture_is_one():
 
 
 def test_a_threshold_of_one_leaves_all_apart_and_of_zero_none():
-    picture, _ = quarters(96)
+    picture, _ = quarters(128)
     assert ids_of(picture, threshold=0).max() == 1
     assert ids_of(picture, threshold=1).max() > 4 == ids_of(picture).max()
     assert ids_of(picture, group="cliques", threshold=1, assign="neighbours").max() > 20

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 import pytest
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
 from oiiotex import errors, filters
 from oiiotex.color.lab import lens_of
@@ -21,8 +21,10 @@ from oiiotex.core.image import Image, from_buffer, from_pixels
 from oiiotex.core.label_map import LabelMap
 from oiiotex.io.cryptomatte import cryptomatte_part, hashed, hashes
 from oiiotex.labels import affinity_graph, scales, stochastic_nmf
-from oiiotex.labels.features import KINDS, gabor_responses, moments
+from oiiotex.labels.features import KINDS, moments
+from oiiotex.labels.filter_bank import PLANES, blurred_layers, gabor_responses, nearest_centres
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
+from oiiotex.opencl.device import Device
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import oiiotex, save
@@ -45,6 +47,13 @@ def maps_of(
 ) -> LabelMaps:
     image, session = from_buffer(buffer(pixels, names)), Session()
     return label_maps(image, lens_of(image, session), session, features, LabelSettings(**settings))
+
+
+def on(device: Device) -> Session:
+    """A session with that device."""
+    session = Session()
+    session.resources.device = device
+    return session
 
 
 def pixel_labels(maps: LabelMaps, level: int) -> np.ndarray:
@@ -99,6 +108,26 @@ def test_gabor_responses_answer_to_their_own_wave_and_direction(angle):
     found = np.array([r[20:60, 20:60].mean() for r in gabor_responses(plane, (4.0, 8.0, 16.0), 4)])
     assert found.argmax() == 4 + angle
     assert np.sort(found)[-2] < 0.5 * found.max()
+
+
+@pytest.mark.parametrize("shape", [(2, 33, 47), (1, 3, 70), (3, 1, 1)])
+def test_layers_are_blurred_by_a_gaussian_and_mirrored_at_borders(any_lanes, shape):
+    layers = np.random.default_rng(1).normal(0, 30, shape).astype(np.float32)
+    blurred = blurred_layers(layers, 2.8, 2.5, on(any_lanes))
+    for layer, found in zip(layers.astype(np.float64), blurred, strict=True):
+        np.testing.assert_allclose(found, gaussian_filter(layer, 2.8, radius=7), atol=1e-4)
+
+
+def test_textons_are_the_nearest_centres_and_ties_go_to_the_first(any_lanes):
+    random = np.random.default_rng(2)
+    planes = random.integers(-2047, 2048, (PLANES, 501), dtype=np.int16)
+    centres = random.integers(-2047, 2048, (60, PLANES), dtype=np.int32)
+    centres[40], planes[:, 7] = centres[3], centres[3]
+    planes[:, 8], centres[59] = -2047, 2047  # as far apart as there is
+    apart = ((planes.T[:, None].astype(np.int64) - centres) ** 2).sum(-1)
+    textons = nearest_centres(planes, centres, on(any_lanes))
+    np.testing.assert_array_equal(textons, apart.argmin(1))
+    assert textons[7] == 3
 
 
 def test_nearest_are_exact_and_ties_go_to_the_lower_index():

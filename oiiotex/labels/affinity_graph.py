@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 import scipy.sparse.linalg
-from scipy.optimize import minimize_scalar
 from scipy.sparse.csgraph import connected_components
 
 NEIGHBOURS = 256  # of a node in the graph: LSA16 section 4.1
@@ -135,10 +134,13 @@ def _global_scale(relative: np.ndarray, shares: np.ndarray, diagonal: float) -> 
         similar = np.exp(-scaled) * shares
         return -float((scaled * similar).sum() / (diagonal + similar.sum()))
 
-    tried = np.arange(-6.0, _LARGEST_R, 0.5)
-    best = tried[int(np.argmin([slope(r) for r in tried]))]
-    optimum = minimize_scalar(slope, bounds=(best - 0.5, min(best + 0.5, _LARGEST_R)), method="bounded")
-    return float(optimum.x)
+    r = min(np.arange(-6.0, _LARGEST_R, 0.5).tolist(), key=slope)
+    for step in (0.5, 0.1, 0.02):  # the vertex of a parabola through three places
+        low, middle, high = slope(r - step), slope(r), slope(r + step)
+        bend = low - 2.0 * middle + high
+        if bend > 0:
+            r += float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0)) * step
+    return min(r, _LARGEST_R)
 
 
 class Walk:

@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..color.lab_reduced import LabPixels
-from ..labels.features import Texture, texture_of
+from ..labels.filter_bank import Texture, texture_of
 from ..session import Session
 from .clique_partition import joined_to, numbered, partition
 from .region_merging import blurred, fine_regions, merged

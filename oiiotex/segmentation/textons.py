@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..color.lab_reduced import LabPixels
-from ..labels.features import Texture, texton_map
+from ..labels.filter_bank import Texture, texton_map
 from ..session import Session
 
 UNIT = 4000  # steps of a root of a histogram: the product of two fits the 24 bits of a float32

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A bank of filters, and textons: clusters of what it says of pixels.
+
+Gaussians and textons are kernels (cl/filter_bank.cl). What the bank says is rounded to 1/64 of a deviation before
+textons are chosen: equal numbers have equal textons on every device.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from scipy.cluster.vq import kmeans2
+from scipy.spatial.distance import cdist
+
+from ..core.gaussian import gaussian_taps
+from ..opencl.buffers import Buffers
+from ..session import Session
+
+TEXTONS = 60
+WAVES = (4.0, 8.0, 16.0)  # px
+_PAD = 24  # px of mirror image around what is filtered
+PLANES = 24  # numbers that say how a pixel looks: 21 responses, three colours
+STEPS = 64  # of a deviation
+_TURNS = 6
+_FAR = 2047  # steps
+_SAMPLES = 8000  # pixels that the textons are learned from
+
+
+def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> list[np.ndarray]:
+    """|response| of Gabor filters of those wavelengths in px, in `turns` directions; plane (h, w) float32.
+
+    Each is a Gaussian in frequency around its wave (of deviation 0.45 wavelengths in space) on one half plane: its
+    inverse transform is complex, its modulus the local energy whatever the phase.
+    """
+    padded = np.pad(plane - plane.mean(), _PAD, mode="symmetric")
+    shape = [scipy.fft.next_fast_len(s) for s in padded.shape]
+    spectrum = scipy.fft.fft2(padded.astype(np.float32), shape)
+    v, u = (scipy.fft.fftfreq(s).astype(np.float32) for s in shape)
+    responses = []
+    for wave in waves:
+        spread = 2.0 * (math.pi * 0.45 * wave) ** 2
+        for turn in range(turns):
+            angle = math.pi * turn / turns
+            over_x = np.exp(-spread * (u - math.cos(angle) / wave) ** 2)
+            over_y = np.exp(-spread * (v - math.sin(angle) / wave) ** 2)
+            response = np.abs(scipy.fft.ifft2(spectrum * (over_y[:, None] * over_x)))
+            responses.append(response[_PAD : _PAD + plane.shape[0], _PAD : _PAD + plane.shape[1]])
+    return responses
+
+
+@dataclass(frozen=True)
+class Texture:
+    """How an image looks around every pixel: what textons are clusters of.
+
+    Attributes
+    ----------
+    seen : (h, w) bool
+        Where textons are learned.
+    responses : (21, h w) int16
+        Energies of 18 Gabor filters and three Laplacians of L, in units of their deviations, `STEPS` to one.
+    colours : (3, h w) float32
+        L, a and b, a little blurred, in units of their deviations.
+    """
+
+    seen: np.ndarray
+    responses: np.ndarray
+    colours: np.ndarray
+
+
+def texture_of(lab: np.ndarray, seen: np.ndarray, session: Session) -> Texture:
+    """The texture of (h, w, 3) float32 Lab, (h, w) bool of which counts."""
+    layers, known = np.ascontiguousarray(np.moveaxis(lab, -1, 0)), np.flatnonzero(seen.ravel())
+    light = layers[:1]
+    responses = np.empty((PLANES - 3, seen.size), np.int16)
+
+    def keep(first: int, looks: np.ndarray) -> None:
+        for n, look in enumerate(looks, first):
+            responses[n] = _whole(_standard(look.ravel(), known))
+
+    octaves = session.spread(lambda wave: np.stack(gabor_responses(layers[0], (wave,), _TURNS)), WAVES)
+    for n, (wave, energies) in enumerate(zip(WAVES, octaves, strict=True)):
+        keep(_TURNS * n, blurred_layers(energies, 0.35 * wave, 2.5, session))
+    for n, sigma in enumerate((1.4, 2.8, 5.6)):  # a difference of Gaussians is a Laplacian
+        wide, narrow = (blurred_layers(light, times * sigma, 3.0, session) for times in (1.6, 1.0))
+        keep(_TURNS * len(WAVES) + n, narrow - wide)
+    colours = blurred_layers(layers, 1.0, 4.0, session).reshape(3, -1)
+    return Texture(seen, responses, np.stack([_standard(colour, known) for colour in colours]))
+
+
+def blurred_layers(layers: np.ndarray, sigma: float, reach: float, session: Session) -> np.ndarray:
+    """(k, h, w) float32 by a Gaussian, on the device; what lies beyond a border is its mirror image.
+
+    Parameters
+    ----------
+    layers : (k, h, w) float32
+    sigma : float
+        px.
+    reach : float
+        Where the Gaussian ends, in sigmas.
+    session : Session
+    """
+    device, (count, height, width) = session.device, layers.shape
+    taps = gaussian_taps(sigma, reach)
+    radius = len(taps) // 2
+    looks = np.pad(layers, ((0, 0), (0, 0), (radius, radius)), "symmetric")
+    mirrored = np.pad(np.arange(height, dtype=np.int32), radius, "symmetric")
+    weights = device.upload(taps[radius:].astype(np.float32))
+    run = device.program("filter_bank", PLANES=PLANES)
+    layout = {"across": layers.nbytes, "down": layers.nbytes}
+    with Buffers(device, layout, session.budget, "the filter bank", tables={"looks": looks}) as buffers:
+        numbers = radius, width, count * height
+        run("across", (width, count * height), buffers["looks"], buffers["across"], weights, *numbers)
+        rows, numbers = device.upload(mirrored), (radius, width, height, count)
+        run("down", (width, height, count), buffers["across"], buffers["down"], weights, rows, *numbers)
+        return device.read(buffers["down"], layers.shape, np.float32)
+
+
+def texton_map(
+    texture: Texture, session: Session, most: int = TEXTONS, colour: float = math.sqrt(3.0), samples: int = _SAMPLES
+) -> np.ndarray:
+    """The texton of every pixel, (h, w) uint8, from 0 on.
+
+    Parameters
+    ----------
+    texture : Texture
+    session : Session
+    most : int
+        Textons, 256 at most.
+    colour : float
+        Weight of each of three colours against each of 21 responses.
+    samples : int
+        Pixels that textons are learned from, at most.
+    """
+    known = np.flatnonzero(texture.seen.ravel())
+    planes = np.concatenate([texture.responses, _whole(np.float32(colour) * texture.colours)])
+    if len(known) > samples:
+        known = known[np.random.default_rng(0).choice(len(known), samples, replace=False)]
+    centres = np.rint(_centres(planes[:, known].T / STEPS, most) * STEPS).astype(np.int32)
+    return nearest_centres(planes, centres, session).reshape(texture.seen.shape)
+
+
+def nearest_centres(planes: np.ndarray, centres: np.ndarray, session: Session) -> np.ndarray:
+    """The centre nearest to every pixel, the first of equal ones, (n,) uint8.
+
+    Parameters
+    ----------
+    planes : (24, n) int16
+    centres : (k, 24) int32
+        256 at most; both below 2048, so that a distance fits 32 bits.
+    session : Session
+    """
+    device, pixels = session.device, planes.shape[1]
+    tables = device.upload(2 * centres), device.upload((centres**2).sum(1, dtype=np.int32))
+    run = device.program("filter_bank", PLANES=PLANES)
+    with Buffers(device, {"nearest": pixels}, session.budget, "textons", tables={"planes": planes}) as buffers:
+        run("nearest", (pixels,), buffers["planes"], *tables, buffers["nearest"], pixels, len(centres))
+        return device.read(buffers["nearest"], (pixels,), np.uint8)
+
+
+def _standard(plane: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """The values in units of their deviation, in place; less than half a Lab unit is noise and not blown up."""
+    values = plane if len(seen) == plane.size else plane[seen]
+    mean, deviation = values.mean(dtype=np.float64), values.std(dtype=np.float64)
+    plane -= np.float32(mean)
+    plane *= np.float32(1.0 / max(deviation, 0.5))
+    return plane
+
+
+def _whole(values: np.ndarray) -> np.ndarray:
+    """In `STEPS`, int16; 32 deviations away is far enough."""
+    return np.rint(np.clip(values * np.float32(STEPS), -_FAR, _FAR)).astype(np.int16)
+
+
+def _spread_out(points: np.ndarray, count: int) -> np.ndarray:
+    """`count` of (n, d) points, (count, d): k-means++ (Arthur and Vassilvitskii 2007).
+
+    As kmeans2's own, to the bit; that measures the distances to all centres again for each.
+    """
+    random = np.random.default_rng(0)
+    chosen = [int(random.integers(len(points)))]
+    nearest = np.full(len(points), np.inf)
+    while len(chosen) < count:
+        np.minimum(nearest, cdist(points[chosen[-1:]], points, "sqeuclidean")[0], out=nearest)
+        shares = nearest / nearest.sum()
+        chosen.append(int(np.searchsorted(shares.cumsum(), random.uniform())))
+    return points[chosen]
+
+
+def _centres(sample: np.ndarray, most: int) -> np.ndarray:
+    """k-means over a sample (n, d), at most (most, d) float32."""
+    distinct = np.unique(np.rint(sample * 64.0) / 64.0, axis=0)
+    if len(distinct) <= most:
+        return distinct.astype(np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a centre that nobody is near stays where it was: no harm
+        points = sample.astype(np.float64)
+        centres, _ = kmeans2(points, _spread_out(points, most), 20, minit="matrix")
+    return centres[np.isfinite(centres).all(1)].astype(np.float32)
