@@ -19,8 +19,8 @@ import numpy as np
 from scipy.ndimage import convolve, gaussian_laplace, uniform_filter
 
 BINS = 11
-WINDOW = 41  # px, side of the square that a histogram is of
-RESIDUAL = 0.13  # omega: of the features' energy that the subspace may leave out, as a root
+WINDOW, WINDOW_TOLD = 41, 57  # px, side of the square that a histogram is of; where the number is told
+RESIDUAL = 0.18  # omega: of the features' energy that the subspace may leave out, as a root
 MOST = 16  # textures
 _LOG = (1.2, 2.4)  # px, sigma
 _GABOR = (2.5, 6)  # px, sigma; orientations
