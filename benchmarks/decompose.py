@@ -5,13 +5,12 @@ python -m benchmarks.decompose [--mosaics 20] [--label] [--groups mosaics,judge,
 
 Settings: the default, and with the number told; clique partitioning, and without shifts; the paper's features and
 assignment with and without shifts. The default was set on the half "tune" of benchmarks.mosaics; "judge" was not looked
-at before. k-means (on the
-histograms of the samples) and normalised cuts (on their similarities, CZF02 figure 5d) stand where clique partitioning
-does; they are told the true number of subtextures, which it is not; factorization
-(benchmarks/factorization.py) is a peer by itself, and is run with and without the number. `border`: of the pixels within 8 px of a true
-border, the share that is not of the true texture its subtexture mostly covers. `correct`: of the true textures, those
-that share three quarters of their pixels with one label, and it with them (CS of the Prague benchmark of texture
-segmentation). `accuracy`: of pixels, when every texture has the label of the best assignment of one to one.
+at before. k-means (on the histograms of the samples) and normalised cuts (on their similarities, CZF02 figure 5d) stand
+where clique partitioning does; they are told the true number of subtextures, which it is not. Factorization
+(benchmarks/factorization.py) is a peer by itself, run without the number and with it. `border`: of the pixels within
+8 px of a true border, the share that is not of the true texture its subtexture mostly covers. `correct`: of the true
+textures, those that share three quarters of their pixels with one label, and it with them (CS of the Prague benchmark
+of texture segmentation). `accuracy`: of pixels, when every texture has the label of the best assignment of one to one.
 """
 
 from __future__ import annotations
