@@ -133,11 +133,8 @@ def main() -> None:
         program = str(Path(__file__).with_name("lite0.py"))
         done = subprocess.run([python, program, str(arguments.folder)], check=True, stdout=subprocess.PIPE, text=True)
         judged = json.loads(done.stdout)
-    print(
-        "| | photos | stationarity | texture | sharpness | features: unlike | uneven | repeated |",
-        "|---" * 8 + "|",
-        sep="\n",
-    )
+    names = ["photos", "stationarity", "texture", "sharpness", *(["unlike", "uneven", "repeated"] if judged else [])]
+    print("| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|", sep="\n")
     for way, found in rows.items():
         stems = [f"{name}--{way}" for name in PHOTOS[: arguments.photos]]
         seen = [judged[stem] for stem in stems if stem in judged]
