@@ -7,7 +7,7 @@ the seventh power, times luminance as far as `CONTRAST` goes. `by_histogram` is 
 High-Performance By-Example Noise using a Histogram-Preserving Blending Operator, HPG 2018): values are made Gaussian,
 blended so that the variance holds, and brought back; per principal component of the colours (Deliot, Heitz 2019).
 Written from these texts. A photo that does not tile shows its seam within a piece, as it does in a renderer; with
-`inside` pieces keep away from it.
+`inside` pieces keep away from it. Turns, scales and moves are drawn apart, where the node takes two numbers for all.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def _pieces(photo: np.ndarray, side: int, seed: int, turned: bool, inside: bool)
         centre_x = u / GRID + v / 2 / GRID
         dx, dy = x - centre_x, y - centre_y
         if turned:
-            angle, scale = 2 * np.pi * lot[..., 2], SCALES[0] * (SCALES[1] / SCALES[0]) ** lot[..., 3]
+            angle, scale = 2 * np.pi * lot[..., 2], SCALES[0] + (SCALES[1] - SCALES[0]) * lot[..., 3]
             cos, sin = np.cos(angle) / scale, np.sin(angle) / scale
             dx, dy = cos * dx - sin * dy, sin * dx + cos * dy
         reach = 1 / GRID + 1 / n  # of a piece from its centre
