@@ -5,12 +5,12 @@ python -m benchmarks.decompose [--mosaics 20] [--label] [--groups mosaics,judge,
 
 Settings: the default, and with the number told; clique partitioning, and without shifts; the paper's features and
 assignment with and without shifts. The default was set on the half "tune" of benchmarks.mosaics; "judge" was not looked
-at before. k-means (on the
-histograms of the samples) and normalised cuts (on their similarities, CZF02 figure 5d) stand where clique partitioning
-does; they are told the true number of subtextures, which it is not. `border`: of the pixels within 8 px of a true
-border, the share that is not of the true texture its subtexture mostly covers. `correct`: of the true textures, those
-that share three quarters of their pixels with one label, and it with them (CS of the Prague benchmark of texture
-segmentation). `accuracy`: of pixels, when every texture has the label of the best assignment of one to one.
+at before. k-means (on the histograms of the samples) and normalised cuts (on their similarities, CZF02 figure 5d) stand
+where clique partitioning does; they are told the true number of subtextures, which it is not. Factorization
+(benchmarks/factorization.py) is a peer by itself, run without the number and with it. `border`: of the pixels within
+8 px of a true border, the share that is not of the true texture its subtexture mostly covers. `correct`: of the true
+textures, those that share three quarters of their pixels with one label, and it with them (CS of the Prague benchmark
+of texture segmentation). `accuracy`: of pixels, when every texture has the label of the best assignment of one to one.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from scipy.optimize import linear_sum_assignment
 from sklearn.cluster import KMeans, SpectralClustering
 from sklearn.metrics.cluster import contingency_matrix
 
+from benchmarks import factorization
 from benchmarks.labels import Case, cases, score
 from benchmarks.mosaics import KINDS, suite
 from oiiotex.filters.decompose import CLIQUES_THRESHOLD, Decompose
@@ -107,6 +108,16 @@ def by_label(case: Case) -> list[np.ndarray]:
     return [p.pixels()[..., 0] for p in made.parts if p.name.startswith("label.")]
 
 
+def by_factorization(case: Case, told: bool) -> list[np.ndarray]:
+    """Yuan, Wang and Cheriyadat 2015, the number of textures found or told."""
+    found = case.image.first.pixels()[..., :3]
+    rgb = found.astype(np.float64) / (np.iinfo(found.dtype).max if found.dtype.kind == "u" else 1)
+    if not told:
+        return [factorization.segmented(rgb)]
+    count = len(np.unique(case.truth[case.truth > 0]))
+    return [factorization.segmented(rgb, count, factorization.WINDOW_TOLD)]
+
+
 def main() -> None:
     """Measure and print tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -142,6 +153,8 @@ def main() -> None:
                 0
             ].image.first.pixels()[..., 0]
         ]
+        ways["factorization"] = lambda case: by_factorization(case, told=False)
+        ways["factorization, count told"] = lambda case: by_factorization(case, told=True)
         if arguments.label:
             ways["--texlabel, best level"] = by_label
         for name, way in ways.items():

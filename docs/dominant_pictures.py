@@ -15,6 +15,7 @@ from benchmarks.dominant import TWELVE, composite, seen_as
 from docs.demo import save
 from docs.layout import beside, halved, pixels, shrunk, small, stacked, test_photo, write_jpeg
 from oiiotex import filters
+from oiiotex.charts.dominant_chart import COLOURS, Panel
 from oiiotex.dominant.diffusion import dominant_texture
 from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
@@ -109,7 +110,31 @@ def clean_quilt(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None
     write_jpeg(halved(beside(pixels(photo), left, *(pixels(q) for q in quilts))), "dominant_quilt.jpg")
 
 
+def texel_points(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None:
+    """LDR09 figure 4 (c): texels on their first three components, by density; and by type."""
+    photo = test_photo(name)
+    if photo is None:
+        return
+    session = Session()
+    found = dominant_texture(seen_as(pixels(shrunk(photo, side)) / 255.0, session), session)
+    density = np.log(np.maximum(found.density, 1e-9))
+    order = np.argsort(density)  # the dense ones above
+    share = np.linspace(0, 1, len(order))[:, None]
+    colours = np.empty((len(order), 3))
+    colours[order] = np.clip(1.5 - np.abs(4 * share - [3.0, 2.0, 1.0]), 0, 1)  # blue, green, red
+    of_type = np.array(COLOURS)[found.types]
+    panels = []
+    for across, up, shown in ((0, 1, colours), (2, 1, colours), (0, 1, of_type)):
+        panel = Panel(found.texels.values[:, across], found.texels.values[:, up])
+        panel.texts.append((f"component {up + 1} over {across + 1}", 44, 16))
+        row, column = panel.place(found.texels.values[:, across], found.texels.values[:, up])
+        panel.pixels[row[order], column[order]] = shown[order]
+        panels.append(np.rint(255 * panel.drawn()).astype(np.uint8))
+    write_jpeg(beside(*panels), "dominant_texels.jpg")
+
+
 if __name__ == "__main__":
+    texel_points()
     dominant_columns()
     dominant_failures()
     clean_quilt()

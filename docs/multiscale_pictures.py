@@ -13,10 +13,15 @@ import OpenImageIO as oiio
 
 from docs.layout import beside, pixels, stacked, write_jpeg
 from oiiotex import filters
+from oiiotex.charts.drawing import Sheet
+from oiiotex.multiscale.graph import Edge, Graph
+from oiiotex.multiscale.superexemplar import Levels, unrolled
 from oiiotex.session import Session
 
 DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data"))
 FRAMES = (1, 21, 41, 61, 81)
+DEPTHS, LEVELS = 9, 7  # red edges that are drawn; L of HRRG08 figure 4, exemplars of 128 px
+WIDE, HIGH = 84, 22  # px between vertices
 
 
 def zooms() -> None:
@@ -56,6 +61,47 @@ def graphs() -> None:
     write_jpeg(stacked(fitted), "graph.jpg")
 
 
+def superexemplars() -> None:
+    """HRRG08 figure 4 (c): the tree of its graph by the letter, below as it is here when nothing is said."""
+    names = ("0", "1", "2")
+    edges = (Edge(0, 1, 2), Edge(0, 2, 3), Edge(2, 2, 3))
+    graph = Graph(names, tuple(map(Path, names)), 0, edges, (1.0,) * 3, (None,) * 3)
+    trees = [unrolled_picture(unrolled(graph, LEVELS, literal=literal)) for literal in (True, False)]
+    write_jpeg(stacked(trees), "superexemplar.jpg")
+
+
+def unrolled_picture(levels: Levels) -> np.ndarray:
+    """Columns are red depths; a vertex is `exemplar, level`. Red refines, black may replace. (h, w, 3) uint8."""
+    columns = [_replaced(levels, [0])]
+    for _ in range(DEPTHS):
+        columns.append(_replaced(levels, [levels.finer[n] for n in columns[-1] if levels.finer[n] != n]))
+    sheet = Sheet(WIDE * len(columns) + 40, HIGH * (2 + max(map(len, columns))))
+    places = [{n: (30 + WIDE * t, HIGH * (2 + row)) for row, n in enumerate(c)} for t, c in enumerate(columns)]
+    for t, column in enumerate(columns):
+        sheet.text(f"t = {t}", 18 + WIDE * t, HIGH - 4)
+        for n in column:
+            x, y = places[t][n]
+            if t < DEPTHS and levels.finer[n] != n:  # else its stack ends
+                to_x, to_y = places[t + 1][levels.finer[n]]
+                sheet.line(x + 16, y, to_x - 18, to_y, (0.85, 0.1, 0.1))
+            for bend, (to, _) in enumerate(levels.admissible[n]):
+                if to != n:
+                    bow, to_y = x - 20 - 4 * bend, places[t][to][1]
+                    for points in ((x - 14, y, bow, y), (bow, y, bow, to_y), (bow, to_y, x - 14, to_y)):
+                        sheet.line(*points, (0.0, 0.0, 0.0))
+            sheet.text("{},{}".format(*levels.stacks[n]), x - 12, y + 5)
+    return np.rint(255 * sheet.image()).astype(np.uint8)
+
+
+def _replaced(levels: Levels, numbers: list[int]) -> list[int]:
+    """These levels and all that black edges lead to, by exemplar and level."""
+    reached = list(dict.fromkeys(numbers))
+    for n in reached:
+        reached += [to for to, _ in levels.admissible[n] if to not in reached]
+    return sorted(reached, key=levels.stacks.__getitem__)
+
+
 if __name__ == "__main__":
+    superexemplars()
     zooms()
     graphs()

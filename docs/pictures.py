@@ -163,6 +163,31 @@ def moved_borders(sigma: float = 94.0, side: int = 340) -> None:
     write_jpeg(beside(*panes), "superpixel_moves.jpg")
 
 
+def mean_colours(counts: tuple[int, ...] = (400, 100, 40), side: int = 240) -> None:
+    """LSA16 figure 2: superpixels in their mean colours, of the hierarchy, of SLIC, of SLIC of a blurred photo."""
+    photo = test_photo("stone_breccia.jpg")
+    if photo is None:
+        return
+    photo = shrunk(photo, 512)
+    spec, seen = photo.spec(), pixels(photo)
+    ways: list[list[np.ndarray]] = [[], [], []]
+    for count in counts:
+        sigma = (spec.width * spec.height / count) ** 0.5
+        blurred = photo.copy()
+        blurred.set_pixels(blurred.roi, ndimage.gaussian_filter(seen, (sigma / 4, sigma / 4, 0)))
+        made = filters.superpixel(photo, count=count), *(filters.superpixel(p, finest=sigma) for p in (photo, blurred))
+        for row, ids in zip(ways, made, strict=True):
+            row.append(small(averaged(seen, ids.get_pixels(oiio.UINT32)[..., 0]), side))
+    write_jpeg(stacked([beside(small(seen, side), *row) for row in ways]), "superpixel_means.jpg")
+
+
+def averaged(picture: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Each region's mean colour; (h, w, 3) uint8."""
+    areas = np.maximum(np.bincount(ids.ravel()), 1)
+    means = [np.bincount(ids.ravel(), picture[..., c].ravel()) / areas for c in range(3)]
+    return np.rint(np.stack(means, -1)[ids]).astype(np.uint8)
+
+
 def borders(ids: np.ndarray) -> np.ndarray:
     """Pixels whose left or upper neighbour has another id."""
     edge = np.zeros(ids.shape, bool)
@@ -256,4 +281,5 @@ if __name__ == "__main__":
     composites()
     layered_textures()
     moved_borders()
+    mean_colours()
     contact_sheets()

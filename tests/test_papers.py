@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""docs/papers.md leaves no figure of a paper out, and what it says to run is there."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from oiiotex.cli.language import LANGUAGE
+from oiiotex.cli.parse import parse, split_modifiers
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "papers.md").read_text()
+CONTENTS = {  # counted in the papers: figures, tables, algorithms
+    "LSA16": (15, 2, 2),
+    "MJH17": (13, 0, 1),
+    "LDR09": (8, 1, 0),
+    "CZF02": (8, 2, 0),
+    "HRRG08": (10, 0, 0),
+}
+
+
+def rows_of(paper: str) -> dict[str, list[str]]:
+    """What stands in the first cell of a paper's rows, and the further cells."""
+    section = re.split(r"^## ", PAGE, flags=re.MULTILINE)
+    (text,) = (part for part in section if part.startswith(paper))
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+    names = [row[0] for row in cells[1:]]
+    assert len(set(names)) == len(names)
+    return {row[0]: row[1:] for row in cells[1:]}
+
+
+def commands() -> list[str]:
+    """All that is to be run, as it stands in the cells."""
+    return re.findall(
+        r"`((?:oiiotex|python -m) [^`]+)`", PAGE.replace("`python -m docs...` and `python -m benchmarks...`", "")
+    )
+
+
+@pytest.mark.parametrize("paper", CONTENTS)
+def test_no_figure_is_left_out(paper):
+    figures, tables, algorithms = CONTENTS[paper]
+    wanted = {str(n) for n in range(1, figures + 1)}
+    wanted |= {f"table {n}" for n in range(1, tables + 1)} | {f"algorithm {n}" for n in range(1, algorithms + 1)}
+    rows = rows_of(paper)
+    assert set(rows) == wanted
+    for name, (command, seen) in rows.items():
+        assert seen, name
+        assert re.search(r"`(oiiotex|python -m) ", command) or command.startswith("none: "), name
+
+
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("oiiotex ")])
+def test_every_line_is_one_that_the_program_takes(command):
+    words = shlex.split(command)[1:]
+    for step in parse(words, LANGUAGE).steps:
+        if step.op is not None:
+            _, given = split_modifiers(step.word)
+            assert set(given) <= {p.name for p in step.op.modifiers()}, step.word
+
+
+@pytest.mark.parametrize("command", [c for c in commands() if c.startswith("python ")])
+def test_every_module_is_there_and_is_a_program(command):
+    name, *words = shlex.split(command)[2:]
+    if name == "pytest":
+        assert (ROOT / words[0]).is_file()
+    else:
+        assert '__name__ == "__main__"' in Path(importlib.util.find_spec(name).origin).read_text()
