@@ -100,6 +100,9 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "superpixels_blur": lambda a: 32 * a.width * a.height,
     "superpixels_halve": lambda a: 80 * a.width * a.height,
     "superpixels_shares": lambda a: a.runs + a.shares,
+    "filter_bank_across": lambda a: 8 * a.width * a.rows,
+    "filter_bank_down": lambda a: 8 * a.width * a.height * a.layers,
+    "filter_bank_nearest": lambda a: a.planes + a.pixels,
     "superpixels_gather": lambda a: a.shares + 16 * a.superpixels,
 }
 
@@ -115,6 +118,9 @@ WORK: dict[str, tuple[str, Callable[[Launch], float]]] = {
     "candidates_search": ("distances", lambda a: (1 + a.side) * 4**a.side),
     "multiscale_correct": ("distances", lambda a: 18 * a.count_x * a.count_y),
     "superpixels_assign": ("distances", lambda a: 9 * a.lab / 8),
+    "filter_bank_across": ("taps", lambda a: (2 * a.radius + 1) * a.width * a.rows),
+    "filter_bank_down": ("taps", lambda a: (2 * a.radius + 1) * a.width * a.height * a.layers),
+    "filter_bank_nearest": ("distances", lambda a: a.count * a.pixels),
     "quilting_score": ("candidates", lambda a: a.candidate / 4),
 }
 

@@ -72,6 +72,14 @@ for budget in (labgrid._HOST_BYTES, 0):
     found = superpixels(image, lens_of(image, session), session, sigma=5.0, iterations=3)
 hierarchy(found, session, np.array([5.0, 8.0, 11.0, 14.0]))
 """,
+    "filter_bank": """
+from oiiotex.labels.filter_bank import texton_map, texture_of
+from tests.test_superpixels import session_of
+lab = np.random.default_rng(0).random((19, 27, 3)).astype(np.float32) * 90
+session, seen = session_of(opened), np.ones((19, 27), bool)
+seen[3:8, 5:9] = False
+texton_map(texture_of(lab, seen, session), session, most=7)
+""",
     "quilting": """
 from oiiotex.labels import content_table as regions
 from oiiotex.quilting import quilter as quilting
