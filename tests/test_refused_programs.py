@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A program that a device's compiler refuses: the next device does all of it, once, and never in place of a named one."""
+"""A program that a device's compiler refuses: the next device does all, once, and never in place of a named one."""
 
 from __future__ import annotations
 
