@@ -14,7 +14,7 @@ from oiiotex.opencl import device as devices
 from oiiotex.opencl.device import DeviceInfo
 from oiiotex.session import Session
 from tests import pictures
-from tests.test_promises import buffer
+from tests.any_filter import buffer
 
 
 class Refusing(devices.Device):
