@@ -111,11 +111,6 @@ class Decompose(ScanThenMap):
         "assign": "neighbours",
     }
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.paper:
-            self.set_together("paper", self.PAPER)
-
     def compute(self, session: Session) -> dict[str, Any]:
         """The label map, and what else can be asked for."""
         require_single(self)

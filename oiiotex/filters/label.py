@@ -109,11 +109,6 @@ class Label(ScanThenMap):
         "minsize": 25,
     }
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.paper:
-            self.set_together("paper", self.PAPER)
-
     def compute(self, session: Session) -> dict[str, Any]:
         """Label parts, finest first, and what else can be asked for."""
         require_single(self)
