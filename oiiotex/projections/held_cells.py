@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 from ..stationarity.grid_statistics import CellGrid
 
@@ -49,16 +48,6 @@ def seen_cells(grid: CellGrid, top: int, bottom: int) -> tuple[int, int, int, in
         above, below = max(0, above), min(grid.down, below)
         first, last = max(0, first), min(grid.down, last)
     return above, below, first, last
-
-
-def unwrapped(grid: CellGrid, first: int, last: int) -> Iterator[tuple[int, int, int]]:
-    """Rows of cells that are counted on beyond the border, as (row, count, rows before them)."""
-    row = first
-    while row < last:
-        cell = row % grid.down
-        count = min(last - row, grid.down - cell)
-        yield cell, count, row - first
-        row += count
 
 
 def _radius(grid: CellGrid) -> int:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Protocol
 from ..deferred import np
 from ..opencl.buffers import Buffers, Download
 from ..opencl.device import Device
+from ..opencl.rows import unwrapped
 from ..stationarity.grid_statistics import CellGrid
-from .held_cells import cell_rows_held, last_row, seen_cells, unwrapped
+from .held_cells import cell_rows_held, last_row, seen_cells
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -251,7 +252,7 @@ class Projection:
         """The cumulatives of the cells that rows of pixels see, from the cells around them."""
         above, below, first, last = seen_cells(self._grid, top, bottom)
         self._clear()
-        for cell, count, at in unwrapped(self._grid, first, last):
+        for cell, count, at in unwrapped(self._grid.down, first, last):
             for _ in self._gather(image, cell, count, at):
                 pass
         self._blur(last - first, above - first, below - first, False)

@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING
 from ..deferred import np
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
+from ..opencl.rows import unwrapped
 from ..stationarity.grid_statistics import CellGrid, correlated
-from .held_cells import cell_rows_held, last_row, seen_cells, unwrapped
+from .held_cells import cell_rows_held, last_row, seen_cells
 from .histograms import BINS, INVERSE, Source
 from .pearson_table import KURTOSES, SCORES, SKEWNESSES, quantile_table, shares_below, table_place, table_shares
 
@@ -126,7 +127,7 @@ class MomentProjection:
         grid, b, all_rows = self._grid, self._buffers, self.channels * self._held
         self._device.fill(b["sums"], np.float32(0), _SUMS * grid.across * all_rows)
         for powers in (2, 5):
-            for top, count, at in unwrapped(grid, first, last):
+            for top, count, at in unwrapped(grid.down, first, last):
                 for begin, end in image.bands(*grid.rows_of_cells(top, top + count)):
                     loaded = image.load(begin, end)
                     self._run(
