@@ -21,7 +21,7 @@ from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..opencl.rows import unwrapped
 from ..stationarity.grid_statistics import CellGrid, correlated
-from .held_cells import cell_rows_held, last_row, seen_cells
+from .held_cells import HeldCells, cell_rows_held, seen_cells
 from .histograms import BINS, INVERSE, Source
 from .pearson_table import KURTOSES, SCORES, SKEWNESSES, quantile_table, shares_below, table_place, table_shares
 
@@ -41,7 +41,7 @@ def layout(grid: CellGrid, channels: int = 3, cell_rows: int | None = None, name
     return {"sums": 4 * _SUMS * count + _HOST_BYTES * count + 8 * 5 * channels * grid.down, name: 4 * 4 * count}
 
 
-class MomentProjection:
+class MomentProjection(HeldCells):
     """As `histograms.Projection`, by moments up to `order`: where not all cells are held, they are summed twice.
 
     Parameters
@@ -50,20 +50,15 @@ class MomentProjection:
         2, 3 or 4.
     """
 
-    held = None
-
     def __init__(
         self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, order: int,
         name: str = "local",
     ):  # fmt: skip
-        self._device, self._buffers, self._grid, self._order, self._name = device, buffers, grid, order, name
+        held = buffers[name].size // (4 * 4 * len(low) * grid.across)
+        super().__init__(device, buffers, grid, len(low), name, held)
+        self._order = order
         self._overall: list[cl.Buffer] = []
-        self.channels = len(low)
         self._taps = grid.taps()
-        held = buffers[name].size // (4 * 4 * self.channels * grid.across)
-        self._held = min(grid.down, held)  # rows of cells
-        self._first_cells = 0  # the first of those that are held
-        self.whole = self._held == grid.down
         self._described_overall = np.zeros(0)
         self._run = device.program(
             "moments", INVERSE=INVERSE, SKEWNESSES=SKEWNESSES, KURTOSES=KURTOSES, SCORES=SCORES, CHANNELS=self.channels
@@ -91,15 +86,6 @@ class MomentProjection:
             self._describe(powers, 0, grid.down, grid.wrap_y)
         inverse = self._inverse(overall) if self._order > 2 else np.zeros(1)
         self._overall = [self._device.upload(t.astype(np.float32)) for t in (inverse, overall[:, :2])]
-
-    @property
-    def looks_beyond(self) -> bool:
-        """As `histograms.Projection.looks_beyond`."""
-        return not self.whole
-
-    def last_row(self, top: int) -> int:
-        """As `histograms.Projection.last_row`."""
-        return last_row(self._grid, self._held, top)
 
     def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
         """As `histograms.Projection.match`."""
