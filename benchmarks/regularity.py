@@ -44,8 +44,8 @@ from oiiotex.regularity.regularity import peaks_over_floor
 from oiiotex.session import Session
 from oiiotex.stationarity.copy_detection import copies_by_source
 from oiiotex.stationarity.costs import stationarity_cost
+from tests.any_filter import buffer
 from tests.lattices import VECTORS, regular
-from tests.test_promises import buffer
 
 OPS = {"quilt": Quilting, "cut": Cut, "synth": Synth}
 

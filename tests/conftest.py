@@ -76,6 +76,12 @@ def photo(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.fixture
+def picture(tmp_path: Path) -> Path:
+    """An image of noise: no format makes it small."""
+    return save(np.random.default_rng(0).random((200, 300, 3)), tmp_path / "a.png")
+
+
 def save(pixels: np.ndarray, path: Path, kind: str = "uint8", space: str = "", **windows: int) -> Path:
     """Write (h, w, c) floats in 0 .. 1 (or beyond, for float types) as an image; `windows` are ImageSpec fields."""
     spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT)

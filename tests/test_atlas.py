@@ -17,8 +17,8 @@ from oiiotex.atlas.charts import Frames, walk
 from oiiotex.atlas.mesh import read_mesh
 from oiiotex.atlas.surface import ONE, Neighbours, Surface
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 SIDE = 192
 PLANE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n"

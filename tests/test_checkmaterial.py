@@ -14,9 +14,9 @@ from oiiotex.capture import material_checks
 from oiiotex.core.image import from_buffer
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
 from tests.reference import reliefs
-from tests.test_promises import buffer, pixels
 
 SIDE = 128
 HEIGHT = reliefs.hills(SIDE, 5)

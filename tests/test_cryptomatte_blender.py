@@ -18,7 +18,8 @@ import pytest
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from tests.conftest import load, oiiotex, save
-from tests.test_labels import ids_of, parts_of, quarters
+from tests.test_label_parts import ids_of, parts_of
+from tests.test_labels import quarters
 
 BLENDER = os.environ.get("OIIOTEX_BLENDER") or (sys.executable if importlib.util.find_spec("bpy") else None)
 pytestmark = pytest.mark.skipif(BLENDER is None, reason="no bpy: pip install bpy, or OIIOTEX_BLENDER=/path/to/python")

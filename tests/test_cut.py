@@ -18,8 +18,8 @@ from oiiotex.graphcut import seams
 from oiiotex.graphcut import search as searching
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 PHOTO = pictures.pebbles(96, 112, seed=4)
 

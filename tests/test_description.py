@@ -17,8 +17,8 @@ from oiiotex.io.description import describe, restore
 from oiiotex.io.reading import read
 from oiiotex.io.writing import write
 from tests import pictures
+from tests.any_filter import buffer
 from tests.conftest import save
-from tests.test_promises import buffer
 
 ALBEDO, ROUGH = pictures.bricks(64, 80, 2), pictures.smooth_noise(64, 80, 5, 2)[..., None]
 MATERIAL = "--texstationarize:n=3:kinds=colour,normal,data:iterations=2:size=48x40:patch=7"

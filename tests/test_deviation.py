@@ -14,9 +14,9 @@ from oiiotex.color.config import ColorConfig
 from oiiotex.core.window import Domain
 from oiiotex.stationarity import costs as st
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import data_folder
 from tests.reference.histograms import soft_members
-from tests.test_promises import buffer, pixels
 
 
 def lab_of(picture: np.ndarray, space: str = "srgb_rec709_scene") -> np.ndarray:

@@ -14,9 +14,9 @@ from oiiotex import errors, filters
 from oiiotex.core.attributes import ESTIMATE, HEIGHT_PX
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
 from tests.reference import reliefs
-from tests.test_promises import buffer, pixels
 
 SIDE = 192
 RELIEFS = {"hills": reliefs.hills(SIDE, 1), "stones": reliefs.stones(SIDE, 1), "courses": reliefs.courses(SIDE)}

@@ -18,7 +18,7 @@ from oiiotex.filters.cut import Cut
 from oiiotex.filters.quilt import Quilting
 from oiiotex.session import Session
 from tests import pictures
-from tests.test_promises import buffer, quarters
+from tests.any_filter import buffer, quarters
 
 PHOTO = pictures.bricks(64, 72, seed=3)
 LEFT = np.indices((64, 72))[1] < 40

@@ -14,8 +14,8 @@ from oiiotex import errors, filters
 from oiiotex.color.config import ColorConfig
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.reference import drift as reference
-from tests.test_promises import buffer, pixels
 
 
 def lab_of(image: np.ndarray, space: str = "lin_rec709_scene") -> np.ndarray:

@@ -13,7 +13,7 @@ from oiiotex import errors, filters
 from oiiotex.core.source_map import SourceMap
 from oiiotex.exemplar.heights import large_steps, levels, neighbours
 from tests import pictures
-from tests.test_promises import buffer, pixels
+from tests.any_filter import buffer, pixels
 
 ALBEDO = pictures.pebbles(96, 96, seed=4)
 BUMPS = 0.04 * pictures.smooth_noise(96, 96, 5, 2)

@@ -21,8 +21,8 @@ from oiiotex.regularity.offset_prices import BITS, InStep, Prices
 from oiiotex.regularity.regularity import peaks_over_floor
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer
 from tests.lattices import regular
-from tests.test_promises import buffer
 
 OPS = [Quilting, Cut]
 TILING = {Quilting: {"tile": "xy"}, Cut: {"tile": "xy", "patch": 32}}

@@ -9,7 +9,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from tests.test_promises import buffer, pixels
+from tests.any_filter import buffer, pixels
 
 RNG = np.random.default_rng(0)
 

@@ -14,7 +14,8 @@ import OpenImageIO as oiio
 import pytest
 
 from tests.conftest import load, oiiotex, save
-from tests.test_labels import ids_of, parts_of, quarters
+from tests.test_label_parts import ids_of, parts_of
+from tests.test_labels import quarters
 
 PAGE = (Path(__file__).parents[1] / "docs" / "texlabel.md").read_text()
 

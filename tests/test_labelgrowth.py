@@ -14,8 +14,8 @@ from oiiotex.core.window import Domain
 from oiiotex.quilting import label_growth as lg
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 
 def blobs(height: int = 160, width: int = 192, seed: int = 0) -> np.ndarray:

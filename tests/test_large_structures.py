@@ -19,8 +19,8 @@ from oiiotex.exemplar.large_structures import CONTRAST, main_texture
 from oiiotex.filters.presets import PRESETS
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
-from tests.test_promises import buffer, pixels
 
 QUICK = {"iterations": 4, "seed": 1, "structure": 0}
 

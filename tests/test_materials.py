@@ -11,8 +11,8 @@ import pytest
 
 from oiiotex import errors, filters
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 ALBEDO = pictures.bricks(64, 80, 2)
 QUICK = {"iterations": 3, "patch": 7, "size": (72, 48)}

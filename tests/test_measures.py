@@ -19,9 +19,9 @@ from oiiotex.stationarity import costs as st
 from oiiotex.stationarity.copy_detection import copies_by_source
 from oiiotex.stationarity.steerable import RADIUS, responses
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.reference.histograms import gaussian_rows, soft_members
 from tests.test_deviation import cost_of, lab_of
-from tests.test_promises import buffer, pixels
 from tests.test_stationarity import lab_like
 
 

@@ -16,7 +16,7 @@ from oiiotex import errors, filters
 from oiiotex.io.movie import write_movie
 from oiiotex.session import Session
 from tests import pictures
-from tests.test_promises import buffer, pixels
+from tests.any_filter import buffer, pixels
 
 PHOTO = buffer(pictures.bricks(64, 64, seed=1))
 ZOOM = {"size": (49, 32), "side": 64, "speed": 0.25, "count": 3}

@@ -17,9 +17,9 @@ from oiiotex.core.image import from_buffer
 from oiiotex.errors import ColorError, Error
 from oiiotex.io.reading import read
 from tests import pictures
+from tests.any_filter import buffer
 from tests.conftest import save
 from tests.test_materials import NORMAL
-from tests.test_promises import buffer
 
 PHOTO = pictures.bricks(64, 80, 2)
 ACES_1 = """\

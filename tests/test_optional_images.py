@@ -9,9 +9,9 @@ import pytest
 
 from oiiotex import errors, filters
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
 from tests.everything import Everything
-from tests.test_promises import buffer, pixels
 
 OP = "--texpatchmatch:size=40x36:iterations=2"
 PHOTO = pictures.bricks(64, 72, seed=4)

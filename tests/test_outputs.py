@@ -21,8 +21,8 @@ from oiiotex.core.parameters import image, param
 from oiiotex.io.reading import read
 from oiiotex.run import run
 from oiiotex.session import Session
+from tests.any_filter import PHOTO, buffer, of, operands, settings
 from tests.conftest import oiiotex, save
-from tests.test_promises import PHOTO, buffer, of, operands, settings
 
 READ = {"names", "graph", "table", "before", "mesh"}  # parameters that name a file which the op reads
 TYPES = {

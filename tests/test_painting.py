@@ -24,9 +24,9 @@ from oiiotex.quilting import label_painting
 from oiiotex.quilting.guide_map import meaning_of, read_table
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
 from tests.test_labelgrowth import ids_buffer
-from tests.test_promises import buffer, pixels
 
 SIDE = 160
 Y, X = np.indices((SIDE, SIDE))

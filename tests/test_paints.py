@@ -17,10 +17,10 @@ from oiiotex.io.cryptomatte import hashed
 from oiiotex.io.paint_palette import Paint, write_palette
 from oiiotex.io.reading import read
 from tests import pictures
+from tests.any_filter import pixels
 from tests.conftest import save
 from tests.test_label_map import part
 from tests.test_painting import photo
-from tests.test_promises import pixels
 
 
 @pytest.fixture(scope="module")

@@ -18,10 +18,10 @@ from oiiotex.projections import histograms
 from oiiotex.stationarity.grid_statistics import CellGrid
 from oiiotex.stationarity.seam_measures import seam_ratio
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
 from tests.reference.projections import projected_by
 from tests.test_histograms import lab_like
-from tests.test_promises import buffer, pixels
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
 STAIN = (((np.indices((96, 112))[1] - 73) / 27) ** 2 + ((np.indices((96, 112))[0] - 38) / 20) ** 2 < 1)[..., None]

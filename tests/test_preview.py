@@ -11,8 +11,8 @@ from oiiotex.charts.tile_preview import area_means, made_seamless, plane_in_pers
 from oiiotex.session import Session
 from oiiotex.stationarity.seam_measures import seam_ratio
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 TILE = pictures.pebbles(48, 64, 1)
 

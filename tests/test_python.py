@@ -21,8 +21,8 @@ from oiiotex import errors, filters, python_types
 from oiiotex.python_types import forms, in_python, signature
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, save
-from tests.test_promises import buffer, pixels
 
 ROOT = Path(__file__).parents[1]
 SRGB = "srgb_rec709_scene"

@@ -17,8 +17,8 @@ from oiiotex.labels import content_table
 from oiiotex.run import run
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 H, W = 144, 160
 LABELS = np.where(np.indices((H, W))[1] < 80, 1, 2)

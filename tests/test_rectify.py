@@ -20,8 +20,8 @@ from oiiotex.filters.rectify import Rectify
 from oiiotex.run import run
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
-from tests.test_promises import buffer, pixels
 
 SHOT = (320, 240)
 

@@ -18,8 +18,8 @@ from oiiotex.regularity.offset_prices import InStep
 from oiiotex.regularity.regularity import peaks_over_floor
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer
 from tests.lattices import VECTORS, regular
-from tests.test_promises import buffer
 
 LUMA = np.array([0.3, 0.6, 0.1])
 

@@ -15,8 +15,8 @@ from oiiotex.filters import patch_synthesis
 from oiiotex.filters.tilereport import REPORT_MEASURES, SCHEMA
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels, quarters
 from tests.conftest import oiiotex, save
-from tests.test_promises import buffer, pixels, quarters
 
 ROOT = Path(__file__).parents[1]
 PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))

@@ -27,7 +27,7 @@ from oiiotex.patchmatch.memory import plan_memory
 from oiiotex.patchmatch.recipe import Recipe, geometry_at, level_scales
 from oiiotex.projections.histograms import OUTSIDE, matching_table
 from tests import pictures
-from tests.test_promises import buffer, pixels
+from tests.any_filter import buffer, pixels
 
 PHOTO = pictures.bricks(160, 192, seed=4)
 

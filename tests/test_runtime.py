@@ -1,31 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which device is used and how: the order of attempts, what is kept, what is named to PoCL, what is never run."""
+"""Which device is used and how: the order of attempts, what is kept, what is named to PoCL."""
 
 from __future__ import annotations
 
 import ctypes
-import dataclasses
-import os
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from oiiotex import filters
 from oiiotex.cli.devices import device_list
-from oiiotex.errors import BuildError, DeviceError, NoDeviceError, ParameterError
+from oiiotex.errors import DeviceError, NoDeviceError
 from oiiotex.opencl import cpu as opencl_cpu
 from oiiotex.opencl import device as devices
 from oiiotex.opencl import runtime
 from oiiotex.opencl.device import DeviceInfo
 from oiiotex.opencl.runtime import Attempt, Trial
-from oiiotex.session import Session
-from tests import pictures
 from tests.conftest import oiiotex
-from tests.test_promises import buffer
 
 CPU = 1 << 1  # CL_DEVICE_TYPE_CPU
 GENERIC = "OpenCL 3.0 PoCL HSTR: pthread-x86_64-unknown-linux-gnu-generic"
@@ -268,92 +260,6 @@ def test_words_of_a_compiler_without_its_options():
     )
 
 
-# --- a program that does not build ---
-
-
-class Refusing(devices.Device):
-    """A device whose compiler refuses programs from the n-th on."""
-
-    def __init__(self, info: DeviceInfo, left: int):
-        super().__init__(info)
-        self.left = left
-
-    def program(self, stem: str, **macros: int) -> devices.Program:
-        self.left -= 1
-        if self.left < 0:
-            raise BuildError(f"{self.info.name} cannot build {stem}.cl: error: no")
-        return super().program(stem, **macros)
-
-
-def refusing(monkeypatch: pytest.MonkeyPatch, *left: int | None) -> list[str]:
-    """Make the machine one of several devices, each of which builds so many programs; returns who is opened."""
-    real = devices.choose()
-    listed = [dataclasses.replace(real, number=n, name=f"device {n}") for n in range(len(left))]
-    opened: list[str] = []
-
-    def choose(wanted: str | None, threads: int = 0) -> DeviceInfo:
-        number = int(wanted) if wanted else next((n for n in range(len(left)) if n not in refused), None)
-        if number is None:
-            raise NoDeviceError("none", "")
-        return listed[number]
-
-    def open_device(wanted: str | None, threads: int = 0) -> devices.Device:
-        info = choose(wanted)
-        opened.append(info.name)
-        return devices.Device(info) if left[info.number] is None else Refusing(info, left[info.number])
-
-    def refuse(info: DeviceInfo, threads: int = 0) -> DeviceInfo | None:
-        refused.add(info.number)
-        return next((d for d in listed if d.number not in refused), None)
-
-    refused: set[int] = set()
-    monkeypatch.setattr(devices, "open_device", open_device)
-    monkeypatch.setattr(devices, "refuse", refuse)
-    monkeypatch.delenv("OIIOTEX_DEVICE", raising=False)
-    return opened
-
-
-def tile(**settings: object) -> np.ndarray:
-    made = filters.stationarize(
-        buffer(pictures.pebbles(20, 22, seed=1)), sigma=6, iterations=1, session=Session(**settings)
-    )
-    return made.get_pixels(made.spec().format)
-
-
-@pytest.mark.parametrize("left", [0, 1])
-def test_where_a_program_does_not_build_the_next_device_does_it_all(monkeypatch, caplog, left):
-    expected = tile()
-    opened = refusing(monkeypatch, left, None)
-    assert np.array_equal(tile(), expected)
-    assert opened == ["device 0", "device 1"]
-    assert [m for m in caplog.messages if "cannot build" in m and "all is done again on device 1" in m]
-
-
-def test_only_once_and_never_where_a_device_is_named(monkeypatch):
-    opened = refusing(monkeypatch, 0, 0, None)
-    with pytest.raises(BuildError, match="device 1 cannot build"):
-        tile()
-    assert opened == ["device 0", "device 1"]
-    for settings in ({"device_name": "0"}, {}):
-        opened = refusing(monkeypatch, 0, None)
-        if not settings:
-            monkeypatch.setenv("OIIOTEX_DEVICE", "device 0")
-        with pytest.raises(BuildError, match="device 0 cannot build"):
-            tile(**settings)
-        assert opened == ["device 0"]
-    with pytest.raises(ParameterError):
-        filters.stationarize(buffer(pictures.pebbles(8, 8, seed=1)), sigma=-1)
-
-
-def test_an_error_that_is_its_own_cause_ends_the_run():
-    def work() -> None:
-        error = DeviceError("no")
-        raise error from error
-
-    with pytest.raises(DeviceError, match="no"):
-        Session().on_a_device(work)
-
-
 def test_a_refused_device_is_chosen_no_more(machine, monkeypatch):
     one, two = with_devices(monkeypatch, "gpu", "cpu")
     machine.works = lambda device, attempt: 1
@@ -362,65 +268,6 @@ def test_a_refused_device_is_chosen_no_more(machine, monkeypatch):
     assert devices.choose() == two
     assert devices.choose("0") == one  # by name it is
     assert devices.refuse(two) is None
-
-
-# --- isolation ---
-
-IMPORTED = ("oiiotex", "numpy", "pyopencl", "ziglang", "multiprocessing", "pytools", "runpy", "json", "platformdirs")
-
-
-def plant(folder: Path) -> Path:
-    """Modules in the current folder, named like those that are imported; each notes that it has run."""
-    mark = folder / "ran"
-    for name in IMPORTED:
-        (folder / name).mkdir()
-        (folder / name / "__init__.py").write_text(
-            f"open({str(mark)!r}, 'a').write(__name__ + chr(10)); raise SystemExit(9)"
-        )
-        (folder / name / "__main__.py").write_text(f"open({str(mark)!r}, 'a').write('main of {name}')")
-    zig = folder / "ziglang" / "zig"
-    zig.write_text(f"#!/bin/sh\necho zig >> {mark}\n")
-    zig.chmod(0o755)
-    return mark
-
-
-def test_nothing_of_the_current_folder_is_run_by_what_we_start(tmp_path):
-    mark = plant(tmp_path)
-    script = (
-        "from oiiotex.opencl import runtime as r\n"
-        "d = next(d for d in oiiotex.opencl.device.devices() if d.kind == 'cpu')\n"
-        "r._cache_folder()\n"
-        "sys.path.insert(0, '')\n"  # as `python -c` has it
-        "print(r._try_in_subprocess(d.handle, r.tried(d.handle).works))\n"
-        "print(r._zig())\n"
-    )
-    command = [sys.executable, "-P", "-c", f"import sys, oiiotex.opencl.device\n{script}"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    lines = done.stdout.splitlines()
-    assert lines and lines[0] in ("(16, '')", "(32, '')"), done
-    assert str(tmp_path) not in lines[1]
-    assert not mark.exists(), mark.read_text()
-
-
-def test_lld_is_the_program_of_the_wheel():
-    zig = runtime._zig()
-    if zig is None:
-        pytest.skip("no ziglang")
-    text = Path(runtime._path_with_lld().split(os.pathsep)[0], "ld").read_text()
-    assert f"exec {zig} ld.lld" in text and "python" not in text.replace(str(zig), "")
-
-
-def test_frames_in_parallel_run_nothing_of_the_current_folder(tmp_path, photo):
-    words = ["--frames", "1-2", "--parallel-frames", str(photo), "--mulc", "0.5", "-o", "out.#.png"]
-    mark = plant(tmp_path)
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
-    script = f"import sys; from oiiotex.cli.main import main; main({words!r})"
-    for command in ([str(Path(sys.executable).with_name("oiiotex")), *words], [sys.executable, "-P", "-c", script]):
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
-        assert done.returncode == 0, done
-        assert not mark.exists(), mark.read_text()
-        for name in ("out.0001.png", "out.0002.png"):
-            (tmp_path / name).unlink()
 
 
 def test_the_list_of_devices_names_one_that_works():

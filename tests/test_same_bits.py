@@ -23,7 +23,7 @@ import OpenImageIO as oiio
 from oiiotex import filters
 from oiiotex.session import Session
 from tests import pictures
-from tests.test_promises import buffer
+from tests.any_filter import buffer
 session = Session(device_name=sys.argv[1])
 tiny = int(sys.argv[2])
 side = 24 if tiny else 56

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from oiiotex import errors, filters
 from oiiotex.session import Session
-from tests.test_promises import buffer
+from tests.any_filter import buffer
 
 
 def test_stages_share_what_is_opened_once_and_go_on_counting():

@@ -19,8 +19,8 @@ from oiiotex.patchmatch import sigma_scale
 from oiiotex.patchmatch.sigma_scale import SigmaTiles, distance, perceived_scale, variation
 from oiiotex.session import Session
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.test_deviation import lab_of
-from tests.test_promises import buffer, pixels
 
 
 @pytest.fixture(autouse=True)

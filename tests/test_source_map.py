@@ -10,7 +10,7 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.core.source_map import SourceMap, require_addressable
 from oiiotex.core.window import Window
-from tests.test_promises import buffer
+from tests.any_filter import buffer
 
 
 def spec_of(width: int, height: int, data: tuple[int, int] = (0, 0), display: Window | None = None) -> oiio.ImageSpec:

@@ -16,7 +16,7 @@ from oiiotex import errors, filters
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import data_folder, load, oiiotex, save
-from tests.test_faults import peak_of
+from tests.test_sizes import peak_of
 
 SRGB = "srgb_rec709_scene"
 

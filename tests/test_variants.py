@@ -10,8 +10,8 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.charts.drawing import GAP, TEXT
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
 

@@ -10,8 +10,8 @@ from docs.wang_plane import random_plane
 from oiiotex import errors, filters
 from oiiotex.patchmatch.wang_tiles import Edges, edges_of, runs_for
 from tests import pictures
+from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
-from tests.test_promises import buffer, pixels
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
 SMALL = {"size": (56, 64), "iterations": 4, "patch": 7, "seed": 1}

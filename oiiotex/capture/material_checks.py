@@ -80,6 +80,10 @@ class _Map:
     usable: bool = True
 
 
+class _Unusable(Exception):
+    """The check that a map has failed so that nothing more can be said of it, and why."""
+
+
 def check_material(
     images: tuple[Image, ...], kinds: list[str], convention: str, session: Session
 ) -> tuple[list[dict[str, Any]], list[Finding]]:
@@ -104,11 +108,7 @@ def check_material(
     findings = list(_sizes(maps))
     by_kind = {one.kind: one for one in reversed(maps)}
     for one in maps:
-        findings += _broken(one)
-        if one.usable:
-            findings += {"colour": _albedo, "normal": _normals, "height": _heights, "data": _data}[one.kind](
-                one, session
-            )
+        findings += _alone(one, session)
         if one.kind != "colour":
             findings += _tagged(one, session)
     together = [one for one in by_kind.values() if one.usable and one.image.first.window == maps[0].image.first.window]
@@ -151,13 +151,21 @@ def _sizes(maps: list[_Map]) -> Iterator[Finding]:
             yield Finding(WARNING, one.image.source, "density", text)
 
 
-def _broken(one: _Map) -> Iterator[Finding]:
+def _alone(one: _Map, session: Session) -> Iterator[Finding]:
+    try:
+        _require_finite(one)
+        yield from {"colour": _albedo, "normal": _normals, "height": _heights, "data": _data}[one.kind](one, session)
+    except _Unusable as error:
+        one.usable = False
+        yield Finding(ERROR, one.image.source, *error.args)
+
+
+def _require_finite(one: _Map) -> None:
     channels, counts = list(channels_of(one.image.first.spec).colour), np.zeros(2, np.int64)
     for band in bands(one.image.first):
         counts += count_broken(as_float(one.image.first.read(band)[..., channels]))
     if counts.any():
-        one.usable = False
-        yield Finding(ERROR, one.image.source, "broken", f"{counts[0]} NaN and {counts[1]} Inf values")
+        raise _Unusable("broken", f"{counts[0]} NaN and {counts[1]} Inf values")
 
 
 def _tagged(one: _Map, session: Session) -> Iterator[Finding]:
@@ -177,19 +185,13 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     name, part = one.image.source, one.image.first
     count = len(channels_of(part.spec).colour)
     if count not in (1, 3):
-        one.usable = False
-        yield Finding(ERROR, name, "channels", f"has {count} channels beside alpha: colours have one or three")
-        return
+        raise _Unusable("channels", f"has {count} channels beside alpha: colours have one or three")
     try:
         space = colour_space(one.image, session.color, session.autocc)
     except (ColorError, ImageError) as error:
-        one.usable = False
-        yield Finding(ERROR, name, "colourspace", _without_name(error, name))
-        return
+        raise _Unusable("colourspace", _without_name(error, name)) from None
     if space is None:
-        one.usable = False
-        yield Finding(ERROR, name, "colourspace", "is tagged as data: --iscolorspace NAME says its space")
-        return
+        raise _Unusable("colourspace", "is tagged as data: --iscolorspace NAME says its space")
     counts = np.zeros(4, np.int64)
 
     def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> np.ndarray:
@@ -204,9 +206,7 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     try:
         scan(part, lens, session, look, keep)
     except BrokenValues as error:  # of alpha
-        one.usable = False
-        yield Finding(ERROR, name, "broken", _without_name(error, name))
-        return
+        raise _Unusable("broken", _without_name(error, name)) from None
     dark, bright, impossible = (counts[1:] / max(1, counts[0])).tolist()
     one.measures |= {"dark": dark, "bright": bright, "impossible": impossible}
     if impossible > 0:
@@ -255,9 +255,7 @@ def _normals(one: _Map, _: Session) -> Iterator[Finding]:
     part, name = one.image.first, one.image.source
     count = len(channels_of(part.spec).colour)
     if count not in (2, 3):
-        one.usable = False
-        yield Finding(ERROR, name, "channels", f"has {count} channels beside alpha: normals have two or three")
-        return
+        raise _Unusable("channels", f"has {count} channels beside alpha: normals have two or three")
     vectors, off, below, mean, total = _decoder(one), 0, 0, np.zeros(3, np.int64), 0
     for band in bands(part):
         seen = vectors(part.read(band))

@@ -109,6 +109,7 @@ class Op:
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
     copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
     carries: ClassVar[bool] = False  # the further parts of its first image follow what it makes
+    PAPER: ClassVar[dict[str, Any]] = {}  # what its parameter `paper` stands for, if it has one: values of others
     name: ClassVar[str]
     reach: ClassVar[str]  # how it looks at pixels, for people: of its kind, which says it for all
     space: ClassVar[Space]
@@ -130,23 +131,17 @@ class Op:
             except ParameterError as error:
                 raise type(error)(f"{self.name}: {error}") from None
             object.__setattr__(self, parameter.attribute, value)
+        if self.PAPER and self.values()["paper"]:
+            self._follow_the_paper()
 
-    def set_together(self, switch: str, values: dict[str, Any]) -> None:
-        """Give parameters the values that one modifier stands for; for `__post_init__`.
-
-        Raises
-        ------
-        ParameterError
-            One of them was given another value than its default and this one.
-        """
+    def _follow_the_paper(self) -> None:
+        """Parameters get the values of `PAPER`, unless another one than the default was given."""
         for parameter in self.parameters():
-            if parameter.attribute in values:
-                value = values[parameter.attribute]
-                if getattr(self, parameter.attribute) not in (parameter.default, value):
+            if parameter.attribute in self.PAPER:
+                given, value = getattr(self, parameter.attribute), self.PAPER[parameter.attribute]
+                if given not in (parameter.default, value):
                     says = f"leaves {parameter.name} out" if value is None else f"says {parameter.name}={value}"
-                    raise ParameterError(
-                        f"{self.name}: {parameter.name}={getattr(self, parameter.attribute)}: {switch}=1 {says}"
-                    )
+                    raise ParameterError(f"{self.name}: {parameter.name}={given}: paper=1 {says}")
                 object.__setattr__(self, parameter.attribute, value)
 
     @classmethod

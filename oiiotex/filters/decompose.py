@@ -19,7 +19,7 @@ from ..core.parameters import image, param
 from ..deferred import np
 from ..labels.legend import LabelNames
 from ..session import Session
-from .single_part import SINGLE, require_single
+from .single_part import SINGLE, OnePart
 
 if TYPE_CHECKING:
     from ..color.lab_reduced import LabPixels
@@ -33,7 +33,7 @@ _HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture seg
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decompose(ScanThenMap):
+class Decompose(OnePart, ScanThenMap):
     """Decompose a texture into the simpler ones that it is a patchwork of.
 
     Regions compete for pixels by their textons; those that are likelier one texture than two are merged, until none
@@ -111,14 +111,9 @@ class Decompose(ScanThenMap):
         "assign": "neighbours",
     }
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.paper:
-            self.set_together("paper", self.PAPER)
-
     def compute(self, session: Session) -> dict[str, Any]:
         """The label map, and what else can be asked for."""
-        require_single(self)
+        self.require_single()
         names = None if self.names is None else LabelNames(self.names)
         from ..color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
         from ..segmentation.subtextures import decomposed, memory_needed
@@ -145,14 +140,6 @@ class Decompose(ScanThenMap):
             "cryptomatte": [labels],
             "facts": lambda: _facts(labels.part, split, settings, factor),
         }
-
-    def asked(self, output: Output) -> bool | Path:
-        """Ids are in Cryptomatte's channels where one part holds all."""
-        return False if self.single and output.kind is Kind.IDS else super().asked(output)
-
-    def carried(self) -> tuple[Part, ...]:
-        """None where one part holds all."""
-        return () if self.single else super().carried()
 
     def _settings(self, pixels: int) -> DecompositionSettings:
         from ..segmentation.subtextures import DecompositionSettings

@@ -86,11 +86,6 @@ class Dominant(ScanThenMap):
 
     PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.paper:
-            self.set_together("paper", self.PAPER)
-
     def compute(self, session: Session) -> dict[str, Any]:
         """The mask, and what else can be asked for."""
         from ..color.lab_reduced import lab_pixels, reduction

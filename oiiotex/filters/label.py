@@ -20,7 +20,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..labels.legend import LabelNames
 from ..session import Session
-from .single_part import SINGLE, require_single
+from .single_part import SINGLE, OnePart
 
 if TYPE_CHECKING:
     from ..labels.scales import LabelLevel, LabelMaps
@@ -29,7 +29,7 @@ log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Label(ScanThenMap):
+class Label(OnePart, ScanThenMap):
     """Find what an image consists of, and label it at several scales.
 
     Superpixels that look alike get one label; how many there are follows from the image (LSA16: Lockerman, Sauvage,
@@ -109,14 +109,9 @@ class Label(ScanThenMap):
         "minsize": 25,
     }
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.paper:
-            self.set_together("paper", self.PAPER)
-
     def compute(self, session: Session) -> dict[str, Any]:
         """Label parts, finest first, and what else can be asked for."""
-        require_single(self)
+        self.require_single()
         names = None if self.names is None else LabelNames(self.names)
         from ..labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
         from ..segmentation.superpixel_subtextures import superpixel_subtextures
@@ -148,14 +143,6 @@ class Label(ScanThenMap):
             parts = {one.part.name: one.part for one in labels}
             parts |= {f"{name}.{n}": functools.partial(_soft_part, first, maps, n, name) for n, name in soft}
         return parts | {"cryptomatte": labels, "facts": lambda: _facts(maps)}
-
-    def asked(self, output: Output) -> bool | Path:
-        """Ids are in Cryptomatte's channels where one part holds all."""
-        return False if self.single and output.kind is Kind.IDS else super().asked(output)
-
-    def carried(self) -> tuple[Part, ...]:
-        """None where one part holds all."""
-        return () if self.single else super().carried()
 
 
 def label_map(like: Part, maps: LabelMaps, n: int) -> LabelMap:

@@ -59,11 +59,6 @@ class Multiscale(AnyWindow):
 
     PAPER: ClassVar[dict[str, Any]] = {"dims": 6, "correct": True}
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.paper:
-            self.set_together("paper", self.PAPER)
-
     @classmethod
     def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
         """No image where a graph says which."""

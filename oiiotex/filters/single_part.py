@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How filters of labels are told to put image and Cryptomatte into one part."""
+"""How filters of labels are told to put image and Cryptomatte into one part, and what they then do."""
 
 from __future__ import annotations
 
-from ..core.op import Op
+from pathlib import Path
+
+from ..core.image import Part
+from ..core.op import Kind, Op, Output
 from ..errors import ParameterError
 
 SINGLE = (
@@ -11,19 +14,32 @@ SINGLE = (
 )
 
 
-def require_single(op: Op) -> None:
-    """Refuse what does not go with `single`.
+class OnePart(Op):
+    """Makes label maps, in parts or in Cryptomatte's channels alone; declares `single` and `cryptomatte`."""
 
-    Raises
-    ------
-    ParameterError
-        There is no Cryptomatte, or further parts are asked for.
-    """
-    values = op.values()
-    if not values["single"]:
-        return
-    if not values["cryptomatte"]:
-        raise ParameterError("single says how Cryptomatte is written: say cryptomatte, too")
-    more = [name for name in ("keep", "soft") if values.get(name)]
-    if more:
-        raise ParameterError(f"single is one part, which has the image's channels: leave out {', '.join(more)}")
+    single: bool
+
+    def require_single(self) -> None:
+        """Refuse what does not go with `single`.
+
+        Raises
+        ------
+        ParameterError
+            There is no Cryptomatte, or further parts are asked for.
+        """
+        values = self.values()
+        if not self.single:
+            return
+        if not values["cryptomatte"]:
+            raise ParameterError("single says how Cryptomatte is written: say cryptomatte, too")
+        more = [name for name in ("keep", "soft") if values.get(name)]
+        if more:
+            raise ParameterError(f"single is one part, which has the image's channels: leave out {', '.join(more)}")
+
+    def asked(self, output: Output) -> bool | Path:
+        """Ids are in Cryptomatte's channels where one part holds all."""
+        return False if self.single and output.kind is Kind.IDS else super().asked(output)
+
+    def carried(self) -> tuple[Part, ...]:
+        """None where one part holds all."""
+        return () if self.single else super().carried()

@@ -79,12 +79,6 @@ class Stationarize(PatchSynthesis):
     )
     PAPER: ClassVar[dict[str, Any]] = {"target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None}
 
-    def __post_init__(self) -> None:
-        """What paper=1 says."""
-        super().__post_init__()
-        if self.paper:
-            self.set_together("paper", self.PAPER)
-
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """As all of its kind; a preset first becomes what it stands for."""
         if self.preset is None:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -52,14 +52,29 @@ def gradient(corners: Sequence[Sequence[float]], region: Window, window: Window)
     return (np.float32(1) - v) * above + v * below
 
 
-def corners_of(count: int, given: Mapping[str, Numbers | None]) -> tuple[tuple[float, ...], ...]:
-    """The colours of a fill by its modifiers: one, two (top, bottom) or four; none where too few are given."""
-    names = ("topleft", "topright", "bottomleft", "bottomright")
-    for wanted in (names, ("top", "bottom"), ("left", "right"), ("color",)):
-        if all(given[name] is not None for name in wanted):
-            colours = tuple(colour_of(given[name], count) for name in wanted)
-            return colours * 2 if wanted == ("left", "right") else colours
-    return ()
+@dataclass(frozen=True, kw_only=True)
+class Colours:
+    """Of a fill: one, or between two or four."""
+
+    color: Numbers | None = param(None, help="of all")
+    top: Numbers | None = param(None, help="with bottom")
+    bottom: Numbers | None = param(None, help="with top")
+    left: Numbers | None = param(None, help="with right")
+    right: Numbers | None = param(None, help="with left")
+    topleft: Numbers | None = param(None, help="with the other corners")
+    topright: Numbers | None = param(None, help="with the other corners")
+    bottomleft: Numbers | None = param(None, help="with the other corners")
+    bottomright: Numbers | None = param(None, help="with the other corners")
+
+    def corners(self, count: int) -> tuple[tuple[float, ...], ...]:
+        """Colours of so many channels: one, two (top, bottom) or four; none where too few are given."""
+        names = ("topleft", "topright", "bottomleft", "bottomright")
+        for wanted in (names, ("top", "bottom"), ("left", "right"), ("color",)):
+            given = [getattr(self, name) for name in wanted]
+            if None not in given:
+                colours = tuple(colour_of(each, count) for each in given)
+                return colours * 2 if wanted == ("left", "right") else colours
+        return ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,7 +259,7 @@ class Text(Coloured):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fill(Drawn):
+class Fill(Colours, Drawn):
     """Fill a window with a colour, or between colours."""
 
     name: ClassVar[str] = "fill"
@@ -252,20 +267,12 @@ class Fill(Drawn):
 
     size: str = argument(help="what is filled: WxH+X+Y, X0,Y0,X1,Y1, WxH or +X+Y")
     color: Numbers | None = param(None, help="of all; white when no colour is given")
-    top: Numbers | None = param(None, help="with bottom")
-    bottom: Numbers | None = param(None, help="with top")
-    left: Numbers | None = param(None, help="with right")
-    right: Numbers | None = param(None, help="with left")
-    topleft: Numbers | None = param(None, help="with the other corners")
-    topright: Numbers | None = param(None, help="with the other corners")
-    bottomleft: Numbers | None = param(None, help="with the other corners")
-    bottomright: Numbers | None = param(None, help="with the other corners")
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
         """What is seen of the window."""
         whole = Window.data(spec)
         region = parse_box(self.size, box_of(whole), scaling=True).window() & whole
-        fill(buffer, corners_of(spec.nchannels, self.values()) or ((1.0,) * spec.nchannels,), region)
+        fill(buffer, self.corners(spec.nchannels) or ((1.0,) * spec.nchannels,), region)
 
 
 def fill(buffer: oiio.ImageBuf, colours: Sequence[Sequence[float]], region: Window) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
 
 from ..core.access import AnyWindow
@@ -15,7 +15,7 @@ from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ParameterError
 from ..session import Session
-from .drawing import colour_of, corners_of, fill
+from .drawing import Colours, colour_of, fill
 from .filtering import kernel_of
 from .geometry_text import Box, parse_box, parse_size
 from .kinds import Hosted, checked
@@ -81,21 +81,6 @@ class Constant:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Filled:
-    """Between colours."""
-
-    color: Numbers | None = param(None, help="of all")
-    top: Numbers | None = param(None, help="with bottom")
-    bottom: Numbers | None = param(None, help="with top")
-    left: Numbers | None = param(None, help="with right")
-    right: Numbers | None = param(None, help="with left")
-    topleft: Numbers | None = param(None, help="with the other corners")
-    topright: Numbers | None = param(None, help="with the other corners")
-    bottomleft: Numbers | None = param(None, help="with the other corners")
-    bottomright: Numbers | None = param(None, help="with the other corners")
-
-
-@dataclass(frozen=True, kw_only=True)
 class Checker:
     """A checkerboard."""
 
@@ -121,7 +106,7 @@ class Noise:
     seed: int = param(0, help="another one, other values")
 
 
-_PATTERNS = {"black": Black, "constant": Constant, "fill": Filled, "checker": Checker, "noise": Noise}
+_PATTERNS = {"black": Black, "constant": Constant, "fill": Colours, "checker": Checker, "noise": Noise}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,8 +135,8 @@ class Pattern(NewImage):
         options, count, whole = self.options(), spec.nchannels, Window.data(spec)
         if isinstance(options, Constant):
             return lambda buffer: oiio.ImageBufAlgo.fill(buffer, colour_of(options.color, count))
-        if isinstance(options, Filled):
-            colours = corners_of(count, {field.name: getattr(options, field.name) for field in fields(options)})
+        if isinstance(options, Colours):
+            colours = options.corners(count)
             return lambda buffer: fill(buffer, colours, whole) if colours else None
         if isinstance(options, Checker):
             dark = colour_of(options.color1, count) if options.color1 is not None else (0.0,) * count

@@ -11,6 +11,16 @@ from .buffers import Buffers, Download
 from .device import Device
 
 
+def unwrapped(height: int, first: int, last: int) -> Iterator[tuple[int, int, int]]:
+    """Rows that are counted on beyond the border of so many, as (row, count, rows before them)."""
+    row = first
+    while row < last:
+        place = row % height
+        count = min(last - row, height - place)
+        yield place, count, row - first
+        row += count
+
+
 class Rows:
     """The rows of one image of 16 or 32 bit; buffer `name` holds them all, or those that were loaded.
 
@@ -53,13 +63,9 @@ class Rows:
             return 0
         if not self.wraps:
             first, last = max(0, first), min(self.height, last)
-        row = first
-        while row < last:
-            place = row % self.height
-            count = min(last - row, self.height - place)
+        for place, count, at in unwrapped(self.height, first, last):
             rows = self.store[place : place + count]
-            self._device.write(self._buffers[self.name], rows, (row - first) * (rows.nbytes // count))
-            row += count
+            self._device.write(self._buffers[self.name], rows, at * (rows.nbytes // count))
         return first
 
     def save(self, top: int, bottom: int, first: int | None = None, into: RowStore | None = None) -> None:

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
+from ..opencl.buffers import Buffers
+from ..opencl.device import Device
 from ..stationarity.grid_statistics import CellGrid
 
 ALL_ROWS = 1 << 31
@@ -31,13 +32,6 @@ def cell_rows_held(grid: CellGrid, cell_rows: int | None, beyond: int = 0) -> in
     return min(grid.down, max(cell_rows, least_cell_rows(grid) + math.ceil(2 * beyond * grid.down / grid.height)))
 
 
-def last_row(grid: CellGrid, held: int, top: int) -> int:
-    """Up to which row of pixels the cells around all of them are held, from row `top` on; `ALL_ROWS`: all."""
-    if held == grid.down:
-        return ALL_ROWS
-    return top + 1 + int((held - least_cell_rows(grid)) * grid.height / grid.down)
-
-
 def seen_cells(grid: CellGrid, top: int, bottom: int) -> tuple[int, int, int, int]:
     """Rows of cells that rows of pixels lie between, and those that are blurred into them: (above, below, first, last).
 
@@ -51,15 +45,39 @@ def seen_cells(grid: CellGrid, top: int, bottom: int) -> tuple[int, int, int, in
     return above, below, first, last
 
 
-def unwrapped(grid: CellGrid, first: int, last: int) -> Iterator[tuple[int, int, int]]:
-    """Rows of cells that are counted on beyond the border, as (row, count, rows before them)."""
-    row = first
-    while row < last:
-        cell = row % grid.down
-        count = min(last - row, grid.down - cell)
-        yield cell, count, row - first
-        row += count
-
-
 def _radius(grid: CellGrid) -> int:
     return len(grid.taps()[1]) // 2
+
+
+class HeldCells:
+    """A projection that holds rows of cells: all of them, or those around the rows that are matched.
+
+    Parameters
+    ----------
+    device, buffers, grid, name
+        As of `histograms.Projection`.
+    channels : int
+    held : int
+        Rows of cells that there is room for.
+    """
+
+    held = None
+
+    def __init__(self, device: Device, buffers: Buffers, grid: CellGrid, channels: int, name: str, held: int):
+        self._device, self._buffers, self._grid, self._name = device, buffers, grid, name
+        self.channels = channels
+        self._held = min(grid.down, held)  # rows of cells
+        self._first_cells = 0  # the first of those that are held
+        self.whole = self._held == grid.down
+
+    @property
+    def looks_beyond(self) -> bool:
+        """Whether rows that are matched hang on others."""
+        return not self.whole
+
+    def last_row(self, top: int) -> int:
+        """Up to which row an image can be matched at once from row `top` on; `ALL_ROWS`: all."""
+        if self.whole:
+            return ALL_ROWS
+        grid = self._grid
+        return top + 1 + int((self._held - least_cell_rows(grid)) * grid.height / grid.down)

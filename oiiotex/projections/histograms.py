@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Protocol
 from ..deferred import np
 from ..opencl.buffers import Buffers, Download
 from ..opencl.device import Device
+from ..opencl.rows import unwrapped
 from ..stationarity.grid_statistics import CellGrid
-from .held_cells import cell_rows_held, last_row, seen_cells, unwrapped
+from .held_cells import HeldCells, cell_rows_held, seen_cells
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -163,7 +164,7 @@ def layout(
     return {name: histograms, "grid_next": histograms, "row_sums": 4 * channels * grid.down * BINS}
 
 
-class Projection:
+class Projection(HeldCells):
     """project_histo of MJH17 section 4.3: every local histogram is matched to the image's own.
 
     Where not all cells are held, those around the rows to match are summed and blurred when they are matched.
@@ -184,25 +185,14 @@ class Projection:
     def __init__(
         self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, name: str = "grid"
     ):  # fmt: skip
-        self._device, self._buffers, self._grid, self._name = device, buffers, grid, name
-        self.channels = len(low)
+        held = min(buffers[n].size for n in (name, "grid_next")) // (4 * len(low) * grid.across * BINS)
+        super().__init__(device, buffers, grid, len(low), name, held)
         self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=self.channels)
         self._low, self._high = np.asarray(low, np.float32), np.asarray(high, np.float32)
         per_bin = (BINS - 1) / np.maximum(self._high - self._low, np.float32(1.0))
         self._bins = (device.upload(self._low), device.upload(per_bin.astype(np.float32)))
         self._taps = [(device.upload(taps.astype(np.float32)), len(taps) // 2) for taps in grid.taps()]
-        held = min(buffers[n].size for n in (name, "grid_next")) // (4 * self.channels * grid.across * BINS)
-        self._held = min(grid.down, held)  # rows of cells
-        self._first_cells = 0  # the first of those that are held
         self._inverse: cl.Buffer | None = None
-        self.whole = self._held == grid.down
-
-    held = None
-
-    @property
-    def looks_beyond(self) -> bool:
-        """Whether rows that are matched hang on others."""
-        return not self.whole
 
     def learning(self, image: Source) -> Iterator[None]:
         """Look at all of an image, at every step at some of its rows: behind the last one, `match` may be called."""
@@ -219,10 +209,6 @@ class Projection:
             self._blur(grid.down, 0, grid.down, grid.wrap_y)
             sums = coming.array()
         self._inverse = self._device.upload(self._inverse_of(sums))
-
-    def last_row(self, top: int) -> int:
-        """Up to which row an image can be matched at once from row `top` on; `ALL_ROWS`: all."""
-        return last_row(self._grid, self._held, top)
 
     def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
         """Match rows of an image that was learned; returns which row lies at the start of its buffer.
@@ -251,7 +237,7 @@ class Projection:
         """The cumulatives of the cells that rows of pixels see, from the cells around them."""
         above, below, first, last = seen_cells(self._grid, top, bottom)
         self._clear()
-        for cell, count, at in unwrapped(self._grid, first, last):
+        for cell, count, at in unwrapped(self._grid.down, first, last):
             for _ in self._gather(image, cell, count, at):
                 pass
         self._blur(last - first, above - first, below - first, False)

@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING
 from ..deferred import np
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
+from ..opencl.rows import unwrapped
 from ..stationarity.grid_statistics import CellGrid, correlated
-from .held_cells import cell_rows_held, last_row, seen_cells, unwrapped
+from .held_cells import HeldCells, cell_rows_held, seen_cells
 from .histograms import BINS, INVERSE, Source
 from .pearson_table import KURTOSES, SCORES, SKEWNESSES, quantile_table, shares_below, table_place, table_shares
 
@@ -40,7 +41,7 @@ def layout(grid: CellGrid, channels: int = 3, cell_rows: int | None = None, name
     return {"sums": 4 * _SUMS * count + _HOST_BYTES * count + 8 * 5 * channels * grid.down, name: 4 * 4 * count}
 
 
-class MomentProjection:
+class MomentProjection(HeldCells):
     """As `histograms.Projection`, by moments up to `order`: where not all cells are held, they are summed twice.
 
     Parameters
@@ -49,20 +50,15 @@ class MomentProjection:
         2, 3 or 4.
     """
 
-    held = None
-
     def __init__(
         self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, order: int,
         name: str = "local",
     ):  # fmt: skip
-        self._device, self._buffers, self._grid, self._order, self._name = device, buffers, grid, order, name
+        held = buffers[name].size // (4 * 4 * len(low) * grid.across)
+        super().__init__(device, buffers, grid, len(low), name, held)
+        self._order = order
         self._overall: list[cl.Buffer] = []
-        self.channels = len(low)
         self._taps = grid.taps()
-        held = buffers[name].size // (4 * 4 * self.channels * grid.across)
-        self._held = min(grid.down, held)  # rows of cells
-        self._first_cells = 0  # the first of those that are held
-        self.whole = self._held == grid.down
         self._described_overall = np.zeros(0)
         self._run = device.program(
             "moments", INVERSE=INVERSE, SKEWNESSES=SKEWNESSES, KURTOSES=KURTOSES, SCORES=SCORES, CHANNELS=self.channels
@@ -91,15 +87,6 @@ class MomentProjection:
         inverse = self._inverse(overall) if self._order > 2 else np.zeros(1)
         self._overall = [self._device.upload(t.astype(np.float32)) for t in (inverse, overall[:, :2])]
 
-    @property
-    def looks_beyond(self) -> bool:
-        """As `histograms.Projection.looks_beyond`."""
-        return not self.whole
-
-    def last_row(self, top: int) -> int:
-        """As `histograms.Projection.last_row`."""
-        return last_row(self._grid, self._held, top)
-
     def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
         """As `histograms.Projection.match`."""
         grid, b = self._grid, self._buffers
@@ -126,7 +113,7 @@ class MomentProjection:
         grid, b, all_rows = self._grid, self._buffers, self.channels * self._held
         self._device.fill(b["sums"], np.float32(0), _SUMS * grid.across * all_rows)
         for powers in (2, 5):
-            for top, count, at in unwrapped(grid, first, last):
+            for top, count, at in unwrapped(grid.down, first, last):
                 for begin, end in image.bands(*grid.rows_of_cells(top, top + count)):
                     loaded = image.load(begin, end)
                     self._run(

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is asked of any filter: images for all of its inputs, cheap parameters, and which filters a promise concerns."""
+
+from __future__ import annotations
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex import filters
+from oiiotex.core.op import Kind, Op, Space
+from oiiotex.core.parameters import Numbers
+from oiiotex.session import Session
+from tests import pictures
+
+# fewer rounds and small places, where beauty does not matter
+SMALL = {"iterations": 4, "threshold": 0.9, "radius": 8, "height": 64}
+
+
+def settings(op: type[Op], **more: object) -> dict[str, object]:
+    """Cheap parameters that the op has."""
+    names = {p.name for p in op.parameters()}
+    found = {name: value for name, value in {**SMALL, **more}.items() if name in names}
+    found |= {"n": 3} if op.name == "sigmas" else {"filter": "quilt", "seeds": 2} if op.name == "variants" else {}
+    found |= {"corners": Numbers((3, 2, 66, 5, 70, 60, 1, 62))} if op.name == "rectify" else {}
+    found |= {"fail": "none"} if op.name == "checkmaterial" else {}
+    found |= {"mesh": pictures.cube_file()} if op.name == "atlas" else {}
+    return {**found, "labels": quarters()} if op.name in LABELLED else found
+
+
+def quarters() -> oiio.ImageBuf:
+    """A label map for the photo: four labels, in four pieces."""
+    labels = oiio.ImageBuf(oiio.ImageSpec(72, 64, 1, oiio.UINT32))
+    y, x = np.indices((64, 72))
+    labels.set_pixels(labels.roi, (1 + x // 36 + 2 * (y // 32)).astype(np.uint32)[..., None])
+    return labels
+
+
+def buffer(pixels: np.ndarray, kind=oiio.FLOAT, space: str = "srgb_rec709_scene", names=None) -> oiio.ImageBuf:
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind)
+    if names:
+        spec.channelnames = names
+    if space:
+        spec.attribute("oiio:ColorSpace", space)
+    made = oiio.ImageBuf(spec)
+    made.set_pixels(made.roi, np.ascontiguousarray(pixels, np.float32))
+    return made
+
+
+def scramble(height: int, width: int, like: oiio.ImageBuf) -> oiio.ImageBuf:
+    """A map of source coordinates in random order."""
+    spec = like.spec()
+    y, x = (np.random.default_rng(0).integers(0, n, (height, width)) for n in (spec.height, spec.width))
+    st = np.stack([(x + 0.5) / spec.width, (y + 0.5) / spec.height], -1)
+    return buffer(st, space="data", names=("R", "G"))
+
+
+def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
+    """Images for all of an op's inputs, the photo first; a label map for what takes one."""
+    if is_view(op):
+        spec = oiio.ImageSpec(72, 64, 1, oiio.UINT32)
+        labels = oiio.ImageBuf(spec)
+        labels.set_pixels(labels.roi, (np.indices((64, 72)).sum(0) // 30 + 1).astype(np.uint32)[..., None])
+        return [labels]
+    if op.name in PAINTINGS:
+        return [photo, quarters()]
+    return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]
+
+
+def apply(op: type[Op], photo: oiio.ImageBuf, session: Session | None = None, **values: object) -> oiio.ImageBuf:
+    made = getattr(filters, op.name)(*operands(op, photo), session=session, **settings(op, **values))
+    return next(iter(made.values())) if isinstance(made, dict) else made
+
+
+def pixels(image: oiio.ImageBuf) -> np.ndarray:
+    return image.get_pixels(image.spec().format, image.roi)
+
+
+def of(found: list[type[Op]]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("op", found, ids=lambda op: op.name)
+
+
+def image_kind(op: type[Op]) -> Kind:
+    """What the op's image is."""
+    return op.main().kind
+
+
+def is_view(op: type[Op]) -> bool:
+    """Whether it draws what it takes for people: label maps here."""
+    return image_kind(op) is Kind.PICTURE and op.space is Space.ANY
+
+
+# What is true of few and does not follow from the kinds of their outputs; a new filter is held to everything else.
+RESAMPLED = ("zoom",)  # their results are pixels of another size
+LABELLED = ("composite", "palette", "paint")  # take a picture with its label maps
+PAINTINGS = ("paint",)  # and a painting of labels
+SUMS = ("preview",)  # what a pixel is worth is a difference of sums over all before it
+PICTURES = [op for op in filters.FILTERS if image_kind(op) is not Kind.PICTURE]  # take pictures and draw no sheets
+COLOUR = [op for op in PICTURES if op.space is Space.LAB]
+every_filter = of(PICTURES)
+colour_filters = of(COLOUR)
+copying_filters = of([op for op in filters.FILTERS if op.copies])
+PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))

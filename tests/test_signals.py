@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a signal leaves behind: the right exit code, nothing half, the old output; of one process and of several."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.conftest import oiiotex, save
+from tests.faults import OLD, PROGRAM, SLOW, half_files, half_written, line_of, nobody_left, slow, start, wait_for
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals, mounts and limits of POSIX")
+
+
+@pytest.mark.parametrize("name", ["out.exr", "out.tif", "out.png", "out.jpg"])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_writing_leaves_the_old_output_and_nothing_half(tmp_path, name, number, code):
+    (tmp_path / name).write_bytes(OLD)
+    run = start(tmp_path, *SLOW[:-4], "-o", name)
+    wait_for(lambda: half_files(tmp_path), run)
+    run.send_signal(number)
+    assert (*run.communicate(timeout=60), run.returncode) == ("", "", code)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {name: OLD}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--testread", "big.png"] * 200, ["big.png", "--fft", "--dup", "--pop"] * 50],
+    ids=["reading", "computing"],
+)
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_reading_or_computing_ends_the_run(tmp_path, words, number, code):
+    save(np.zeros((700, 800, 3)), tmp_path / "big.png")
+    (tmp_path / "out.exr").write_bytes(OLD)
+    run = start(tmp_path, "--create", "8x8", "3", "-o", "begun.exr", *words, "-o", "out.exr")
+    wait_for((tmp_path / "begun.exr").exists, run)
+    time.sleep(0.1)
+    run.send_signal(number)
+    _, errors = run.communicate(timeout=60)
+    assert (errors, run.returncode) == ("", code)
+    assert sorted(os.listdir(tmp_path)) == ["begun.exr", "big.png", "out.exr"]
+    assert (tmp_path / "out.exr").read_bytes() == OLD
+
+
+@pytest.mark.parametrize("delay", [0.15, 0.3, 0.45])
+def test_a_signal_while_the_program_is_loaded_leaves_no_traceback(tmp_path, delay):
+    run = start(tmp_path, *SLOW, "-o", "out.exr")
+    wait_for(lambda: handles(run.pid, signal.SIGTERM), run)
+    time.sleep(delay)
+    run.send_signal(signal.SIGINT)
+    assert (run.communicate(timeout=60)[1], run.returncode) == ("", 130)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_signal_where_python_drops_exceptions_ends_the_run():
+    code = """
+import signal
+from oiiotex.cli.stopping import stop_on_signals
+class Dropped:
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+stop_on_signals()
+Dropped()
+print("went on")
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (ended.stdout, ended.stderr, ended.returncode) == ("", "", 143)
+
+
+def handles(pid: int, number: int) -> bool:
+    status = Path(f"/proc/{pid}/status")
+    if not status.exists():
+        pytest.skip("no /proc")
+    caught = next((line.split()[1] for line in status.read_text().splitlines() if line.startswith("SigCgt")), "0")
+    return bool(int(caught, 16) >> (number - 1) & 1)
+
+
+def test_a_second_signal_ends_the_run_at_once_and_leaves_nothing_half(tmp_path):
+    (tmp_path / "out.exr").write_bytes(OLD)
+    run = start(tmp_path, *SLOW, "-o", "out.exr")
+    wait_for(lambda: half_files(tmp_path), run)
+    for number in (signal.SIGTERM, signal.SIGTERM, signal.SIGINT):
+        run.send_signal(number)
+    assert run.wait(timeout=60) in (130, 143)
+    assert run.communicate()[1] == ""
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"out.exr": OLD}
+
+
+def test_a_run_that_is_to_ignore_interrupts_ignores_them(tmp_path):
+    script = f"trap '' INT; exec {' '.join(PROGRAM)} --create 8x8 3 --echo begun --testread a.png -o out.exr"
+    save(np.zeros((8, 8, 3)), tmp_path / "a.png")
+    run = subprocess.Popen(["sh", "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, start_new_session=True)
+    wait_for(lambda: handles(run.pid, signal.SIGTERM), run)
+    run.send_signal(signal.SIGINT)
+    assert (run.communicate(timeout=60)[1], run.returncode) == (b"", 0)
+    assert (tmp_path / "out.exr").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), slow(signal.SIGTERM, 143), slow(signal.SIGKILL, -9)]
+)
+def test_a_signal_to_parallel_frames_ends_all_processes(tmp_path, number, code):
+    (tmp_path / "out.0001.exr").write_bytes(OLD)
+    words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
+    run = start(tmp_path, *words)
+    wait_for(lambda: half_written(tmp_path), run)
+    run.send_signal(number)
+    _, errors = run.communicate(timeout=60)
+    assert (errors, run.returncode) == ("", code)
+    assert nobody_left(run)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"out.0001.exr": OLD}
+
+
+def test_a_ctrl_c_which_goes_to_all_processes_is_silent_too(tmp_path):
+    words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
+    run = start(tmp_path, *words)
+    wait_for(lambda: half_files(tmp_path), run)
+    os.killpg(run.pid, signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert (errors, run.returncode) == ("", 130)
+    assert nobody_left(run)
+    assert half_files(tmp_path) == []
+
+
+def test_a_killed_worker_is_an_error_and_not_an_endless_wait(tmp_path):
+    words = ["--frames", "1-8", "--parallel-frames", "--threads", "2", *SLOW, "-o", "out.#.exr"]
+    run = start(tmp_path, *words)
+    workers: list[int] = []
+
+    def a_worker_writes() -> bool:  # and not the parent, which looks at formats before the work
+        pids = {int(name.split("-")[-2]) for name in half_files(tmp_path)} - {run.pid}
+        workers.extend(pids)
+        return bool(pids)
+
+    wait_for(a_worker_writes, run)
+    pid = workers[0]
+    os.kill(pid, signal.SIGKILL)
+    output, errors = run.communicate(timeout=60)
+    assert "has ended of itself" in line_of(subprocess.CompletedProcess([], run.returncode, output, errors))
+    assert nobody_left(run)
+    assert [name for name in half_files(tmp_path) if f"-{pid}-" not in name] == []
+    oiiotex("--create", "8x8", "3", "-o", "next.exr", cwd=tmp_path)
+    assert os.listdir(tmp_path) == ["next.exr"]
+
+
+def test_what_parallel_frames_print_arrives_in_order(tmp_path, picture):
+    done = oiiotex("--frames", "1-3", "--parallel-frames", picture, "--echo", "frame #", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (0, "frame 0001\nframe 0002\nframe 0003\n")
+
+
+@pytest.mark.parametrize("name", ["out.exr", "out.tif", "out.png"])
+def test_what_kill_9_leaves_is_hidden_bears_pid_and_host_and_is_swept(tmp_path, name):
+    (tmp_path / name).write_bytes(OLD)
+    run = start(tmp_path, *SLOW[:-4], "-o", name)
+    wait_for(lambda: half_files(tmp_path), run)
+    run.kill()
+    run.communicate(timeout=60)
+    (left,) = half_files(tmp_path)
+    assert left.startswith(".out.oiiotex-")
+    assert f"-{run.pid}-" in left
+    assert "".join(c if c.isalnum() else "_" for c in os.uname().nodename) in left
+    assert (tmp_path / name).read_bytes() == OLD
+    assert oiiotex("--create", "8x8", "3", "-o", "next.exr", cwd=tmp_path).returncode == 0
+    assert sorted(os.listdir(tmp_path)) == ["next.exr", name]
