@@ -119,7 +119,9 @@ def differences(text: str, image: np.ndarray) -> tuple[float, float]:
 PHOTO = pictures.pebbles(96, 96, 1)
 
 
-@pytest.mark.parametrize("kind", ["sphere", "cube", "torus", "scan", "arch"])
+@pytest.mark.parametrize(
+    "kind", ["cube", "torus", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("sphere", "scan", "arch"))]
+)
 def test_texture_runs_on_over_borders_of_charts(kind, tmp_path):
     """Over three seeds together: where stones and gaps come to lie of one has the ratio go up and down by a tenth."""
     path, out = mesh_file(kind, tmp_path), tmp_path / "out.obj"

@@ -96,7 +96,10 @@ def made(
     return synthesize(device, exemplar, allowed, own, 1 << 30, progress, constraints=constraints, keeper=keeper)
 
 
-@pytest.mark.parametrize("case", CASES)
+LONG = ("steerable of a small sigma",)
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow) if c in LONG else c for c in CASES])
 def test_bands_do_not_show(device, case, monkeypatch):
     whole = made(device, case, monkeypatch, (None, None, 0))
     for name, plan in (PLANS | MORE_PLANS.get(case, {})).items():

@@ -217,9 +217,20 @@ def test_data_skips_colour(op):
     np.testing.assert_array_equal(pixels(made), pixels(tagged))
 
 
+LIKELY = {(1, oiio.HALF), (2, oiio.UINT8), (3, oiio.FLOAT), (4, oiio.UINT16)}  # each once; all pairs are slow
+
+
 @every_filter
-@pytest.mark.parametrize("channels", [1, 2, 3, 4])
-@pytest.mark.parametrize("kind", [oiio.UINT8, oiio.UINT16, oiio.HALF, oiio.FLOAT], ids=str)
+@pytest.mark.parametrize(
+    ("channels", "kind"),
+    [
+        pytest.param(
+            channels, kind, id=f"{kind}-{channels}", marks=[] if (channels, kind) in LIKELY else pytest.mark.slow
+        )
+        for kind in (oiio.UINT8, oiio.UINT16, oiio.HALF, oiio.FLOAT)
+        for channels in (1, 2, 3, 4)
+    ],
+)
 def test_gray_alpha_and_all_pixel_types_work(op, channels, kind):
     gray = PHOTO[..., :1]
     picture = {
