@@ -164,6 +164,26 @@ def test_steps_that_are_joined_or_dropped_take_their_fine_layers_with_them(tmp_p
     assert steps.picture(1).read_text() == steps.plan(1).read_text() == "2"
 
 
+def test_a_new_painting_takes_its_own_steps_away_and_nothing_else(tmp_path):
+    steps = Steps(tmp_path / "photo.paint")
+    steps.folder.mkdir()
+    (steps.folder / "mine.png").write_text("mine")
+    for name in ("000000.png", "000000.fine.png", "000000.npz", "000000.x4.npz", "000001.png.txt"):
+        (steps.folder / name).write_text("")
+    steps.begin()
+    assert sorted(path.name for path in steps.folder.iterdir()) == ["000001.png.txt", "mine.png"]
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    for name in ("000000.png", "000000.npz"):
+        (outside / name).write_text("")
+    linked = Steps(tmp_path / "linked.paint")
+    linked.folder.symlink_to(outside)
+    assert linked.last == -1
+    with pytest.raises(ImageError, match="linked.paint: is no folder, and steps of the painting go there"):
+        linked.begin()
+    assert len(list(outside.iterdir())) == 2
+
+
 def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(tmp_path):
     coarse = np.full((160, 200), 1)
     coarse[:, 120:] = 2
