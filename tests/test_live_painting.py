@@ -86,13 +86,15 @@ def test_paintings_from_elsewhere_are_ids_or_colours(palette, tmp_path):
     ("pixels", "legend", "said"),
     [
         (np.full((64, 64, 1), 3), "", "ids that mean no label: 3 (4096 px, the first at 0,0)"),
+        (np.full((64, 64, 1), np.nan), "", "ids that mean no label: -1 (4096 px, the first at 0,0)"),
+        (np.full((64, 64, 1), 1e30), "", f"ids that mean no label: {2**53} (4096 px, the first at 0,0)"),
         (np.full((64, 64, 3), 0.5), "", "colours that mean no label"),
         (np.full((64, 32, 1), 7), "", "is of 32x64: a painting has 64 to 4096 px a side"),
         (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
         (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "colour": "0,204,255"}}', "with leaf, this palette has moss"),
         (np.full((64, 64, 1), 7), "[" * 5000, "its legend cannot be read"),
     ],
-    ids=("ids", "colours", "small", "large", "legend", "deep"),
+    ids=("ids", "NaN", "far", "colours", "small", "large", "legend", "deep"),
 )
 def test_what_is_no_painting_of_this_photo_is_refused_in_words(palette, tmp_path, pixels, legend, said):
     path = save(pixels, tmp_path / "other.tif", "float")

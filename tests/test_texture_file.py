@@ -62,7 +62,7 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
         ({"photo": 7}, "", "photo=7: allowed is a text"),
         ({"fotograph": "x.exr"}, "", "unknown 'fotograph'.*; there is oiiotex, photo, graph, tiles"),
-        ({"size": None}, "", "size=None: allowed is WIDTHxHEIGHT"),
+        ({"size": None}, "", "size is wanted: WIDTHxHEIGHT"),
         ({"size": "0x4"}, "", "size=0x4: allowed"),
         ({"size": f"{2**31}x4"}, "", r"<= 2147482624 px \(2\^31 - 1024\)"),
         ({"size": "2147482624x131073"}, "", r"allowed are 2\^48 px in all"),
