@@ -122,14 +122,17 @@ class Steps:
         Raises
         ------
         ImageError
-            There is something of its name that is no folder.
+            There is something of its name that is no folder, or it cannot be written.
         """
         if os.path.lexists(self.folder) and not self._there:
             raise ImageError(f"{self.folder}: is no folder, and steps of the painting go there: give it another name")
-        self.folder.mkdir(exist_ok=True)
-        for path in self.folder.iterdir():
-            if _OWN.fullmatch(path.name) and not path.is_dir():
-                path.unlink()
+        try:
+            self.folder.mkdir(exist_ok=True)
+            for path in self.folder.iterdir():
+                if _OWN.fullmatch(path.name) and not path.is_dir():
+                    path.unlink()
+        except OSError as error:
+            raise ImageError(f"{self.folder}: {error.strerror}") from error
 
     def drop_after(self, step: int) -> None:
         """Forget what was undone: something else is painted instead."""
