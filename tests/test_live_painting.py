@@ -16,7 +16,7 @@ from oiiotex.core.demand import PieceCache
 from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
 from oiiotex.live.painting import Steps, fine_of, paintings_in
-from oiiotex.live.palette import COARSE, FINE, Palette
+from oiiotex.live.palette import COARSE, FINE, Palette, require_replaceable
 from tests import test_painting
 from tests.conftest import save
 from tests.test_labelgrowth import ids_buffer
@@ -164,6 +164,19 @@ def test_steps_that_are_joined_or_dropped_take_their_fine_layers_with_them(tmp_p
         "000000.npz", "000000.png", "000001.npz", "000001.png",
     ]  # fmt: skip
     assert steps.picture(1).read_text() == steps.plan(1).read_text() == "2"
+
+
+def test_a_table_takes_no_other_files_place(tmp_path):
+    table = tmp_path / "photo.palette.json"
+    require_replaceable(table)
+    table.write_text(json.dumps(TABLE))
+    require_replaceable(table)
+    (tmp_path / "linked.json").symlink_to(table)
+    for path, text in ((table, '{"mine": 1}'), (table, "no JSON"), (table, "[]"), (tmp_path / "linked.json", "")):
+        if text:
+            path.write_text(text)
+        with pytest.raises(ImageError, match=f"{path.name}: is no palette's table, and would be replaced by one"):
+            require_replaceable(path)
 
 
 def test_a_new_painting_takes_its_own_steps_away_and_nothing_else(tmp_path):
