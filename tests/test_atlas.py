@@ -269,7 +269,12 @@ def test_a_pipe_beside_a_mesh_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.bin")
     described = {"asset": {"version": "2.0"}, "buffers": [{"uri": "pipe.bin", "byteLength": 36}]}
     (tmp_path / "mesh.gltf").write_text(json.dumps(described))
-    line = [sys.executable, "-P", "-c", "import sys; from pathlib import Path; from oiiotex.atlas.mesh import read_mesh"]
+    line = [
+        sys.executable,
+        "-P",
+        "-c",
+        "import sys; from pathlib import Path; from oiiotex.atlas.mesh import read_mesh",
+    ]
     line[-1] += "; read_mesh(Path(sys.argv[1]), 64, 64)"
     done = subprocess.run([*line, tmp_path / "mesh.gltf"], capture_output=True, text=True, timeout=60)
     assert "mesh.gltf cannot be read as a mesh: pipe.bin is no regular file" in done.stderr

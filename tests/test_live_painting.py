@@ -194,7 +194,7 @@ def test_a_new_painting_takes_its_own_steps_away_and_nothing_else(tmp_path):
     linked = Steps(tmp_path / "linked.paint")
     linked.folder.symlink_to(outside)
     assert linked.last == -1
-    with pytest.raises(ImageError, match="linked.paint: is no folder, and steps of the painting go there"):
+    with pytest.raises(ImageError, match=r"linked\.paint: is no folder, and steps of the painting go there"):
         linked.begin()
     assert len(list(outside.iterdir())) == 2
 

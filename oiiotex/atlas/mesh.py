@@ -150,7 +150,9 @@ def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     # of OBJ groups by material would split the surface; materials are not looked at
     more = {"group_material": False, "split_objects": False, "skip_materials": True}
     try:
-        scene = trimesh.load_scene(path, process=False, resolver=RegularFiles(path), **(more if path.suffix.lower() == ".obj" else {}))
+        scene = trimesh.load_scene(
+            path, process=False, resolver=RegularFiles(path), **(more if path.suffix.lower() == ".obj" else {})
+        )
         placed = [(scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
         objects = [(matrix, geometry[name]) for (matrix, name), geometry in placed]
         meshes = [(matrix, one) for matrix, one in objects if hasattr(one, "faces") and len(one.faces)]
@@ -231,8 +233,8 @@ def _check_charts(uv: np.ndarray, name: str, tiles: tuple[int, int]) -> None:
         least = np.ceil(uv.max((0, 1)) - _INSIDE)
         if uv.min() >= -_INSIDE and least.max() <= _MOST_TILES:
             raise ImageError(
-                f"{name} has {outside} triangles with UVs outside {_span(tiles)}: udim={least[0]:.0f}x{least[1]:.0f} takes them"
-                " for UDIM tiles; else pack its charts into one"
+                f"{name} has {outside} triangles with UVs outside {_span(tiles)}: udim={least[0]:.0f}x{least[1]:.0f} takes"
+                " them for UDIM tiles; else pack its charts into one"
             )
         raise ImageError(
             f"{name} has {outside} triangles with UVs outside {_span(tiles)}: pack its charts into one tile"
