@@ -233,8 +233,8 @@ def _check_charts(uv: np.ndarray, name: str, tiles: tuple[int, int]) -> None:
         least = np.ceil(uv.max((0, 1)) - _INSIDE)
         if uv.min() >= -_INSIDE and least.max() <= _MOST_TILES:
             raise ImageError(
-                f"{name} has {outside} triangles with UVs outside {_span(tiles)}: udim={least[0]:.0f}x{least[1]:.0f} takes"
-                " them for UDIM tiles; else pack its charts into one"
+                f"{name} has {outside} triangles with UVs outside {_span(tiles)}: udim={least[0]:.0f}x{least[1]:.0f}"
+                " takes them for UDIM tiles; else pack its charts into one"
             )
         raise ImageError(
             f"{name} has {outside} triangles with UVs outside {_span(tiles)}: pack its charts into one tile"
