@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
 import sys
 from collections import defaultdict
 from pathlib import Path
@@ -223,6 +226,8 @@ WRONG = {
     "degenerate": (CUBE + "v 5 5 5\nv 6 6 6\nv 7 7 7\nf 9/1 10/2 11/3\n", "1 degenerate triangles"),
     "overlapping": (CUBE + "v 5 5 5\nv 6 5 5\nv 6 6 5\nf 9/1 10/2 11/3\n", "charts overlap on"),
     "NaN": (CUBE.replace("v 0.0 0.0 0.0", "v nan 0 0", 1), "vertices with NaN or Inf"),
+    "flat": (CUBE.replace("v 0.0 0.0 0.0", "v 0 0", 1), "vertices of 2 coordinates: 3 are wanted"),
+    "far UV": (CUBE.replace("vt 0.02", "vt 90000000000000000000.02", 1), "outside 0 to 1: pack its charts"),
     "NaN UV": (CUBE.replace("vt 0.02", "vt 1e999", 1), "NaN or Inf UVs"),
     "empty": ("# nothing\n", ""),
     "points": ("v 0 0 0\nv 1 0 0\nv 0 1 0\n", ""),
@@ -260,6 +265,21 @@ def test_what_is_missing_or_does_not_fit_is_said(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(errors.ParameterError, match=r"pip install 'oiiotex\[atlas\]'"):
         filters.atlas(photo, mesh=cube)
+
+
+def test_a_pipe_beside_a_mesh_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.bin")
+    described = {"asset": {"version": "2.0"}, "buffers": [{"uri": "pipe.bin", "byteLength": 36}]}
+    (tmp_path / "mesh.gltf").write_text(json.dumps(described))
+    line = [
+        sys.executable,
+        "-P",
+        "-c",
+        "import sys; from pathlib import Path; from oiiotex.atlas.mesh import read_mesh",
+    ]
+    line[-1] += "; read_mesh(Path(sys.argv[1]), 64, 64)"
+    done = subprocess.run([*line, tmp_path / "mesh.gltf"], capture_output=True, text=True, timeout=60)
+    assert "mesh.gltf cannot be read as a mesh: pipe.bin is no regular file" in done.stderr
 
 
 def test_scale_is_the_width_of_the_photo_on_the_surface(tmp_path):

@@ -73,6 +73,13 @@ for one in bpy.data.images:
         values = np.empty(len(one.pixels), np.float32)
         one.pixels.foreach_get(values)
         np.save(folder + "/" + one.name + ".npy", values.reshape(one.size[1], one.size[0], 4)[::-1])
+missing = bpy.data.images.new("missing", 8, 8)
+missing.source, missing.filepath = "FILE", "/nowhere/missing.png"
+with bpy.context.temp_override(edit_image=missing):
+    try:
+        bpy.ops.oiiotex.make_tile()
+    except RuntimeError as error:
+        print(error)
 preferences.python = "/bin/false"
 for space in ("sRGB", "Linear Rec.2020"):
     image.colorspace_settings.name = space
@@ -169,6 +176,7 @@ def test_a_tile_is_the_programs(folder):
     assert any(one.startswith("photo.png on Cube") for one in said)
     for text in (
         "Warning: --texstationarize: 40x40 px stretch a lattice",
+        "missing has no pixels that can be read: its file may be missing",
         "/bin/false cannot start oiiotex",
         "has no UV map: Smart UV Project makes one",
         "photo.png: colour space Linear Rec.2020: allowed are sRGB, Linear Rec.709, Non-Color",

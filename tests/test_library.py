@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import re
@@ -188,6 +189,46 @@ def test_an_emptied_catalogue_is_no_library_without_assets(photos, tmp_path, her
         path.unlink()
     tally, _ = brought_in(photos, library, recipe())
     assert tally.counts == {"ok": 2} and run(["check", str(library)]) == 0
+
+
+def test_an_asset_whose_row_is_lost_is_no_garbage(photos, tmp_path, here):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    with contextlib.closing(sqlite3.connect(library / runs.FILE)) as data, data:
+        data.execute("PRAGMA foreign_keys=ON")
+        data.execute("DELETE FROM assets WHERE name = 'wall'")
+    assert run(["gc", str(library)]) == 0
+    assert list(library.glob("assets/wall/*/asset.json"))
+    brought_in(photos, library, recipe())
+    with Catalogue(library) as catalogue:
+        assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"name": "../../gone"},
+        {"labels": "x"},
+        {"labels": [{"name": 5, "share": "nan?", "colour_lab": [1, 2, 3]}]},
+        {"measures": {"seam": "low"}},
+        {"tags": 3},
+        {"files": [{"path": "../../../../photos/gravel.png", "role": "tile", "bytes": 0, "sha256": ""}]},
+    ],
+)
+def test_a_folder_that_says_what_is_no_asset_is_made_again(photos, tmp_path, here, damage):
+    library = tmp_path / "library"
+    brought_in(photos, library, recipe())
+    (path,) = library.glob("assets/gravel/*/asset.json")
+    if "files" in damage:
+        photo = (photos / "gravel.png").read_bytes()
+        damage["files"][0] |= {"bytes": len(photo), "sha256": hashlib.sha256(photo).hexdigest()}
+        assert (path.parent / damage["files"][0]["path"]).is_file()
+    path.write_text(json.dumps(json.loads(path.read_text()) | damage))
+    (library / runs.FILE).unlink()
+    tally, _ = brought_in(photos, library, recipe())
+    assert tally.counts == {"ok": 2}
+    with Catalogue(library) as catalogue:
+        assert list(catalogue.assets()) == ["gravel", "wall"] and list(check(catalogue)) == []
 
 
 def test_what_is_beyond_a_limit_waits_for_review(photos, tmp_path, here):

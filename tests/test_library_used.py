@@ -100,6 +100,13 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
     assert "Materials/brick" in (out / "blender_assets.cats.txt").read_text()
     assert run(["export", str(library), str(out), "--tag", "brick"]) == 0
     assert "0 copied, 1 as they were" in capsys.readouterr().out
+    with Catalogue(library) as catalogue:
+        catalogue.put(catalogues.Asset("unmade", "k", "failed"))
+    with pytest.raises(errors.Error, match="no asset fits: nothing to export"):  # it has no folder
+        run(["export", str(library), str(out), "--status", "failed"])
+    (tmp_path / "file").touch()
+    with pytest.raises(errors.Error, match=r"file: File exists$"):
+        run(["export", str(library), str(tmp_path / "file"), "--tag", "brick"])
     assert run(["list", str(library), "--tag", "brick"]) == 0
     assert capsys.readouterr().out.startswith("wall ok 24x24")
 
@@ -127,6 +134,12 @@ def test_labels_and_metres_are_searched(tmp_path):
         assert names(label="r*>0.2") == ["m1"] and names(label="rust>0.5") == names(label="bark") == []
         assert names(label="#9c3d20") == names(label="#9c3d20>0.05") == ["m1", "m0"]
         assert names(label="label.2/*>0.65") == ["m0"] and names(measures=("labels>1",)) == ["m0", "m1", "m2"]
+        for wrong in ("rust>20%", "#9c3d20>x", ">0.2", "rust>1"):
+            with pytest.raises(errors.Error, match=r"--label .*: allowed is NAME or #RRGGBB, and >SHARE behind it"):
+                names(label=wrong)
+        for wrong in (-1.0, float("nan")):
+            with pytest.raises(errors.Error, match=r"--distance .*: allowed is a number >= 0"):
+                names(color="9c3d20", distance=wrong)
         assert names(size=">1.5x1.5m") == ["m1"] and names(size="1x1m") == ["m0"] and names(size="<2x2m") == ["m0"]
         for term in ("#rust", "rust>1"):
             with pytest.raises(errors.Error, match=f"--label {term}: allowed is"):

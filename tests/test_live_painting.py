@@ -16,7 +16,7 @@ from oiiotex.core.demand import PieceCache
 from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
 from oiiotex.live.painting import Steps, fine_of, paintings_in
-from oiiotex.live.palette import COARSE, FINE, Palette
+from oiiotex.live.palette import COARSE, FINE, Palette, require_replaceable
 from tests import test_painting
 from tests.conftest import save
 from tests.test_labelgrowth import ids_buffer
@@ -86,13 +86,15 @@ def test_paintings_from_elsewhere_are_ids_or_colours(palette, tmp_path):
     ("pixels", "legend", "said"),
     [
         (np.full((64, 64, 1), 3), "", "ids that mean no label: 3 (4096 px, the first at 0,0)"),
+        (np.full((64, 64, 1), np.nan), "", "ids that mean no label: -1 (4096 px, the first at 0,0)"),
+        (np.full((64, 64, 1), 1e30), "", f"ids that mean no label: {2**53} (4096 px, the first at 0,0)"),
         (np.full((64, 64, 3), 0.5), "", "colours that mean no label"),
         (np.full((64, 32, 1), 7), "", "is of 32x64: a painting has 64 to 4096 px a side"),
         (np.full((4, 4097, 1), 7), "", "is of 4097x4"),
         (np.full((64, 64, 1), 7), '{"1": {"name": "leaf", "colour": "0,204,255"}}', "with leaf, this palette has moss"),
         (np.full((64, 64, 1), 7), "[" * 5000, "its legend cannot be read"),
     ],
-    ids=("ids", "colours", "small", "large", "legend", "deep"),
+    ids=("ids", "NaN", "far", "colours", "small", "large", "legend", "deep"),
 )
 def test_what_is_no_painting_of_this_photo_is_refused_in_words(palette, tmp_path, pixels, legend, said):
     path = save(pixels, tmp_path / "other.tif", "float")
@@ -162,6 +164,39 @@ def test_steps_that_are_joined_or_dropped_take_their_fine_layers_with_them(tmp_p
         "000000.npz", "000000.png", "000001.npz", "000001.png",
     ]  # fmt: skip
     assert steps.picture(1).read_text() == steps.plan(1).read_text() == "2"
+
+
+def test_a_table_takes_no_other_files_place(tmp_path):
+    table = tmp_path / "photo.palette.json"
+    require_replaceable(table)
+    table.write_text(json.dumps(TABLE))
+    require_replaceable(table)
+    (tmp_path / "linked.json").symlink_to(table)
+    for path, text in ((table, '{"mine": 1}'), (table, "no JSON"), (table, "[]"), (tmp_path / "linked.json", "")):
+        if text:
+            path.write_text(text)
+        with pytest.raises(ImageError, match=f"{path.name}: is no palette's table, and would be replaced by one"):
+            require_replaceable(path)
+
+
+def test_a_new_painting_takes_its_own_steps_away_and_nothing_else(tmp_path):
+    steps = Steps(tmp_path / "photo.paint")
+    steps.folder.mkdir()
+    (steps.folder / "mine.png").write_text("mine")
+    for name in ("000000.png", "000000.fine.png", "000000.npz", "000000.x4.npz", "000001.png.txt"):
+        (steps.folder / name).write_text("")
+    steps.begin()
+    assert sorted(path.name for path in steps.folder.iterdir()) == ["000001.png.txt", "mine.png"]
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    for name in ("000000.png", "000000.npz"):
+        (outside / name).write_text("")
+    linked = Steps(tmp_path / "linked.paint")
+    linked.folder.symlink_to(outside)
+    assert linked.last == -1
+    with pytest.raises(ImageError, match=r"linked\.paint: is no folder, and steps of the painting go there"):
+        linked.begin()
+    assert len(list(outside.iterdir())) == 2
 
 
 def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(tmp_path):

@@ -171,6 +171,15 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         ('[[product]]\nname = "t"\nline = "$maps -o $color $outputs"\n', "-o would take the first word of [$]color"),
         ('[[product]]\nname = "t"\nline = "$maps -o x.exr $outputs"\n', "-o x.exr: is not in the product's folder"),
         ('[[product]]\nname = "t"\nline = "$maps -otex t/../x.tx $outputs"\n', "-otex t/../x.tx: is not in the"),
+        ('[[product]]\nname = "t"\nline = "$maps -o /x/{NIMAGES}.exr $outputs"\n', "-o /x/.*: is not in the product"),
+        (
+            '[[product]]\nname = "t"\nline = "$maps --texstationarize:report=/tmp/x.json $outputs"\n',
+            "--texstationarize:report=/tmp/x.json: is not in the product's folder",
+        ),
+        (
+            '[[product]]\nname = "t"\nline = "$maps --texstationarize:stmap=../x.exr $outputs"\n',
+            "--texstationarize:stmap=../x.exr: is not in the product's folder",
+        ),
         ('[[product]]\nname = "T"\nline = "$maps $outputs"\n', "name 'T': allowed are a-z"),
         ('[[product]]\nname = "t"\n', "line must be given"),
         ("", "there is no .*product"),

@@ -118,6 +118,20 @@ def test_a_wall_is_straightened_by_its_bricks_alone(turn, nod):
     assert across * down >= 9
 
 
+@pytest.mark.parametrize(("kind", "turned"), [("bricks", 11), ("bricks", -11), ("tiles", 28)])
+def test_the_photo_may_be_turned(kind, turned):
+    """Twice as wide as high, bricks in a running bond lie as square tiles do that are turned by 45 degrees."""
+    y, x = np.mgrid[:240, :320] + 0.5
+    c, s = math.cos(math.radians(turned)), math.sin(math.radians(turned))
+    across, down = c * x + s * y, c * y - s * x
+    row = np.floor(down / 16) if kind == "bricks" else 0 * down
+    joint = (down % 16 < 2) | ((across + 16 * (row % 2)) % (32 if kind == "bricks" else 16) < 2)
+    photo = (80 - 60 * joint)[..., None] * np.ones(3)
+    cell = slanted_lattice(photo.astype(np.float32)).cell
+    side = 32 if kind == "bricks" else 16
+    np.testing.assert_allclose(cell, side * np.array([[c, s], [-s, c]]), atol=0.5)
+
+
 def test_the_lattice_gives_corners_that_can_be_said_for_the_next_map(tmp_path):
     seen, _ = shot(wall(), 0.3, 0.2)
     save(seen, tmp_path / "photo.exr", "half", "lin_rec709_scene")

@@ -62,7 +62,7 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
         ({"photo": 7}, "", "photo=7: allowed is a text"),
         ({"fotograph": "x.exr"}, "", "unknown 'fotograph'.*; there is oiiotex, photo, graph, tiles"),
-        ({"size": None}, "", "size=None: allowed is WIDTHxHEIGHT"),
+        ({"size": None}, "", "size is wanted: WIDTHxHEIGHT"),
         ({"size": "0x4"}, "", "size=0x4: allowed"),
         ({"size": f"{2**31}x4"}, "", r"<= 2147482624 px \(2\^31 - 1024\)"),
         ({"size": "2147482624x131073"}, "", r"allowed are 2\^48 px in all"),
@@ -158,15 +158,16 @@ def test_a_plan_is_a_texture_of_one_level(folder, session):
     assert not tile[66:].any() and not tile[:, 44:].any()
 
 
-def wang_set(folder: Path, count: int, edges: list[Edges]) -> str:
+def wang_set(folder: Path, count: int, edges: list[Edges], spaces: tuple[str, ...] = ("lin_rec709_scene",)) -> str:
     """A file of tiles of 12 x 8 px whose pixels are (tile, row, column)."""
     y, x = np.mgrid[:8, :12]
     tiles = []
     for number in range(count):
         spec = oiio.ImageSpec(12, 8, 3, "half")
         spec.attribute("oiio:subimagename", f"tile{number}")
-        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
-        spec.attribute("oiiotex:edges", str(edges[number]))
+        spec.attribute("oiio:ColorSpace", spaces[number % len(spaces)])
+        if edges:
+            spec.attribute("oiiotex:edges", str(edges[number]))
         tiles.append((spec, np.stack([np.full_like(y, number), y, x], axis=-1).astype(np.float32)))
     out = oiio.ImageOutput.create(str(folder / "set.exr"))
     assert out.open(str(folder / "set.exr"), tuple(spec for spec, _ in tiles))
@@ -202,6 +203,15 @@ def test_tiles_lie_beside_tiles_with_the_same_edges(folder, session, count):
 def test_tiles_that_want_those_before_are_refused(folder, session):
     name = wall(folder, photo=None, tiles=wang_set(folder, 8, edges_of(8)))
     with pytest.raises(ImageError, match=r"set\.exr: 8 tiles cannot lie anywhere: none has the edges n0e0s1w0"):
+        Texture(read_texture_file(name).text(), session)
+
+
+def test_tiles_that_lost_their_edges_or_differ_in_colour_space_are_refused(folder, session):
+    name = wall(folder, photo=None, tiles=wang_set(folder, 16, []))
+    with pytest.raises(ImageError, match=r"set\.exr: 16 tiles that do not say their edges .*: write the set as EXR"):
+        Texture(read_texture_file(name).text(), session)
+    name = wall(folder, photo=None, tiles=wang_set(folder, 3, [], ("lin_rec709_scene", "srgb_rec709_scene")))
+    with pytest.raises(ImageError, match=r"part 'tile1' is of another size, type or colour space"):
         Texture(read_texture_file(name).text(), session)
 
 

@@ -137,10 +137,22 @@ def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         import trimesh
     except ImportError as error:
         raise ParameterError(f"mesh={path.name}: meshes are read by trimesh: {_INSTALL}") from error
+
+    class RegularFiles(trimesh.resolvers.FilePathResolver):
+        """Buffers of a glTF beside it: reading a pipe would wait."""
+
+        def get(self, name: str) -> bytes:
+            beside = Path(self.parent, name)
+            if beside.exists() and not beside.is_file():
+                raise ValueError(f"{name} is no regular file")
+            return bytes(super().get(name))
+
     # of OBJ groups by material would split the surface; materials are not looked at
     more = {"group_material": False, "split_objects": False, "skip_materials": True}
     try:
-        scene = trimesh.load_scene(path, process=False, **(more if path.suffix.lower() == ".obj" else {}))
+        scene = trimesh.load_scene(
+            path, process=False, resolver=RegularFiles(path), **(more if path.suffix.lower() == ".obj" else {})
+        )
         placed = [(scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
         objects = [(matrix, geometry[name]) for (matrix, name), geometry in placed]
         meshes = [(matrix, one) for matrix, one in objects if hasattr(one, "faces") and len(one.faces)]
@@ -149,6 +161,8 @@ def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     points, faces, uvs, count = [], [], [], 0
     for matrix, one in meshes:
         vertices = np.asarray(one.vertices, np.float64)
+        if vertices.shape[1:] != (3,):
+            raise ImageError(f"{path.name} has vertices of {vertices.shape[-1]} coordinates: 3 are wanted")
         points.append(vertices @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3])
         faces.append(np.asarray(one.faces, np.int64) + count)
         uv = getattr(one.visual, "uv", None)
@@ -216,11 +230,11 @@ def _check_charts(uv: np.ndarray, name: str, tiles: tuple[int, int]) -> None:
         raise ImageError(f"{name} has {broken} triangles with NaN or Inf UVs")
     outside = np.count_nonzero(((uv < -_INSIDE) | (uv > np.array(tiles) + _INSIDE)).any((1, 2)))
     if outside:
-        least = np.ceil(uv.max((0, 1)) - _INSIDE).astype(int)
+        least = np.ceil(uv.max((0, 1)) - _INSIDE)
         if uv.min() >= -_INSIDE and least.max() <= _MOST_TILES:
             raise ImageError(
-                f"{name} has {outside} triangles with UVs outside {_span(tiles)}: udim={least[0]}x{least[1]} takes them"
-                " for UDIM tiles; else pack its charts into one"
+                f"{name} has {outside} triangles with UVs outside {_span(tiles)}: udim={least[0]:.0f}x{least[1]:.0f}"
+                " takes them for UDIM tiles; else pack its charts into one"
             )
         raise ImageError(
             f"{name} has {outside} triangles with UVs outside {_span(tiles)}: pack its charts into one tile"

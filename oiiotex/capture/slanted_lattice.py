@@ -34,6 +34,9 @@ _PARTS, _SHARE = 4, 0.45  # parts along each side, and the share of the side tha
 _FEWEST = 4  # parts with a lattice: less say nothing of perspective
 _ALIKE = 0.25  # of a cell, by which frequencies of parts may be off whole combinations of their neighbours'
 _UPRIGHT = math.radians(35)  # a side of the cell is at most so far from the photo's own
+# Bricks and square tiles may have one lattice. By this, courses that rise by up to 13 degrees in the photo, and tiles
+# turned by up to 30, have their own sides
+_LEAN = 2
 _STEPS = 64  # places along each side of the lattice where a rectangle may begin
 
 
@@ -272,7 +275,7 @@ def _upright(vectors: np.ndarray, slant: np.ndarray) -> np.ndarray | None:
         near = lean < _UPRIGHT
         if not near.any():
             return None
-        sides.append(steps[near][np.argmin((length * (1 + lean**2))[near])])
+        sides.append(steps[near][np.argmin((length * (1 + _LEAN * lean**2))[near])])
     return np.array(sides)
 
 

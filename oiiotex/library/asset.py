@@ -144,7 +144,9 @@ def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:
     wrong = []
     for file in files:
         path = folder / file["path"]
-        if not path.is_file():
+        if not path.is_relative_to(folder) or ".." in path.relative_to(folder).parts:
+            wrong.append(f"{path}: is not in the folder")
+        elif not path.is_file():
             wrong.append(f"{path}: is not there")
         elif path.stat().st_size != file["bytes"] or digest_of(path) != file["sha256"]:
             wrong.append(f"{path}: is not what was written")

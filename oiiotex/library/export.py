@@ -20,7 +20,9 @@ INDEX, EXPORT_SCHEMA = "index.json", "oiiotex.export/1"
 
 
 def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Callable[[str], object]) -> int:
-    """Copy assets into a folder, each under its name, with an index and Blender's catalogue; returns how many.
+    """Copy assets that have a folder into another, each under its name, with an index and Blender's catalogue.
+
+    Returns how many were copied: the others are as they were.
 
     Raises
     ------
@@ -39,8 +41,6 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
     try:
         target.mkdir(parents=True, exist_ok=True)
         for asset in chosen:
-            if not asset.folder:
-                continue
             source, final = catalogue.library / asset.folder, target / asset.name
             index.append(asset.name)
             if _same(final, asset):
@@ -57,7 +57,7 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
             count += 1
             done(asset.name)
     except OSError as error:
-        raise Error(f"{target}: {error}") from error
+        raise Error(f"{target}: {error.strerror or error}") from error
     _write(target / documents.BLENDER, blender)
     _write(target / INDEX, json.dumps({"schema": EXPORT_SCHEMA, "assets": index}, indent=1) + "\n")
     return count

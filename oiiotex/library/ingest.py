@@ -14,7 +14,7 @@ import logging
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
@@ -255,9 +255,11 @@ class _Run:
             folder = self.library / place / job.material.name / key
             if not folder.is_dir():
                 continue
-            with contextlib.suppress(Error, KeyError, TypeError):
+            with contextlib.suppress(Error, KeyError, TypeError, ValueError, AttributeError):
                 sidecar = read_sidecar(folder)
-                if sidecar["key"] == key and not faults(folder, sidecar["files"]):
+                says = sidecar["name"], sidecar["key"], sidecar["status"] == "ok"
+                if says == (job.material.name, key, place == "assets") and not faults(folder, sidecar["files"]):
+                    _row(self.library, f"{place}/{job.material.name}/{key}", sidecar, "")  # else it is broken
                     return sidecar
             aside = self.library / WORK / self.name / f"broken-{key}"
             folder.rename(aside)
@@ -306,18 +308,34 @@ class _Run:
 
 
 def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tuple[Any, ...]:
-    """An asset as the catalogue has it."""
+    """An asset as the catalogue has it; TypeError, ValueError or KeyError where the sidecar is none that we write."""
+    text = _texts(sidecar[key] for key in ("name", "key", "status", "licence", "author", "made"))
     asset = Asset(
-        sidecar["name"], sidecar["key"], sidecar["status"], folder, tuple(sidecar["reasons"]), root,
-        sidecar["licence"], sidecar["author"], sidecar["width"], sidecar["height"],
-        tuple(sidecar["tile_m"] or sidecar["size_m"]),
-        tuple(sidecar["colour_lab"]), sidecar["seconds"], sidecar["made"],
+        *text[:3], folder, _texts(sidecar["reasons"]), root,
+        *text[3:5], int(sidecar["width"]), int(sidecar["height"]),
+        _numbers(sidecar["tile_m"] or sidecar["size_m"]),
+        _numbers(sidecar["colour_lab"]), *_numbers([sidecar["seconds"]]), text[5],
     )  # fmt: skip
     path = library / folder / SIDECAR
-    files = [(f["path"], f["role"], f["bytes"], f["sha256"]) for f in sidecar["files"]]
+    files = [(*_texts((f["path"], f["role"])), int(f["bytes"]), *_texts([f["sha256"]])) for f in sidecar["files"]]
     files.append((SIDECAR, role_of(SIDECAR), path.stat().st_size, digest_of(path)))
-    labels = [Label(one["name"], one["share"], tuple(one["colour_lab"])) for one in sidecar["labels"]]
-    return asset, files, sidecar["measures"], sidecar["tags"], labels
+    labels = [
+        Label(*_texts([one["name"]]), *_numbers([one["share"]]), _numbers(one["colour_lab"]))
+        for one in sidecar["labels"]
+    ]
+    measures = sidecar["measures"]
+    return asset, files, dict(zip(measures, _numbers(measures.values()), strict=True)), _texts(sidecar["tags"]), labels
+
+
+def _texts(values: Iterable[Any]) -> tuple[str, ...]:
+    texts = tuple(values)
+    if not all(isinstance(text, str) for text in texts):
+        raise TypeError(f"{texts} are no texts")
+    return texts
+
+
+def _numbers(values: Iterable[Any]) -> tuple[float, ...]:
+    return tuple(map(float, values))
 
 
 def _in_processes(jobs: Iterator[Job], workers: int) -> Iterator[tuple[Outcome | None, Job]]:

@@ -252,7 +252,7 @@ def _export(given: argparse.Namespace, words: list[str]) -> int:
     from .export import export
 
     with _catalogue(given) as catalogue:
-        chosen = [asset for asset, _ in _search(given).assets(catalogue)]
+        chosen = [asset for asset, _ in _search(given).assets(catalogue) if asset.folder]
         if not chosen:
             raise Error("no asset fits: nothing to export")
         count = export(catalogue, given.target, chosen, lambda name: print(one_line(name)))

@@ -58,6 +58,8 @@ class Search:
             A term is none.
         """
         limits = [Limit.read(text) for text in self.measures]
+        if not self.distance >= 0:
+            raise ParameterError(f"--distance {self.distance:g}: allowed is a number >= 0")
         lab, fits, share_of = _lab("--color", self.color), _size(self.size), _share(self.label, self.distance)
         measures = catalogue.measures()
         tags = catalogue.tags() if self.tag else {}
@@ -97,7 +99,7 @@ def _share(text: str, distance: float) -> Callable[[Sequence[Label]], float]:
     """How much of an asset has labels of a name or a colour, 0 where it is not more than is asked for."""
     match = _LABEL.fullmatch(text)
     wanted, least = (match[1], float(match[2] or 0)) if match else ("", 0.0)
-    if least >= 1:
+    if least >= 1 or ">" in wanted:
         raise ParameterError(f"--label {text}: allowed is NAME or #RRGGBB, and >SHARE behind it, less than 1")
     lab = _lab("--label", wanted) if wanted.startswith("#") else ()
 

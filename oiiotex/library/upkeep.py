@@ -45,20 +45,24 @@ def check(catalogue: Catalogue) -> Iterator[str]:
 
 
 def orphans(catalogue: Catalogue) -> list[Path]:
-    """Folders of assets that the catalogue does not name; what was made of one that now fails is none."""
+    """Folders of assets that another folder has replaced.
+
+    What was made of one that now fails is none, nor what the catalogue knows nothing of: it has lost a row, or a run
+    was killed, and `ingest` records it.
+    """
     assets, library = catalogue.assets(), catalogue.library
-    named = {asset.folder for asset in assets.values()}
-    without = {asset.name for asset in assets.values() if not asset.folder}
+    named = {asset.folder for asset in assets.values() if asset.folder}
+    replaced = {asset.name for asset in assets.values() if asset.folder}
     folders = [folder for place in PLACES for folder in sorted((library / place).glob("*/*")) if folder.is_dir()]
     return [
         folder
         for folder in folders
-        if folder.relative_to(library).as_posix() not in named and folder.parent.name not in without
+        if folder.relative_to(library).as_posix() not in named and folder.parent.name in replaced
     ]
 
 
 def collect_garbage(catalogue: Catalogue) -> tuple[int, int]:
-    """Remove what the catalogue does not name: (folders, bytes).
+    """Remove what newer assets have replaced: (folders, bytes).
 
     Raises
     ------

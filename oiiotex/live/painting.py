@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import json
+import os
 import re
-import shutil
 import struct
 import zlib
 from collections.abc import Iterable
@@ -14,6 +14,7 @@ from typing import Any
 
 from ..core.window import Window
 from ..deferred import np
+from ..errors import ImageError
 from ..graphcut.seam_overlay import TILE
 from ..io.atomic import temporary_beside
 from ..io.documents import read_arrays
@@ -23,6 +24,7 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PAINTED = frozenset((".png", ".exr", ".tif", ".tiff"))
 _MOST_OFFERED = 500
 _STEP = re.compile(r"(\d{6})\.png")
+_OWN = re.compile(r"\d{6}(\.fine)?\.png|\d{6}(\.x\d+)?\.npz")
 
 
 def write_indexed(
@@ -103,16 +105,34 @@ class Steps:
     @property
     def last(self) -> int:
         """The last step that there is; -1: none."""
-        if not self.folder.is_dir():
+        if not self._there:
             return -1
         found = (_STEP.fullmatch(entry.name) for entry in self.folder.iterdir())
         whole = [int(match[1]) for match in found if match and self.plan(int(match[1])).exists()]
         return max(whole, default=-1)
 
+    @property
+    def _there(self) -> bool:
+        """A link is no folder of ours: it may lead anywhere."""
+        return self.folder.is_dir() and not self.folder.is_symlink()
+
     def begin(self) -> None:
-        """Make the folder, empty: a new painting."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-        self.folder.mkdir()
+        """Make the folder, without steps: a new painting. What else lies there is the user's, and stays.
+
+        Raises
+        ------
+        ImageError
+            There is something of its name that is no folder, or it cannot be written.
+        """
+        if os.path.lexists(self.folder) and not self._there:
+            raise ImageError(f"{self.folder}: is no folder, and steps of the painting go there: give it another name")
+        try:
+            self.folder.mkdir(exist_ok=True)
+            for path in self.folder.iterdir():
+                if _OWN.fullmatch(path.name) and not path.is_dir():
+                    path.unlink()
+        except OSError as error:
+            raise ImageError(f"{self.folder}: {error.strerror}") from error
 
     def drop_after(self, step: int) -> None:
         """Forget what was undone: something else is painted instead."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 from collections.abc import Mapping
@@ -154,8 +155,26 @@ class Palette:
         write_indexed(path, numbers, colours, legend)
 
 
+def require_replaceable(table: Path) -> None:
+    """Refuse to write a palette's table over what is none.
+
+    Raises
+    ------
+    ImageError
+        There is something else of its name.
+    """
+    if not os.path.lexists(table):
+        return
+    with contextlib.suppress(ImageError):
+        document = read_document(table)
+        if not table.is_symlink() and isinstance(document, dict) and "labels" in document:
+            return
+    raise ImageError(f"{table}: is no palette's table, and would be replaced by one: give it another name")
+
+
 async def palette_of(hub: Hub, table: Path) -> Palette:
     """Of the hub's photo, by --texlabel and --texpalette, whose table is written."""
+    require_replaceable(table)
     made, client = await hub.made("label"), await hub.client()
     values = {
         "level": await _level(client, made),

@@ -30,6 +30,7 @@ log = logging.getLogger("oiiotex")
 SAMPLES = 16  # of the guide along a side of a cell: its histogram is taken from these
 _NAMED = 5  # colours that an error names
 _ROWS = 32  # of a guide that are looked at for the labels that it asks for
+_FAR = 2**53  # of ids in floats
 _LEAST = 0.01  # of what it asks for: labels with less are hardly asked for
 
 
@@ -88,7 +89,10 @@ class Meaning:
     def codes_of(self, pixels: np.ndarray, channels: Channels) -> np.ndarray:
         """The codes of pixels of a guide, int64."""
         if not self.colours:
-            return np.rint(pixels[..., channels.colour[0]]).astype(np.int64)
+            ids = pixels[..., channels.colour[0]]
+            if ids.dtype.kind == "f":  # NaN and what no int64 holds mean no label
+                ids = np.rint(np.clip(np.nan_to_num(ids.astype(np.float64), nan=-1), -_FAR, _FAR))
+            return ids.astype(np.int64)
         three = channels.colour if len(channels.colour) == 3 else channels.colour[:1] * 3
         return codes_in(pixels, three, channels.alpha)
 

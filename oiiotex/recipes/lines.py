@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..cli.language import LANGUAGE
-from ..cli.parse import parse
+from ..cli.parse import Step as WrittenStep
+from ..cli.parse import parse, split_modifiers
 from ..errors import ParameterError
 from ..materials.naming import COLOURS, ROLES
 from .found import MapFile
@@ -107,12 +108,11 @@ def _require_deliverable(step: Step) -> None:
     for name in sorted(named & _NOT_HERE.keys()):
         raise ParameterError(f"{name}: {_NOT_HERE[name]}: leave it out")
     for each in command.steps:
-        if each.option and each.option.name in _WRITE and "{" not in each.arguments[-1]:
-            parts = each.arguments[-1].split("/")
-            if parts[0] != step.product or ".." in parts:
-                raise ParameterError(
-                    f"{each.word} {each.arguments[-1]}: is not in the product's folder: write $output, or $folder/NAME"
-                )
+        for said, name in _written(each):
+            parts = name.split("/")
+            # an expression may begin with a map's name, which is one below the asset's folder
+            if not (parts[0] == step.product or parts[0].startswith("{")) or ".." in parts:
+                raise ParameterError(f"{said}: is not in the product's folder: write $output, or $folder/NAME")
     places = [place for place, word in enumerate(step.words) if word in step.outputs.values()]
     if len(places) > len(step.outputs):
         raise ParameterError("$outputs stands twice, or another -o writes the same file")
@@ -121,6 +121,17 @@ def _require_deliverable(step: Step) -> None:
         for each in command.steps[len(before) :]:
             if not each.op and not each.option:
                 raise ParameterError(f"'{each.word}' behind $outputs: only options may follow it")
+
+
+def _written(step: WrittenStep) -> Iterator[tuple[str, str]]:
+    """Files that a step of a line writes: as the line says them, and their names."""
+    if step.option and step.option.name in _WRITE:
+        yield f"{step.word} {step.arguments[-1]}", step.arguments[-1]
+    if step.op:
+        asking = {output.asked_by for output in step.op.outputs}
+        for key, value in split_modifiers(step.word)[1].items():
+            if key in asking and value not in ("0", "1"):  # asked for as a part of the result, or not
+                yield f"{step.name}:{key}={value}", value
 
 
 @dataclass

@@ -183,7 +183,8 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
 def _size(size: Any, where: str) -> tuple[int, int]:
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     if not match or max(map(int, match.groups())) > MOST_SIDE:
-        raise ImageError(f"{where}: size={size}: allowed is WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
+        given = "size is wanted:" if size is None else f"size={size}: allowed is"
+        raise ImageError(f"{where}: {given} WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
     width, height = map(int, match.groups())
     if not tile_side(width, height):
         raise ImageError(

@@ -12,13 +12,13 @@ from __future__ import annotations
 import itertools
 import re
 
-from ..core.attributes import EDGES
+from ..core.attributes import EDGES, TAG
 from ..core.image import Image, Part
 from ..core.window import Window
-from ..deferred import np
+from ..deferred import np, oiio
 from ..errors import ImageError
 from ..patchmatch.field import hash_at
-from ..patchmatch.wang_tiles import Edges
+from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, Edges
 
 _UP, _LEFT, _CHOICE = 0x71E1, 0x71E2, 0x71E3  # what is drawn at a place
 _EDGES = re.compile(r"n(\d{1,3})e(\d{1,3})s(\d{1,3})w(\d{1,3})", re.ASCII)
@@ -36,19 +36,25 @@ class TilePlane:
     Raises
     ------
     ImageError
-        The parts differ in size or type, or the set lacks tiles.
+        The parts differ in size, type or colour space, do not say their edges, or the set lacks tiles.
     """
 
     def __init__(self, tiles: Image, seed: int):
         first = tiles.first.spec
         self._width, self._height, self._seed = first.width, first.height, seed
-        kind = (first.width, first.height, first.nchannels, first.format)
+        kind = _kind(first)
         self._fits: dict[Edges, list[Part]] = {}
         for part in tiles.parts:
-            spec = part.spec
-            if (spec.width, spec.height, spec.nchannels, spec.format) != kind:
-                raise ImageError(f"{tiles.source}: part '{part.name}' is of another size or type than the first tile")
+            if _kind(part.spec) != kind:
+                raise ImageError(
+                    f"{tiles.source}: part '{part.name}' is of another size, type or colour space than the first tile"
+                )
             self._fits.setdefault(_edges(part, tiles.source), []).append(part)
+        if len(tiles.parts) >= TWO_COLOURS_FROM and not any(map(_said, tiles.parts)):
+            raise ImageError(
+                f"{tiles.source}: {len(tiles.parts)} tiles that do not say their edges ({EDGES}): write the set as EXR,"
+                " which holds that"
+            )
         self._colours = 1 + max(itertools.chain(*self._fits))
         lacking = [e for e in itertools.product(range(self._colours), repeat=4) if Edges(*e) not in self._fits]
         if lacking:
@@ -84,8 +90,17 @@ class TilePlane:
         return bits * count >> 32
 
 
+def _kind(spec: oiio.ImageSpec) -> tuple[object, ...]:
+    """What all tiles have in common."""
+    return spec.width, spec.height, spec.nchannels, spec.format, spec.get_string_attribute(TAG)
+
+
+def _said(part: Part) -> str:
+    return str(part.spec.get_string_attribute(EDGES))
+
+
 def _edges(part: Part, source: str) -> Edges:
-    text = part.spec.get_string_attribute(EDGES) or "n0e0s0w0"
+    text = _said(part) or "n0e0s0w0"
     match = _EDGES.fullmatch(text)
     if match is None:
         raise ImageError(f"{source}: part '{part.name}': {EDGES}={text}: allowed is such as n0e1s1w0")

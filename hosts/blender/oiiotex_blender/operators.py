@@ -12,7 +12,7 @@ import numpy as np
 from bpy_extras.io_utils import ExportHelper
 
 from .images import LINE, SPACES, name_of_space, new_image, pixels_of
-from .process import Failed, Process
+from .process import CHANNELS, Failed, Process
 
 _MOST_MASKS = 16  # of labels, the largest first
 
@@ -315,6 +315,8 @@ def shown(context):
 
 
 def _space(image) -> str | None:
+    if not image.size[0] or image.channels not in CHANNELS:
+        raise Failed(f"{image.name} has no pixels that can be read: its file may be missing")
     name = name_of_space(image)
     if name not in SPACES:
         raise Failed(f"{image.name}: colour space {name}: allowed are {', '.join(SPACES)}")

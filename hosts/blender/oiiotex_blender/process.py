@@ -13,7 +13,7 @@ from .link.service.messages import Link
 
 _START = 60  # s that the process may take until it listens
 _PROGRAM = "import sys; from oiiotex.cli.main import main; sys.exit(main())"
-_CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
+CHANNELS = {1: ["Y"], 3: ["R", "G", "B"], 4: ["R", "G", "B", "A"]}
 
 
 class Failed(Exception):
@@ -196,7 +196,7 @@ def _facts(pixels, space):
     place = [0, 0, width, height, 0, 0, width, height]
     tags = [["oiio:ColorSpace", "string", space]] if space else []
     part = {
-        "name": "image", "place": place, "type": "float", "channels": _CHANNELS[count],
+        "name": "image", "place": place, "type": "float", "channels": CHANNELS[count],
         "alpha": 3 if count == 4 else -1, "stored": "float", "exact": False, "attributes": tags,
     }  # fmt: skip
     return {"source": "image", "parts": [part]}
