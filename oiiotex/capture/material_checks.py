@@ -191,7 +191,7 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     except (ColorError, ImageError) as error:
         raise _Unusable("colourspace", _without_name(error, name)) from None
     if space is None:
-        raise _Unusable("colourspace", "is tagged as data: --iscolorspace NAME says its space")
+        raise _Unusable("colourspace", "is tagged as data: say --iscolorspace NAME if it is colour")
     counts = np.zeros(4, np.int64)
 
     def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> np.ndarray:
