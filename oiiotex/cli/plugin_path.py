@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def plugin_path() -> str:
     folder = Path(sys.prefix) / "lib" / "oiiotex"
     if not (folder / _NAME).exists():
         raise Error(
-            f"--plugin-path: {folder / _NAME} is not built: in a checkout run {sys.executable}"
+            f"--plugin-path: {folder / _NAME} is not built: in a checkout run {shlex.quote(sys.executable)}"
             " hosts/openimageio/build.py (docs/hosts.md)"
         )
     return str(folder)
