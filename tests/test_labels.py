@@ -16,7 +16,7 @@ from oiiotex.color.lab import lens_of
 from oiiotex.core.image import from_buffer
 from oiiotex.labels import affinity_graph, scales, stochastic_nmf
 from oiiotex.labels.features import KINDS, moments
-from oiiotex.labels.filter_bank import PLANES, blurred_layers, gabor_responses, nearest_centres
+from oiiotex.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_responses, nearest_centres
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
 from oiiotex.opencl.device import Device
 from oiiotex.session import Session
@@ -119,6 +119,19 @@ def test_textons_are_the_nearest_centres_and_ties_go_to_the_first(any_lanes):
     textons = nearest_centres(planes, centres, on(any_lanes))
     np.testing.assert_array_equal(textons, apart.argmin(1))
     assert textons[7] == 3
+
+
+def test_the_codebook_is_k_means_of_whole_numbers_however_they_are_added():
+    random = np.random.default_rng(3)
+    blobs = random.integers(-1500, 1500, (5, 24))
+    sample = (blobs[random.integers(0, 5, 4000)] + random.integers(-90, 91, (4000, 24))).astype(np.int16)
+    centres = codebook(sample, 5)
+    apart = np.sqrt(((centres[:, None] - blobs) ** 2).sum(-1))
+    assert sorted(apart.argmin(1)) == [0, 1, 2, 3, 4] and apart.min(1).max() < 30
+    tied = codebook(np.repeat(sample[:40] * 2, 100, axis=0), 20)  # few points, many of them halfway between centres
+    order = random.permutation(24)  # numbers are added in another order
+    np.testing.assert_array_equal(codebook(np.repeat(sample[:40, order] * 2, 100, axis=0), 20), tied[:, order])
+    np.testing.assert_array_equal(codebook(sample[:3], 5), np.unique(sample[:3], axis=0))
 
 
 def test_nearest_are_exact_and_ties_go_to_the_lower_index():

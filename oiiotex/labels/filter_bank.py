@@ -8,13 +8,10 @@ textons are chosen: equal numbers have equal textons on every device.
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from scipy.cluster.vq import kmeans2
-from scipy.spatial.distance import cdist
 
 from ..core.gaussian import gaussian_taps
 from ..opencl.buffers import Buffers
@@ -28,6 +25,7 @@ STEPS = 64  # of a deviation
 _TURNS = 6
 _FAR = 2047  # steps
 _SAMPLES = 8000  # pixels that the textons are learned from
+_ROUNDS = 20  # of k-means
 
 
 def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> list[np.ndarray]:
@@ -39,7 +37,7 @@ def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> 
     padded = np.pad(plane - plane.mean(), _PAD, mode="symmetric")
     shape = [scipy.fft.next_fast_len(s) for s in padded.shape]
     spectrum = scipy.fft.fft2(padded.astype(np.float32), shape)
-    v, u = (scipy.fft.fftfreq(s).astype(np.float32) for s in shape)
+    v, u = (scipy.fft.fftfreq(s) for s in shape)  # exp of doubles, rounded: that of floats differs between processors
     responses = []
     for wave in waves:
         spread = 2.0 * (math.pi * 0.45 * wave) ** 2
@@ -47,8 +45,9 @@ def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> 
             angle = math.pi * turn / turns
             over_x = np.exp(-spread * (u - math.cos(angle) / wave) ** 2)
             over_y = np.exp(-spread * (v - math.sin(angle) / wave) ** 2)
-            response = np.abs(scipy.fft.ifft2(spectrum * (over_y[:, None] * over_x)))
-            responses.append(response[_PAD : _PAD + plane.shape[0], _PAD : _PAD + plane.shape[1]])
+            gains = over_y.astype(np.float32)[:, None] * over_x.astype(np.float32)
+            both = scipy.fft.ifft2(spectrum * gains)[_PAD : _PAD + plane.shape[0], _PAD : _PAD + plane.shape[1]]
+            responses.append(np.sqrt(both.real**2 + both.imag**2))
     return responses
 
 
@@ -139,7 +138,7 @@ def texton_map(
     planes = np.concatenate([texture.responses, _whole(np.float32(colour) * texture.colours)])
     if len(known) > samples:
         known = known[np.random.default_rng(0).choice(len(known), samples, replace=False)]
-    centres = np.rint(_centres(planes[:, known].T / STEPS, most) * STEPS).astype(np.int32)
+    centres = codebook(planes[:, known].T, most)
     return nearest_centres(planes, centres, session).reshape(texture.seen.shape)
 
 
@@ -175,28 +174,33 @@ def _whole(values: np.ndarray) -> np.ndarray:
     return np.rint(np.clip(values * np.float32(STEPS), -_FAR, _FAR)).astype(np.int16)
 
 
-def _spread_out(points: np.ndarray, count: int) -> np.ndarray:
-    """`count` of (n, d) points, (count, d): k-means++ (Arthur and Vassilvitskii 2007).
+def codebook(sample: np.ndarray, most: int) -> np.ndarray:
+    """k-means over a sample (n, d) int16, at most (most, d) int32; centres are rounded in every round.
 
-    As kmeans2's own, to the bit; that measures the distances to all centres again for each.
+    All sums are of whole numbers below 2^53, so no order of adding and no processor's BLAS shows: near ties, k-means
+    sends the least difference far.
     """
+    distinct = np.unique(sample, axis=0)
+    if len(distinct) <= most:
+        return distinct.astype(np.int32)
+    points = sample.astype(np.float64)
+    centres = _spread_out(points, most)
+    for _ in range(_ROUNDS):
+        nearest = ((centres**2).sum(1) - 2.0 * (points @ centres.T)).argmin(1)
+        counts = np.bincount(nearest, minlength=most)
+        sums = np.stack([np.bincount(nearest, column, most) for column in points.T], axis=1)
+        near = counts > 0
+        centres[near] = np.rint(sums[near] / counts[near, None])
+    return centres.astype(np.int32)
+
+
+def _spread_out(points: np.ndarray, count: int) -> np.ndarray:
+    """`count` of (n, d) points, (count, d): k-means++ (Arthur and Vassilvitskii 2007)."""
     random = np.random.default_rng(0)
     chosen = [int(random.integers(len(points)))]
     nearest = np.full(len(points), np.inf)
     while len(chosen) < count:
-        np.minimum(nearest, cdist(points[chosen[-1:]], points, "sqeuclidean")[0], out=nearest)
-        shares = nearest / nearest.sum()
-        chosen.append(int(np.searchsorted(shares.cumsum(), random.uniform())))
+        np.minimum(nearest, ((points - points[chosen[-1]]) ** 2).sum(1), out=nearest)
+        upto = nearest.cumsum()
+        chosen.append(int(np.searchsorted(upto, random.uniform() * upto[-1])))
     return points[chosen]
-
-
-def _centres(sample: np.ndarray, most: int) -> np.ndarray:
-    """k-means over a sample (n, d), at most (most, d) float32."""
-    distinct = np.unique(np.rint(sample * 64.0) / 64.0, axis=0)
-    if len(distinct) <= most:
-        return distinct.astype(np.float32)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a centre that nobody is near stays where it was: no harm
-        points = sample.astype(np.float64)
-        centres, _ = kmeans2(points, _spread_out(points, most), 20, minit="matrix")
-    return centres[np.isfinite(centres).all(1)].astype(np.float32)
