@@ -7,6 +7,7 @@ What the program starts is emulated too: `sys.executable` is a script that start
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -64,7 +65,7 @@ def test_a_tile_of_an_emulated_cpu_is_the_same(tmp_path, capsys, native, name):
     python = tmp_path / "python"
     # -0: by that name Python finds its environment
     real = os.path.realpath(sys.executable)
-    python.write_text(f'#!/bin/sh\nexec {QEMU} -cpu {cpu} -0 {sys.executable} {real} "$@"\n')
+    python.write_text(f'#!/bin/sh\nexec {QEMU} -cpu {cpu} -0 {shlex.join([sys.executable, real])} "$@"\n')
     python.chmod(0o755)
     (tmp_path / "pocl").mkdir()
     environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "POCL_CACHE_DIR": str(tmp_path / "pocl")}

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shlex
 import shutil
 import subprocess
 import sys
@@ -48,7 +49,7 @@ def on_small_disk(tmp_path: Path, size: str, *commands: str) -> subprocess.Compl
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_a_full_disk_is_one_line_and_keeps_the_old_output(tmp_path, picture, output):
     name = OUTPUTS[output][-1]
-    run = " ".join([*PROGRAM, str(picture), *OUTPUTS[output]])
+    run = shlex.join([*PROGRAM, str(picture), *OUTPUTS[output]])
     done = on_small_disk(tmp_path, "72k", f"echo old >{name}", run, f"code=$?; cat {name}; ls -A; exit $code")
     line = line_of(done)
     assert name in line
@@ -75,7 +76,7 @@ def test_a_full_disk_does_not_end_the_frames_that_fit(tmp_path, picture):
     save(np.zeros((8, 8, 3)), tmp_path / "f.0003.png")
     words = f"{tmp_path}/f.#.png --quality 100 -o o.#.jpg"
     for parallel in ("", "--parallel-frames --threads 1"):  # one at a time: two share the room that there is
-        run = f"{' '.join(PROGRAM)} {parallel} --skip-bad-frames {words}"
+        run = f"{shlex.join(PROGRAM)} {parallel} --skip-bad-frames {words}"
         done = on_small_disk(tmp_path, "72k", run, "code=$?; ls -A; exit $code")
         assert "o.0002.jpg" in line_of(done)
         assert done.stdout.split() == ["o.0001.jpg", "o.0003.jpg"]
@@ -84,7 +85,7 @@ def test_a_full_disk_does_not_end_the_frames_that_fit(tmp_path, picture):
 
 def test_no_room_for_intermediate_results_is_one_line_that_names_tmpdir(tmp_path):
     words = "--create 1600x1600 3 --cache 16 --mulc 0.5 --rotate 30 -o " + str(tmp_path / "out.exr")
-    done = on_small_disk(tmp_path, "1m", f"TMPDIR=$PWD {' '.join(PROGRAM)} {words}", "code=$?; ls -A; exit $code")
+    done = on_small_disk(tmp_path, "1m", f"TMPDIR=$PWD {shlex.join(PROGRAM)} {words}", "code=$?; ls -A; exit $code")
     assert "no room for intermediate results" in line_of(done)
     assert "set TMPDIR" in done.stderr
     assert (done.stdout, os.listdir(tmp_path)) == ("", ["small"])
@@ -206,7 +207,7 @@ def test_names_as_long_as_the_disk_allows_are_written(tmp_path, picture):
 
 
 def shell(line: str, folder: Path) -> subprocess.CompletedProcess:
-    program = " ".join(PROGRAM)
+    program = shlex.join(PROGRAM)
     script = line.replace("oiiotex", program)
     return subprocess.run(["bash", "-c", script], cwd=folder, capture_output=True, text=True, timeout=60)
 

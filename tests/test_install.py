@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 
@@ -71,9 +72,9 @@ def without_linker(script: str, cache: str) -> subprocess.CompletedProcess:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="PoCL from PyPI is for Linux")
 def test_without_a_linker_pocl_works_through_lld(tmp_path, photo):
     pytest.importorskip("ziglang")
-    script = (
-        f"{sys.executable} -m oiiotex.cli.main {photo} --texstationarize:size=64x64:iterations=2 -o {tmp_path}/tile.png"
-    )
+    program = [sys.executable, "-m", "oiiotex.cli.main"]
+    words = [str(photo), "--texstationarize:size=64x64:iterations=2", "-o", f"{tmp_path}/tile.png"]
+    script = shlex.join(program + words)
     done = without_linker(script, str(tmp_path / "cache"))
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "tile.png").exists()
@@ -88,7 +89,7 @@ def test_without_any_linker_the_advice_is_one_line(tmp_path, photo):
         "from oiiotex.opencl import runtime; runtime._zig = lambda: None; from oiiotex.cli.main import main; "
         f"main([{str(photo)!r}, '--texstationarize', '-o', {str(tmp_path / 'tile.png')!r}])"
     )
-    done = without_linker(f'{sys.executable} -c "{hide}"', str(tmp_path / "cache"))
+    done = without_linker(shlex.join([sys.executable, "-c", hide]), str(tmp_path / "cache"))
     assert done.returncode == 1
     assert done.stderr.strip().splitlines()[-1].endswith("pip install 'oiiotex[linker]'")
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -53,7 +54,7 @@ def test_lld_is_the_program_of_the_wheel():
     if zig is None:
         pytest.skip("no ziglang")
     text = Path(runtime._path_with_lld().split(os.pathsep)[0], "ld").read_text()
-    assert f"exec {zig} ld.lld" in text and "python" not in text.replace(str(zig), "")
+    assert f"exec {shlex.quote(str(zig))} ld.lld" in text and "python" not in text.replace(str(zig), "")
 
 
 def test_frames_in_parallel_run_nothing_of_the_current_folder(tmp_path, photo):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import stat
 import sys
@@ -26,7 +27,7 @@ FRAMES = [np.full((9, 13, 3), 60 * n, np.uint8) for n in range(4)]
 def stand_in(folder: Path, text: str) -> None:
     """A program called ffmpeg that keeps what it was told and given."""
     program = folder / "ffmpeg"
-    program.write_text(f"#!{sys.executable}\nimport sys\n{text}\n")
+    program.write_text(f'#!/bin/sh\nexec {shlex.join([sys.executable, "-c", f"import sys; {text}"])} "$@"\n')
     program.chmod(program.stat().st_mode | stat.S_IXUSR)
 
 

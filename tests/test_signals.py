@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -94,7 +95,7 @@ def test_a_second_signal_ends_the_run_at_once_and_leaves_nothing_half(tmp_path):
 
 
 def test_a_run_that_is_to_ignore_interrupts_ignores_them(tmp_path):
-    script = f"trap '' INT; exec {' '.join(PROGRAM)} --create 8x8 3 --echo begun --testread a.png -o out.exr"
+    script = f"trap '' INT; exec {shlex.join(PROGRAM)} --create 8x8 3 --echo begun --testread a.png -o out.exr"
     save(np.zeros((8, 8, 3)), tmp_path / "a.png")
     run = subprocess.Popen(["sh", "-c", script], cwd=tmp_path, stderr=subprocess.PIPE, start_new_session=True)
     wait_for(lambda: handles(run.pid, signal.SIGTERM), run)
