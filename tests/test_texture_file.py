@@ -200,9 +200,13 @@ def test_tiles_lie_beside_tiles_with_the_same_edges(folder, session, count):
     assert (other[..., 0] != plane[..., 0]).any()
 
 
-def test_tiles_that_want_those_before_are_refused(folder, session):
-    name = wall(folder, photo=None, tiles=wang_set(folder, 8, edges_of(8)))
-    with pytest.raises(ImageError, match=r"set\.exr: 8 tiles cannot lie anywhere: none has the edges n0e0s1w0"):
+@pytest.mark.parametrize("last", [[], [Edges(999, 999, 999, 999)]])  # 10^12 sets of four colours are not looked through
+def test_tiles_that_want_those_before_are_refused(folder, session, last):
+    edges = edges_of(8) + last
+    name = wall(folder, photo=None, tiles=wang_set(folder, len(edges), edges))
+    with pytest.raises(
+        ImageError, match=rf"set\.exr: {len(edges)} tiles cannot lie anywhere: none has the edges n0e0s"
+    ):
         Texture(read_texture_file(name).text(), session)
 
 

@@ -56,11 +56,12 @@ class TilePlane:
                 " which holds that"
             )
         self._colours = 1 + max(itertools.chain(*self._fits))
-        lacking = [e for e in itertools.product(range(self._colours), repeat=4) if Edges(*e) not in self._fits]
-        if lacking:
+        every = (Edges(*colours) for colours in itertools.product(range(self._colours), repeat=4))
+        lacking = next((edges for edges in every if edges not in self._fits), None)
+        if lacking is not None:
             raise ImageError(
                 f"{tiles.source}: {len(tiles.parts)} tiles cannot lie anywhere: none has the edges"
-                f" {Edges(*lacking[0])}; variants=2 to 7, and from 16 on, can"
+                f" {lacking}; variants=2 to 7, and from 16 on, can"
             )
 
     def pixels(self, place: Window) -> np.ndarray:

@@ -210,7 +210,7 @@ class Cryptomatte(ExportHelper, _Making, bpy.types.Operator):
         if images[0].is_dirty or not file.is_file():
             raise Failed(f"{images[0].name}: save it first")
         words = _words(self.op, images, spaces, values)
-        return process.run([str(file), *words[2:], "-o", self.filepath])
+        return process.run([str(file), *words[2:], "-o", bpy.path.abspath(self.filepath)])
 
     def finish(self, context, images, results, line):
         """The file, as an image."""
@@ -239,6 +239,7 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
         sizes = {tuple(one.size) for one in images}
         if len(sizes) > 1:
             raise Failed(f"the material's images have other sizes than each other: {sorted(sizes)}")
+        self._material = context.active_object.active_material.name  # another may be active when it is done
         self._shown_by = [(node.name, node.image.name) for node in _nodes(context)]
         return images
 
@@ -256,7 +257,8 @@ class MakeMaterial(_Sized, _Making, bpy.types.Operator):
             for image, parts in zip(images, results, strict=True)
         ]
         tiles = {image.name: tile for image, tile in zip(images, made, strict=True)}
-        nodes = {node.name: node for node in _nodes(context)}
+        material = bpy.data.materials.get(self._material)
+        nodes = {} if material is None or material.node_tree is None else material.node_tree.nodes
         for node, image in self._shown_by:
             if node in nodes:
                 nodes[node].image = tiles[image]
