@@ -125,7 +125,7 @@ def test_a_command_that_finds_no_memory_is_no_internal_error(run, scarce, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_no_command_that_finds_no_memory_is_an_internal_error(run, scarce, name):
-    swept(run, scarce, name, 60)
+    swept(run, scarce, name, 24)
 
 
 def test_an_image_lies_on_a_device_in_smaller_pieces_until_they_fit():

@@ -61,7 +61,7 @@ def peak_and_need(monkeypatch, work) -> tuple[int, int]:
 @pytest.mark.parametrize("measure", ["histogram", "moments", pytest.param("steerable", marks=pytest.mark.slow), None])
 def test_what_statistics_ask_for_is_what_they_hold(monkeypatch, measure):
     """Of grids alone: less what the same image takes with a few cells. Of one thread nothing waits to be added up."""
-    photo = buffer(np.random.default_rng(0).random((320, 320, 3)).astype(np.float32))
+    photo = buffer(np.random.default_rng(0).random((160, 160, 3)).astype(np.float32))
     if measure is None:
         runs = [lambda s, sigma=sigma: filters.flatten(photo, sigma=sigma, session=s) for sigma in (200, 2)]
     else:
