@@ -11,6 +11,7 @@ import subprocess
 import pytest
 
 from oiiotex import errors
+from oiiotex.errors import ParameterError
 from oiiotex.library import catalogue as catalogues
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.main import run
@@ -87,6 +88,8 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
         assert names(tag="brick") == names(name="w*") == names(measures=("normal_length<0.5",)) == ["wall"]
         assert names(measures=("normal_length>0.5",)) == names(status="review") == names(size=">25x24") == []
         assert names(size="24x24") == names(size="<24x24") == ["gravel", "wall"]
+        with pytest.raises(ParameterError, match="--measure nope: the library has .*normal_length"):
+            names(measures=("nope<6",))
         code = load(library / catalogue.assets()["wall"].folder / "thumbnail.jpg").mean((0, 1)).round().astype(int)
         near = names(color="#" + "".join(f"{v:02x}" for v in code), distance=200.0)
         assert near == ["wall", "gravel"] and 0 < lab[0] < 100

@@ -65,14 +65,14 @@ def _parser() -> _Parser:
         own.add_argument("--debug", action="store_true", help="say where an error comes from")
         own.set_defaults(work=work)
         if library:
-            own.add_argument("library", type=Path, metavar="LIBRARY")
+            own.add_argument("library", type=_path, metavar="LIBRARY")
         return own
 
     command("recipe", _recipe, "print a commented recipe", library=False)
     own = command("ingest", _ingest, "bring a library up to date with a folder of photos", library=False)
-    own.add_argument("photos", type=Path, metavar="PHOTOS")
-    own.add_argument("library", type=Path, metavar="LIBRARY")
-    own.add_argument("--recipe", type=Path, required=True, metavar="FILE", help="what is made, and how")
+    own.add_argument("photos", type=_path, metavar="PHOTOS")
+    own.add_argument("library", type=_path, metavar="LIBRARY")
+    own.add_argument("--recipe", type=_path, required=True, metavar="FILE", help="what is made, and how")
     own.add_argument("--workers", type=_number, default=0, metavar="N", help="processes; as many as threads by default")
     own.add_argument("--cache", type=_number, default=0, metavar="MB", help="memory of all of them")
     own.add_argument("--farm", default="", metavar="ENGINE", help="dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,N]")
@@ -86,7 +86,7 @@ def _parser() -> _Parser:
     command("check", _check, "hash and validate everything; exit 1 where something is wrong")
     command("gc", _gc, "remove what newer assets have replaced, and what killed runs have left")
     own = command("export", _export, "copy assets into a folder, each under its name")
-    own.add_argument("target", type=Path, metavar="FOLDER")
+    own.add_argument("target", type=_path, metavar="FOLDER")
     _add_search(own, "ok")
     return parser
 
@@ -103,6 +103,12 @@ def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
     group.add_argument("--size", default="", metavar="[<>]WxH[m]", help="px, or metres; > or <: at least or at most")
     text = "NAME or #RRGGBB of labels; behind it >0.2: of more than a fifth"
     group.add_argument("--label", default="", metavar="TERM", help=text)
+
+
+def _path(text: str) -> Path:
+    if not text:  # which a Path takes for the current folder
+        raise argparse.ArgumentTypeError("'': allowed is a path")
+    return Path(text)
 
 
 def _number(text: str) -> int:

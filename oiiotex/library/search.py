@@ -55,13 +55,14 @@ class Search:
         Raises
         ------
         ParameterError
-            A term is none.
+            A term is none, or speaks of a measure that no asset has.
         """
         limits = [Limit.read(text) for text in self.measures]
         if not self.distance >= 0:
             raise ParameterError(f"--distance {self.distance:g}: allowed is a number >= 0")
         lab, fits, share_of = _lab("--color", self.color), _size(self.size), _share(self.label, self.distance)
         measures = catalogue.measures()
+        _require_known(limits, measures)
         tags = catalogue.tags() if self.tag else {}
         labels = catalogue.labels() if self.label else {}
         chosen = []
@@ -82,6 +83,14 @@ class Search:
         elif self.label:
             chosen.sort(key=lambda pair: -share_of(labels[pair[0].name]))
         return chosen
+
+
+def _require_known(limits: Sequence[Limit], measures: dict[str, dict[str, float]]) -> None:
+    """Refuse measures that no asset has; of a library without any all may come."""
+    known = {name for own in measures.values() for name in own}
+    for limit in limits:
+        if known and limit.measure not in known:
+            raise ParameterError(f"--measure {limit.measure}: the library has {', '.join(sorted(known))}")
 
 
 def _lab(option: str, text: str) -> tuple[float, ...]:
