@@ -88,7 +88,7 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
         assert names(tag="brick") == names(name="w*") == names(measures=("normal_length<0.5",)) == ["wall"]
         assert names(measures=("normal_length>0.5",)) == names(status="review") == names(size=">25x24") == []
         assert names(size="24x24") == names(size="<24x24") == ["gravel", "wall"]
-        with pytest.raises(ParameterError, match="--measure nope: the library has .*normal_length"):
+        with pytest.raises(ParameterError, match=r"--measure nope: the library has .*normal_length"):
             names(measures=("nope<6",))
         code = load(library / catalogue.assets()["wall"].folder / "thumbnail.jpg").mean((0, 1)).round().astype(int)
         near = names(color="#" + "".join(f"{v:02x}" for v in code), distance=200.0)
