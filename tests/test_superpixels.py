@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from oiiotex.color import lab_on_device
 from oiiotex.color.lab import lens_of
-from oiiotex.color.lab_on_device import LabGrid
+from oiiotex.color.lab_on_device import Band, LabGrid
 from oiiotex.core.image import Image, from_pixels
 from oiiotex.core.window import Window
 from oiiotex.errors import BrokenValues, ImageError
@@ -56,6 +56,10 @@ def grid_values(device: Device, pixels: np.ndarray) -> np.ndarray:
     return np.concatenate([steps * seen[..., None], seen[..., None]], -1).astype(np.int16)
 
 
+def slots_of(device: Device, lab: LabGrid, band: Band, buffer: object) -> np.ndarray:
+    return device.read(buffer, (band.bottom - band.top, lab.width), np.uint8)
+
+
 def same(a: Superpixels, b: Superpixels) -> None:
     np.testing.assert_array_equal(a.labels.pixels(), b.labels.pixels())
     for name in ("sizes", "positions", "power_sums", "edges"):
@@ -76,7 +80,7 @@ def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactn
     centres[..., 4] = rows[:, None] + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
     table = candidates(grid, centres, np.arange(grid.count))
     with LabGrid(image, lens_of(image, session), session) as held, Slic(held, grid, session) as slic:
-        slots = np.concatenate([s for _, s in slic.slots(table)])
+        slots = np.concatenate([slots_of(any_lanes, held, *given) for given in slic.slots(centres)])
         sums = slic._sums(table, np.ones(grid.count, bool))
     np.testing.assert_array_equal(slots, reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift))
 
@@ -107,7 +111,7 @@ def test_iterations_are_those_of_plain_numpy(any_lanes):
     lab = grid_values(any_lanes, PHOTO)
     grid = SeedGrid.of(117, 83, 9.0, 20.0)
     with LabGrid(image, lens_of(image, session), session) as held, Slic(held, grid, session) as slic:
-        last = slic.iterate(12)
+        last = candidates(grid, slic.iterate(12), np.arange(grid.count))
     y, x = np.mgrid[0:83, 0:117]
     columns = (np.ones_like(x), *np.moveaxis(lab[..., :3], 2, 0), x, y)
     cell_y = np.repeat(np.arange(grid.down), np.diff(grid.edges(0)))[:, None]

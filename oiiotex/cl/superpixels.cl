@@ -174,8 +174,10 @@ __kernel void superpixels_total(const __global int *restrict sums, const __globa
   totals[AT(gy, k, columns)] = total;
 }
 
-// Sums of L, a, b over the opaque pixels of squares of `side`, and their number: the image that the Gaussian stack
-// begins with.
+// --- the image in squares of `side` pixels ---
+
+// Sums of L, a, b over the opaque pixels of squares, and their number, from row `first` of squares on: what the Gaussian
+// stack begins with.
 __kernel void superpixels_reduce(const __global short4 *restrict lab, __global int4 *restrict reduced, int width,
                                  int row0, int rows, int side, int across, int first, int down) {
   int i = get_global_id(0), n = get_global_id(1);
@@ -186,8 +188,119 @@ __kernel void superpixels_reduce(const __global short4 *restrict lab, __global i
       int4 v = convert_int4(lab[AT(y, x, width)]);
       if (v.w) sum += v;
     }
-  reduced[AT(first + n, i, across)] = sum;
+  reduced[AT(n, i, across)] = sum;
 }
+
+// Their means, halves up, as pixels on which seeds settle; the fourth number is WHOLE where no pixel is missing.
+#define WHOLE 2
+__kernel void superpixels_means(const __global int4 *restrict reduced, __global short4 *restrict lab, int side,
+                                int across, int first, int down) {
+  int i = get_global_id(0), n = get_global_id(1);
+  if (i >= across || n >= down) return;
+  int4 sum = reduced[AT(n, i, across)];
+  int twice = 2 * max(sum.w, 1);
+  int4 high = 2 * sum + sum.w, low = high % twice;
+  short4 mean = convert_short4((high - low - (low < 0 ? (int4)twice : (int4)0)) / twice);   // towards minus infinity
+  mean.w = sum.w == side * side ? WHOLE : sum.w > 0;
+  lab[AT(first + n, i, across)] = mean;
+}
+
+// The seeds that a square and the eight around it have chosen: a bit for each of the nine slots, PARTLY where the square
+// is not WHOLE. `rows` and `columns` say in which row and column of cells a square lies.
+#define PARTLY 512
+__kernel void superpixels_seeds(const __global short4 *restrict lab, const __global uchar *restrict slots,
+                                const __global int *restrict rows, const __global int *restrict columns,
+                                __global ushort *restrict seeds, int width, int height) {
+  int x = get_global_id(0), y = get_global_id(1);
+  if (x >= width || y >= height) return;
+  uint bits = lab[AT(y, x, width)].w == WHOLE ? 0 : PARTLY;
+  for (int v = max(y - 1, 0); v <= min(y + 1, height - 1); v++)
+    for (int u = max(x - 1, 0); u <= min(x + 1, width - 1); u++) {
+      int slot = slots[AT(v, u, width)], dy = rows[v] - rows[y] + slot / 3, dx = columns[u] - columns[x] + slot % 3;
+      if (slot != NONE && dy >= 0 && dy < 3 && dx >= 0 && dx < 3) bits |= 1u << (3 * dy + dx);
+    }
+  seeds[AT(y, x, width)] = (ushort)bits;
+}
+
+// The slot of every pixel of an image whose seeds have settled on squares of 1 << `bits` pixels: one of the `seeds` of
+// the pixel's square. Where there is but one, pixels are not looked at.
+static inline int alone(uint some) { return some == PARTLY ? NONE : 31 - clz(some); }
+#if LANES == 1
+__kernel void superpixels_refine(const __global short4 *restrict lab, const __global candidate *restrict candidates,
+                                 const __global strip *restrict strips, const __global int *restrict edges,
+                                 const __global int *restrict cells, const __global ushort *restrict seeds,
+                                 __global uchar *restrict slots, int width, int across, int count, int shift, int row0,
+                                 int first, int bits, int squares) {
+  int x = get_global_id(0), n = get_global_id(1);
+  if (x >= width || n >= count) return;
+  strip s = strips[first + n];
+  int gx = cells[x], rx = x - (edges[gx] + edges[gx + 1]) / 2;
+  const __global candidate *near = candidates + 9 * AT(s.z, gx, across);
+  for (int y = s.x; y < s.y; y++) {
+    uint some = seeds[AT(y >> bits, x >> bits, squares)];
+    size_t at = AT(y - row0, x, width);
+    int best = FAR, slot = alone(some), ry = y - s.w;
+    if (some & (some - 1)) {
+      short4 v = lab[at];
+      slot = NONE;
+      for (uint left = v.w ? some & (PARTLY - 1) : 0; left; left &= left - 1) {
+        int t = 31 - clz(left & -left);
+        candidate c = near[t];
+        int d = c.x + c.w * (ry << shift) + v.x * low16(c.y) + v.y * high16(c.y) + v.z * low16(c.z) +
+                (rx << shift) * high16(c.z);
+        slot = d < best ? t : slot;
+        best = d < best ? d : best;
+      }
+    }
+    slots[at] = (uchar)slot;
+  }
+}
+#else
+// One item looks at one cell of the strip, in each row at stretches of squares that have the same seeds.
+__kernel void superpixels_refine(const __global int *restrict lab, const __global candidate *restrict candidates,
+                                 const __global strip *restrict strips, const __global int *restrict edges,
+                                 const __global int *restrict cells, const __global ushort *restrict seeds,
+                                 __global uchar *restrict slots, int width, int across, int count, int shift, int row0,
+                                 int first, int bits, int squares) {
+  int gx = get_global_id(0), n = get_global_id(1);
+  if (gx >= across || n >= count) return;
+  strip s = strips[first + n];
+  int x0 = edges[gx], x1 = edges[gx + 1], middle = (x0 + x1) / 2;
+  const __global candidate *near = candidates + 9 * AT(s.z, gx, across);
+  for (int y = s.x; y < s.y; y++) {
+    const __global ushort *row = seeds + AT(y >> bits, 0, squares);
+    size_t line = AT(y - row0, 0, width);
+    int ry = y - s.w;
+    for (int x = x0, end; x < x1; x = end) {
+      uint some = row[x >> bits];
+      for (end = x + (1 << bits); end < x1 && row[end >> bits] == some;) end += 1 << bits;
+      end = min(end, x1);
+      if (!(some & (some - 1))) {
+        for (uchar slot = (uchar)alone(some); x < end; x++) slots[line + x] = slot;
+        continue;
+      }
+      for (; x < end; x += VW) {
+        size_t at = line + x;
+        iv2 pixels = *(const __global iv2 *)(lab + 2 * at);
+        iv la = pixels.even, bo = pixels.odd, rx = x - middle + COUNT_UP;
+        iv bx = (bo & 0xffff) | (rx << shift << 16), best = FAR, slot = NONE;
+        for (uint left = some & (PARTLY - 1); left; left &= left - 1) {
+          int t = 31 - clz(left & -left);
+          iv d = near[t].x + near[t].w * (ry << shift) + dot2(la, (iv)near[t].y) + dot2(bx, (iv)near[t].z);
+          iv closer = d < best;
+          slot = closer ? (iv)t : slot;
+          best = closer ? d : best;
+        }
+        slot = (bo >> 16) == 0 ? (iv)NONE : slot;
+        if (x + VW <= end)
+          *(__global ucv *)(slots + at) = __builtin_convertvector(slot, ucv);
+        else
+          for (int k = 0; k < end - x; k++) slots[at + k] = (uchar)slot[k];
+      }
+    }
+  }
+}
+#endif
 
 // Sums of the first five powers of L, a, b over each superpixel, one team each, added to what there is. Fourth and
 // fifth powers are summed in two halves, the lower 32 bits apart, because together they would pass 64 bits.

@@ -53,6 +53,8 @@ class LabGrid:
         Bands of an image that does not fit begin at multiples of so many rows.
     most : int, optional
         Bytes of the image that may lie on the device at a time; `most_on_device` when left out.
+    look : callable, optional
+        Called with every band, from top to bottom, while the image is read: a first look without reading it again.
 
     Raises
     ------
@@ -62,8 +64,11 @@ class LabGrid:
         No room on the device or the disk.
     """
 
-    def __init__(self, image: Image, lens: Lens, session: Session, align: int = 1, most: int | None = None):
-        part = image.first
+    def __init__(
+        self, image: Image, lens: Lens, session: Session, align: int = 1, most: int | None = None,
+        look: Callable[[Band], object] | None = None,
+    ):  # fmt: skip
+        part, self._look = image.first, look
         self.window, self._session, self._device = part.window, session, session.device
         self.width, self.height = part.window.width, part.window.height
         self._row = PIXEL_BYTES * self.width
@@ -99,8 +104,16 @@ class LabGrid:
             yield Band(top, bottom, self._buffers["lab"])
 
     def _keep(self, piece: Window, rows: np.ndarray) -> None:
-        at = (piece.top - self.window.top) * self._row
-        if self._file is None:
-            self._device.write(self._buffers["lab"], rows, at)
-        else:
-            write_at(self._file, rows, at)
+        top, lab = piece.top - self.window.top, self._buffers["lab"]
+        if self._file is not None:
+            write_at(self._file, rows, top * self._row)
+            if self._look is None:
+                return
+        while len(rows):
+            first = top // self.band_rows * self.band_rows
+            end = min(first + self.band_rows, self.height)
+            here, rows = rows[: end - top], rows[end - top :]
+            self._device.write(lab, here, (top - first) * self._row)
+            top += len(here)
+            if top == end and self._look is not None:
+                self._look(Band(first, end, lab))

@@ -18,12 +18,12 @@ from ..core.gaussian import gaussian_taps
 from ..deferred import np
 from ..opencl.buffers import Buffers, Download, offset_table
 from ..session import Session
+from .refinement import WIDEST
 from .run_length import OUTSIDE
 from .superpixels import Superpixels
 
 _MARGIN = 16  # squares of zeros around the image: the longest reach of taps, and room for wide registers
 _AHEAD = 4  # levels on which the device works while the host merges by one
-_COARSEST = 128  # px; a square's pixels are counted in 16 bits
 _BLUR_IN_SQUARES = 3.0  # a blur that wide allows squares of twice the side
 
 
@@ -129,7 +129,7 @@ class _Stack:
         if len(taps) > 1:
             self._blur(taps)
             self._variance += float(taps @ np.square(np.arange(len(taps)) - len(taps) // 2.0)) * self._side**2
-        while self._variance >= (_BLUR_IN_SQUARES * self._side) ** 2 and self._side < _COARSEST:
+        while self._variance >= (_BLUR_IN_SQUARES * self._side) ** 2 and self._side < WIDEST:
             self._halve()
 
     def _blur(self, taps: np.ndarray) -> None:

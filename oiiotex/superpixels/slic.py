@@ -8,6 +8,7 @@ A pixel chooses among the seeds of its own and the eight neighbouring cells of a
    partition is the same for any order of summation, tile, register width or device; ties go to the lower seed.
 3. A seed stays where it is until its mean is 0.2 Lab away, and cells whose nine seeds stand still are not looked at
    again: what 1000 iterations cost is what still moves.
+4. Seeds of a large image settle on means of squares, see `refinement`.
 """
 
 from __future__ import annotations
@@ -44,6 +45,8 @@ class SeedGrid:
         Cells along x and y.
     compactness : float
         m of LSA16 eq. 1, Lab units per sigma.
+    square : int
+        Cells are cut along squares of so many px.
     """
 
     width: int
@@ -51,9 +54,10 @@ class SeedGrid:
     across: int
     down: int
     compactness: float
+    square: int = 1
 
     @classmethod
-    def of(cls, width: int, height: int, sigma: float, compactness: float) -> SeedGrid:
+    def of(cls, width: int, height: int, sigma: float, compactness: float, square: int = 1) -> SeedGrid:
         """The grid whose cells come closest to that scale.
 
         Parameters
@@ -64,8 +68,16 @@ class SeedGrid:
             px.
         compactness : float
             m of LSA16 eq. 1, Lab units per sigma.
+        square : int
+            Cells are cut along squares of so many px.
         """
-        return cls(width, height, max(1, round(width / sigma)), max(1, round(height / sigma)), compactness)
+        return cls(width, height, max(1, round(width / sigma)), max(1, round(height / sigma)), compactness, square)
+
+    @property
+    def of_squares(self) -> SeedGrid:
+        """The same cells of the image in which a square is a pixel."""
+        width, height = -(-self.width // self.square), -(-self.height // self.square)
+        return SeedGrid(width, height, self.across, self.down, self.compactness)
 
     @property
     def count(self) -> int:
@@ -91,7 +103,12 @@ class SeedGrid:
     def edges(self, axis: int) -> np.ndarray:
         """First column (axis 1) or row (axis 0) of every cell and the end, int32."""
         size, cells = ((self.height, self.down), (self.width, self.across))[axis]
-        return (np.arange(cells + 1, dtype=np.int64) * size // cells).astype(np.int32)
+        squares = np.arange(cells + 1, dtype=np.int64) * -(-size // self.square) // cells
+        return np.minimum(squares * self.square, size).astype(np.int32)
+
+    def cells(self, axis: int) -> np.ndarray:
+        """The column (axis 1) or row (axis 0) of cells in which every column or row of pixels lies, int32."""
+        return np.repeat(np.arange((self.down, self.across)[axis], dtype=np.int32), np.diff(self.edges(axis)))
 
     def strips(self, band_rows: int) -> np.ndarray:
         """(n, 4) int32: first row, row after the last, row of cells and its reference row.
@@ -184,8 +201,7 @@ class Slic:
             "active": grid.count,
         }
         self._buffers = Buffers(self._device, layout, session.budget, f"SLIC with {grid.count} seeds")
-        cells = np.repeat(np.arange(grid.across, dtype=np.int32), np.diff(grid.edges(1)))
-        self._tables = [self._device.upload(t) for t in (self._strips, grid.edges(1), cells, first)]
+        self._tables = [self._device.upload(t) for t in (self._strips, grid.edges(1), grid.cells(1), first)]
 
     def __enter__(self) -> Slic:
         return self
@@ -194,9 +210,10 @@ class Slic:
         self._buffers.__exit__()
 
     def iterate(self, iterations: int, jitter: np.ndarray | None = None) -> np.ndarray:
-        """Candidates after at most so many assignments of pixels to seeds, the last of which is left to `slots`.
+        """Seeds after at most so many assignments of pixels to them, the last of which is left to `slots`.
 
-        `jitter` (down, across, 2) moves the seeds at the start, px.
+        `jitter` (down, across, 2) moves the seeds at the start, px. Returns (down, across, 5) float64: L, a, b in
+        steps, x, y in px; NaN where there is no seed.
         """
         from scipy.ndimage import maximum_filter  # when it is needed: it is slow to import
 
@@ -221,15 +238,14 @@ class Slic:
             active = (following != present).any((1, 2))
             if not active.any():
                 break
-        return following
+        return centres
 
-    def slots(self, chosen: np.ndarray) -> Iterator[tuple[Band, np.ndarray]]:
-        """(band, slots (rows, width) uint8) from top to bottom: which of its nine candidates a pixel chooses."""
-        self._device.write(self._buffers["candidates"], chosen)
+    def slots(self, centres: np.ndarray) -> Iterator[tuple[Band, object]]:
+        """(band, a buffer of its slots (rows, width) uint8) from top to bottom: which of nine seeds a pixel chooses."""
+        self._device.write(self._buffers["candidates"], candidates(self.grid, centres, np.arange(self.grid.count)))
         for band in self._lab.bands():
             self._assign(band, keep=1)
-            shape = band.bottom - band.top, self._lab.width
-            yield band, self._device.read(self._buffers["slots"], shape, np.uint8)
+            yield band, self._buffers["slots"]
 
     def _assign(self, band: Band, keep: int) -> None:
         """Run the kernel over a band: sums into their buffer, or with `keep` slots into theirs."""

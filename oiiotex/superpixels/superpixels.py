@@ -9,13 +9,14 @@ that is said of it are the same to the bit for any tile, budget, register width 
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from ..color.lab import Lens
 from ..color.lab_grid import FINE_STEPS
-from ..color.lab_on_device import PIXEL_BYTES, LabGrid, most_on_device
+from ..color.lab_on_device import PIXEL_BYTES, Band, LabGrid, most_on_device
 from ..core.attributes import mark_as_data
 from ..core.image import Image, Part, derived_spec
 from ..core.window import Window
@@ -23,6 +24,7 @@ from ..deferred import np, oiio
 from ..opencl.buffers import Buffers, in_smaller_pieces, offset_table
 from ..session import Session
 from .run_length import OUTSIDE, Pieces, Runs, pieces_of, without_small
+from .refinement import WIDEST, Reduced, Squares, refined_slots
 from .slic import NINE, NONE, SeedGrid, Slic
 
 COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
@@ -31,22 +33,6 @@ LEAST_SIGMA = 4.0  # px; below, a superpixel is no pattern
 ITERATIONS = 1000
 _BAND_ROWS = 128  # of labels that become runs at once
 _SUMS = 21  # what cl/superpixels.cl keeps of each superpixel's powers
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """The image in squares, with which the Gaussian stack begins.
-
-    Attributes
-    ----------
-    side : int
-        Of a square, px.
-    sums : (down, across, 4) int32
-        L, a, b in steps of 1/8, and number, of a square's opaque pixels.
-    """
-
-    side: int
-    sums: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -63,9 +49,9 @@ class Superpixels:
         Pixels.
     positions : (n, 2) float64
         Centroid (x, y) of the pixels' corners, relative to the window's.
-    power_sums : (n, 3, 5) float64
+    power_sums : (n, 3, 5) float64 or None
         Sums over pixels of L, a, b to the first .. fifth power, in Lab units to that power: exact sums over a grid of
-        1/8 unit, rounded once.
+        1/8 unit, rounded once. None: they were not asked for.
     edges : (m, 2) int32
         a < b, 0-based: superpixels with a common border (4-connectivity).
     sigma : float
@@ -79,7 +65,7 @@ class Superpixels:
     labels: Part
     sizes: np.ndarray
     positions: np.ndarray
-    power_sums: np.ndarray
+    power_sums: np.ndarray | None
     edges: np.ndarray
     sigma: float
     runs: Runs
@@ -117,6 +103,8 @@ def superpixels(
     runs: int = 1,
     minsize: int | None = None,
     seed: int = 0,
+    literal: bool = False,
+    powers: bool = True,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> Superpixels:
     """Superpixels of the image's first part: LSA16 section 3.
@@ -136,6 +124,10 @@ def superpixels(
         Smaller pieces are joined to neighbours; a quarter of sigma^2 when left out.
     seed : int
         Of those random moves.
+    literal : bool
+        Every iteration looks at all pixels, however large the image.
+    powers : bool
+        Whether sums of powers are wanted: a look at the image. The best of several runs is chosen by them.
     advance : callable
         Called with (done, total).
 
@@ -146,8 +138,11 @@ def superpixels(
     """
     part = image.first
     sigma = finest_scale(part.window) if sigma is None else sigma
-    side = 1 << max(0, int(math.log2(sigma / 16)))  # a superpixel is 16 to 32 squares wide, whatever the image's size
-    grid = SeedGrid.of(part.window.width, part.window.height, sigma, compactness)
+    # a superpixel is 16 to 32 squares wide, whatever the image's size
+    side = min(1 << max(0, int(math.log2(sigma / 16))), WIDEST)
+    on_squares = side > 1 and not literal
+    window = part.window
+    grid = SeedGrid.of(window.width, window.height, sigma, compactness, side if on_squares else 1)
     least = 0.25 * grid.scale**2 if minsize is None else minsize
 
     def require(need: int) -> None:
@@ -156,18 +151,23 @@ def superpixels(
     def within(most: int) -> Superpixels:
         """With so many bytes of the image on the device at a time."""
         best: Superpixels | None = None
-        with LabGrid(image, lens, session, side, most) as lab:
-            reduced = _reduced(lab, side, session)
+        with contextlib.ExitStack() as resources:
+            squares = resources.enter_context(Squares(window.width, window.height, side, session, on_squares))
+            lab = resources.enter_context(LabGrid(image, lens, session, side, most, squares.look))
             advance(1, 2 * runs + 1)
-            with Slic(lab, grid, session) as slic:
-                for run in range(runs):
-                    chosen = slic.iterate(iterations, _jitter(grid, seed, run) if run else None)
-                    advance(2 * run + 2, 2 * runs + 1)
-                    pieces = without_small(pieces_of(_labels(slic, chosen), lab.width, lab.height, require), least)
-                    candidate = _described(part, lab, grid, pieces, reduced, session)
-                    if best is None or candidate.error(compactness) < best.error(compactness):
-                        best = candidate
-                    advance(2 * run + 3, 2 * runs + 1)
+            settled, settling = (squares, grid.of_squares) if on_squares else (lab, grid)
+            slic = resources.enter_context(Slic(settled, settling, session))
+            for run in range(runs):
+                centres = slic.iterate(iterations, _jitter(settling, seed, run) if run else None)
+                advance(2 * run + 2, 2 * runs + 1)
+                slots = refined_slots(lab, grid, squares, slic, centres, session) if on_squares else slic.slots(centres)
+                labels = _labels(slots, grid, session)
+                pieces = without_small(pieces_of(labels, lab.width, lab.height, require), least)
+                wanted = powers or runs > 1
+                candidate = _described(part, lab if wanted else None, grid, pieces, squares.reduced, session)
+                if best is None or candidate.error(compactness) < best.error(compactness):
+                    best = candidate
+                advance(2 * run + 3, 2 * runs + 1)
         assert best is not None
         return best
 
@@ -182,14 +182,13 @@ def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
     return share.reshape(grid.down, grid.across, 2) * [grid.width / grid.across, grid.height / grid.down]
 
 
-def _labels(slic: Slic, chosen: np.ndarray) -> Iterator[np.ndarray]:
+def _labels(bands: Iterable[tuple[Band, object]], grid: SeedGrid, session: Session) -> Iterator[np.ndarray]:
     """The seeds that pixels choose, OUTSIDE where they are transparent: (rows, width) int32 from top to bottom."""
-    grid = slic.grid
     away = np.zeros(NONE + 1, np.int32)
     away[: len(NINE)] = [dy * grid.across + dx for dy, dx in NINE]
-    rows = np.repeat(np.arange(grid.down, dtype=np.int32) * grid.across, np.diff(grid.edges(0)))
-    columns = np.repeat(np.arange(grid.across, dtype=np.int32), np.diff(grid.edges(1)))
-    for band, slots in slic.slots(chosen):
+    rows, columns = grid.cells(0) * grid.across, grid.cells(1)
+    for band, buffer in bands:
+        slots = session.device.read(buffer, (band.bottom - band.top, grid.width), np.uint8)
         for top in range(0, len(slots), _BAND_ROWS):
             piece = slots[top : top + _BAND_ROWS]
             labels = away[piece]
@@ -199,25 +198,15 @@ def _labels(slic: Slic, chosen: np.ndarray) -> Iterator[np.ndarray]:
             yield labels
 
 
-def _reduced(lab: LabGrid, side: int, session: Session) -> Reduced:
-    device = session.device
-    across, down = -(-lab.width // side), -(-lab.height // side)
-    run = device.program("superpixels")
-    with Buffers(device, {"reduced": 16 * across * down}, session.budget, "the reduced image") as buffers:
-        for band in lab.bands():
-            first, rows = band.top // side, band.bottom - band.top
-            count = -(-band.bottom // side) - first
-            numbers = lab.width, band.top, rows, side, across, first, count
-            run("reduce", (across, count), band.lab, buffers["reduced"], *numbers)
-        return Reduced(side, device.read(buffers["reduced"], (down, across, 4), np.int32))
-
-
 def _described(
-    part: Part, lab: LabGrid, grid: SeedGrid, pieces: Pieces, reduced: Reduced, session: Session
+    part: Part, lab: LabGrid | None, grid: SeedGrid, pieces: Pieces, reduced: Reduced, session: Session
 ) -> Superpixels:
     runs, sizes = pieces.runs, pieces.sizes
     inside = runs.label != OUTSIDE
     label, left, right, rows = runs.label[inside], runs.left[inside], runs.right()[inside], runs.rows()[inside]  # (n,)
+    powers = None
+    if lab is not None:
+        powers = _power_sums(lab, np.stack([rows, left, right], 1), label, len(sizes), session)
     length = (right - left).astype(np.int64)
     # exact: sums of integers below 2^53
     x = np.bincount(label, (left.astype(np.int64) + right - 1) * length, len(sizes)) / 2
@@ -227,7 +216,7 @@ def _described(
         labels=label_part(part, runs),
         sizes=sizes,
         positions=np.stack([x, y], 1) / sizes[:, None],
-        power_sums=_power_sums(lab, np.stack([rows, left, right], 1), label, len(sizes), session),
+        power_sums=powers,
         edges=np.stack([pieces.borders.a, pieces.borders.b], 1).astype(np.int32),
         sigma=grid.scale,
         runs=runs,

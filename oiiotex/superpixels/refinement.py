@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Superpixels of a large image: seeds settle on means of squares, then pixels choose among the seeds around them.
+
+LSA16 section 3.1 looks at all pixels in every iteration. Its superpixels grow with the image (sigma_1 is 2 % of the
+shorter side), so 16 to 32 squares across one are enough to know where its seed belongs; the image itself is looked at
+twice, for the squares and for the borders. A pixel chooses among the seeds that its own square and the eight around it
+have chosen, so what lies inside of a superpixel is that superpixel's: noise makes no crumbs there, which would be joined
+to it afterwards. Squares are 1 px wide up to sigma = 32 px, and then nothing of this is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from ..color.lab_on_device import Band, LabGrid
+from ..deferred import np
+from ..opencl.buffers import Buffers
+from ..session import Session
+from .slic import SeedGrid, Slic, candidates
+
+WIDEST = 128  # px, of a square: its pixels are counted in 16 bits
+_PADDING = 128  # bytes past the end that wide registers may read: 16 pixels
+_AT_ONCE = 4 << 20  # bytes of sums that come from the device at a time
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The image in squares, with which the Gaussian stack begins.
+
+    Attributes
+    ----------
+    side : int
+        Of a square, px.
+    sums : (down, across, 4) int32
+        L, a, b in steps of 1/8, and number, of a square's opaque pixels.
+    """
+
+    side: int
+    sums: np.ndarray
+
+
+class Squares:
+    """Sums and means of squares, taken while the image is read; a `LabGrid` of squares. Give it back by `with`.
+
+    Parameters
+    ----------
+    width, height : int
+        Of the image, px.
+    side : int
+        Of a square, px; bands begin at multiples of it.
+    session : Session
+    means : bool
+        They are wanted as well as sums.
+    """
+
+    def __init__(self, width: int, height: int, side: int, session: Session, means: bool):
+        self._device, self._image_width = session.device, width
+        self.width, self.height = -(-width // side), -(-height // side)
+        self.band_rows = self.height
+        self._rows = max(1, min(self.height, _AT_ONCE // (16 * self.width)))
+        layout = {"sums": 16 * self.width * self._rows}
+        if means:
+            layout["lab"] = 8 * self.width * self.height + _PADDING
+        self._means, self._buffers = means, Buffers(self._device, layout, session.budget, "the image in squares")
+        self.reduced = Reduced(side, np.zeros((self.height, self.width, 4), np.int32))
+
+    def __enter__(self) -> Squares:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._buffers.__exit__()
+
+    def look(self, band: Band) -> None:
+        """Take in a band of the image."""
+        side, run, sums = self.reduced.side, self._device.program("superpixels"), self._buffers["sums"]
+        end = -(-band.bottom // side)
+        for first in range(band.top // side, end, self._rows):
+            count = min(self._rows, end - first)
+            numbers = self._image_width, band.top, band.bottom - band.top, side, self.width, first, count
+            run("reduce", (self.width, count), band.lab, sums, *numbers)
+            if self._means:
+                run("means", (self.width, count), sums, self._buffers["lab"], side, self.width, first, count)
+            self.reduced.sums[first : first + count] = self._device.read(sums, (count, self.width, 4), np.int32)
+
+    def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
+        """One: all squares as pixels, where `wanted(top, bottom)` says so."""
+        if wanted(0, self.height):
+            yield Band(0, self.height, self._buffers["lab"])
+
+
+def refined_slots(
+    lab: LabGrid, grid: SeedGrid, squares: Squares, settled: Slic, centres: np.ndarray, session: Session
+) -> Iterator[tuple[Band, object]]:
+    """As `Slic.slots` of the image: which of nine seeds a pixel chooses, band by band.
+
+    Parameters
+    ----------
+    lab : LabGrid
+        The image.
+    grid : SeedGrid
+        Its cells, cut along squares.
+    squares : Squares
+    settled : Slic
+        Of the squares.
+    centres : (down, across, 5) float64
+        Its seeds: L, a, b in steps, x, y in squares.
+    session : Session
+    """
+    device, side, strips = session.device, squares.reduced.side, grid.strips(lab.band_rows)
+    run = device.program("superpixels")
+    layout = {"seeds": 2 * squares.width * squares.height, "candidates": 16 * 9 * grid.count}
+    layout["slots"] = lab.band_rows * lab.width
+    with Buffers(device, layout, session.budget, f"{grid.count} superpixels") as buffers:
+        cells = [device.upload(grid.of_squares.cells(axis)) for axis in (0, 1)]
+        for band, slots in settled.slots(centres):
+            shape = squares.width, squares.height
+            run("seeds", shape, band.lab, slots, *cells, buffers["seeds"], *shape)
+        centres = centres * [1, 1, 1, side, side] + [0, 0, 0, (side - 1) / 2, (side - 1) / 2]
+        device.write(buffers["candidates"], candidates(grid, centres, np.arange(grid.count)))
+        tables = [device.upload(t) for t in (strips, grid.edges(1), grid.cells(1))]
+        for band in lab.bands():
+            first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()
+            items = lab.width if device.lanes == 1 else grid.across
+            numbers = lab.width, grid.across, end - first, grid.shift, band.top, first, side.bit_length() - 1
+            images = buffers["seeds"], buffers["slots"]
+            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers, squares.width)
+            yield band, buffers["slots"]
