@@ -75,7 +75,7 @@ class Superpixel(ScanThenMap):
         lens = lens_of(self.source, session, self.working_space)
         finest = superpixels(
             self.source, lens, session, sigma=self.finest, compactness=self.compactness, iterations=self.iterations,
-            runs=self.runs, minsize=self.minsize, seed=self.seed, advance=session.advance,
+            runs=self.runs, minsize=self.minsize, seed=self.seed, powers=False, advance=session.advance,
         )  # fmt: skip
         sigma, partition = finest.sigma, np.arange(finest.count)
         if self.sigma is not None or self.count is not None:

@@ -204,7 +204,8 @@ def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tu
     above = upper[: np.searchsorted(upper, (rows - 1) * width)]
     skipped = np.searchsorted(lower, width)
     below = lower[skipped:] - width
-    cuts = np.union1d(above, below)
+    cuts = np.sort(np.concatenate([above, below]), kind="stable")  # which merges what is sorted: np.unique hashes
+    cuts = cuts[np.diff(cuts, prepend=-1) != 0]
     i = np.searchsorted(above, cuts, "right") - 1
     j = np.searchsorted(below, cuts, "right") - 1 + skipped
     return i, j, np.diff(cuts, append=(rows - 1) * width)
