@@ -3,10 +3,10 @@
 
 python -m benchmarks.squares [--half tune|judge] [--mosaics 8] [--labels]
 
-Mosaics of benchmarks.mosaics, drawn at 512 px and enlarged 8 times, and drawn at 3300 px with the textures' own pixels.
-Nothing was set on the half "judge". Columns, squares / pixels: eq. 3 of LSA16 (a ratio); the share of the truth's borders
-that lie within 2 and within 8 px of a superpixel's; under-segmentation, per cent; runs of rows; CPU s; with --labels the
-covering of the truth by the best level of labels.
+Mosaics of benchmarks.mosaics, drawn at 512 px and enlarged 8 times, and drawn at 3300 px with the textures' own
+pixels. Nothing was set on the half "judge". Columns, squares / pixels: eq. 3 of LSA16 (a ratio); the share of the
+truth's borders that lie within 2 and within 8 px of a superpixel's; under-segmentation, per cent; runs of rows; CPU s;
+with --labels the covering of the truth by the best level of labels.
 """
 
 from __future__ import annotations

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from oiiotex.superpixels.run_length import OUTSIDE, Pieces, pieces_of, without_small
+from oiiotex.superpixels.run_length import OUTSIDE, Pieces, Strip, pieces_of, without_small
 
 
 def pieces(labels: np.ndarray, *cuts: int) -> Pieces:
-    height, width = labels.shape
+    height, _ = labels.shape
     edges = sorted({0, height, *(c for c in cuts if c < height)})
-    return pieces_of([labels[a:b] for a, b in itertools.pairwise(edges)], width, height)
+    return pieces_of((Strip.of(labels[a:b]) for a, b in itertools.pairwise(edges)), height)
 
 
 def plain(labels: np.ndarray) -> np.ndarray:

@@ -4,8 +4,8 @@
 LSA16 section 3.1 looks at all pixels in every iteration. Its superpixels grow with the image (sigma_1 is 2 % of the
 shorter side), so 16 to 32 squares across one are enough to know where its seed belongs; the image itself is looked at
 twice, for the squares and for the borders. A pixel chooses among the seeds that its own square and the eight around it
-have chosen, so what lies inside of a superpixel is that superpixel's: noise makes no crumbs there, which would be joined
-to it afterwards. Squares are 1 px wide up to sigma = 32 px, and then nothing of this is done.
+have chosen, so what lies inside of a superpixel is that superpixel's: noise makes no crumbs there, which would be
+joined to it afterwards. Squares are 1 px wide up to sigma = 32 px, and then nothing of this is done.
 """
 
 from __future__ import annotations
@@ -122,7 +122,8 @@ def refined_slots(
         for band in lab.bands():
             first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()
             items = lab.width if device.lanes == 1 else grid.across
-            numbers = lab.width, grid.across, end - first, grid.shift, band.top, first, side.bit_length() - 1
             images = buffers["seeds"], buffers["slots"]
-            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers, squares.width)
+            numbers = lab.width, grid.across, end - first, grid.shift, band.top, first
+            numbers += side.bit_length() - 1, squares.width
+            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers)
             yield band, buffers["slots"]

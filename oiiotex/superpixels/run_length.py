@@ -73,6 +73,44 @@ class Runs:
 
 
 @dataclass(frozen=True)
+class Strip:
+    """Some full rows of a label map that is not whole yet.
+
+    Attributes
+    ----------
+    width, height : int
+    starts : (n,) int64
+        First pixel of each run, counted row after row; each row begins with a run.
+    label : (n,) int32
+        From 0 on, or OUTSIDE; runs side by side differ.
+    """
+
+    width: int
+    height: int
+    starts: np.ndarray
+    label: np.ndarray
+
+    @classmethod
+    def joined(cls, width: int, height: int, starts: np.ndarray, label: np.ndarray) -> Strip:
+        """From runs that may be alike side by side."""
+        keep = np.ones(len(label), bool)
+        keep[1:] = label[1:] != label[:-1]
+        keep |= starts % width == 0
+        return cls(width, height, starts[keep], label[keep])
+
+    @classmethod
+    def of(cls, labels: np.ndarray) -> Strip:
+        """Of labels as pixels, (rows, width) int32."""
+        height, width = labels.shape
+        return cls.joined(width, height, np.arange(labels.size), labels.ravel())
+
+    def rows(self, top: int, bottom: int) -> Strip:
+        """Some of its rows."""
+        begin, end = np.searchsorted(self.starts, (top * self.width, bottom * self.width))
+        return Strip(self.width, bottom - top, self.starts[begin:end] - top * self.width, self.label[begin:end])
+
+
+@dataclass(frozen=True)
 class Borders:
     """Which labels touch: a < b, (m,) each, sorted, with the length of their common border in pixel sides."""
 
@@ -108,48 +146,43 @@ class Pieces:
     borders: Borders
 
 
-def pieces_of(
-    bands: Iterable[np.ndarray], width: int, height: int, require: Callable[[int], None] | None = None
-) -> Pieces:
+def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], None] | None = None) -> Pieces:
     """4-connected pieces of equal labels.
 
     Parameters
     ----------
-    bands : iterable of (rows, width) int32
+    strips : iterable of Strip
         The label map from top to bottom; OUTSIDE belongs to no piece.
-    width, height : int
+    height : int
     require : callable, optional
         Given the bytes that this will need so far; raises where that is too much. Photos have few runs, noise has
         nearly as many as pixels.
     """
-    finder = _Finder(width)
-    for labels in bands:
-        finder.add(labels)
+    finder = _Finder()
+    for strip in strips:
+        finder.add(strip)
         if require is not None:
             require(finder.need)
     return finder.finished(height)
 
 
 class _Finder:
-    """Looks at one band after another and keeps runs, not pixels."""
+    """Looks at one strip after another."""
 
-    def __init__(self, width: int):
-        self._width, self._count = width, 0
+    def __init__(self):
+        self._width, self._count = 0, 0
         self._left: list[np.ndarray] = []
         self._per_row: list[np.ndarray] = []
         self._piece: list[np.ndarray] = []
         self._sizes: list[np.ndarray] = []
-        self._same: list[np.ndarray] = []  # (2, n) pieces of two bands that are one
+        self._same: list[np.ndarray] = []  # (2, n) pieces of two strips that are one
         self._borders: list[Borders] = []
         self.need = 0  # bytes, by the end
         self._above: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # starts, labels, pieces of a row
 
-    def add(self, labels: np.ndarray) -> None:
-        rows, width = labels.shape
-        change = np.ones((rows, width), bool)
-        np.not_equal(labels[:, 1:], labels[:, :-1], out=change[:, 1:])
-        starts = np.flatnonzero(change)
-        label = labels.ravel()[starts]
+    def add(self, strip: Strip) -> None:
+        self._width = width = strip.width
+        rows, starts, label = strip.height, strip.starts, strip.label
         lengths = np.diff(starts, append=rows * width)
         per_row = np.bincount(starts // width, minlength=rows)
 
@@ -159,7 +192,7 @@ class _Finder:
         inside = np.zeros(count, bool)
         inside[piece] = label != OUTSIDE
         number = np.where(inside, self._count + np.cumsum(inside) - 1, OUTSIDE)
-        piece, new = number[piece], np.count_nonzero(inside)  # in this band
+        piece, new = number[piece], np.count_nonzero(inside)  # in this strip
 
         self._sizes.append(np.bincount(piece[piece >= 0] - self._count, lengths[piece >= 0], new))
         beside = np.flatnonzero(starts[1:] % width != 0)
@@ -185,7 +218,7 @@ class _Finder:
 
     def finished(self, height: int) -> Pieces:
         same = np.concatenate(self._same, 1) if self._same else np.zeros((2, 0), np.int64)
-        # numbers by first pixel: pieces of bands are in that order, and a whole's is that of its first part
+        # numbers by first pixel: pieces of strips are in that order, and a whole's is that of its first part
         count, whole = _united(*same, self._count)
         parts = np.concatenate([np.zeros(0), *self._sizes])
         sizes = np.bincount(whole, parts, count).astype(np.int64)
@@ -199,7 +232,7 @@ class _Finder:
 def _overlaps(upper: np.ndarray, lower: np.ndarray, width: int, rows: int) -> tuple[np.ndarray, ...]:
     """Runs that touch across rows: (upper run, lower run, length).
 
-    `upper` and `lower` are first pixels of runs of one band of `rows` rows, counted row after row.
+    `upper` and `lower` are first pixels of runs of one strip of `rows` rows, counted row after row.
     """
     above = upper[: np.searchsorted(upper, (rows - 1) * width)]
     skipped = np.searchsorted(lower, width)
@@ -227,27 +260,56 @@ def _united(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
 
 
 def without_small(pieces: Pieces, least: float) -> Pieces:
-    """Pieces below `least` pixels joined to neighbours, until there is none that has a neighbour.
+    """Pieces below `least` pixels joined to neighbours, until none has a neighbour; see `small_joined`."""
+    of, sizes, borders, _ = small_joined(pieces, least, np.zeros(len(pieces.sizes), bool))
+    return Pieces(pieces.runs.relabelled(of), sizes, borders)
+
+
+def small_joined(
+    pieces: Pieces, least: float, unknown: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Borders, np.ndarray]:
+    """Which pieces become one where those below `least` pixels join neighbours.
 
     In every round each small piece chooses one neighbour: one that is not small, else a small one; of these the one
     with the longest common border; of these the first. What has chosen each other becomes one, so every round leaves
     at most half of the small pieces, and neither the order of work nor tiles can be seen.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        n of them.
+    least : float
+        px.
+    unknown : (n,) bool
+        Of these there is more elsewhere: they are not small.
+
+    Returns
+    -------
+    of : (n,) int
+        What each becomes part of, 0 .. m - 1.
+    sizes : (m,) int64
+    borders : Borders
+    first : (m,) int
+        The piece that others have joined: the one that was not small, else the first.
     """
-    runs, sizes, borders = pieces.runs, pieces.sizes, pieces.borders
-    of = np.arange(len(sizes))
+    sizes, borders = pieces.sizes, pieces.borders
+    of = first = np.arange(len(sizes))
     while True:
-        small = sizes < least
+        small = (sizes < least) & ~unknown
         a = np.concatenate([borders.a, borders.b])
         b = np.concatenate([borders.b, borders.a])
         length = np.concatenate([borders.length, borders.length])
         asked = small[a]
         a, b, length = a[asked], b[asked], length[asked]
         if not len(a):
-            break
+            return of, sizes, borders, first
         order = np.lexsort((b, -length, small[b], a))
         chooser, best = np.unique(a[order], return_index=True)
         count, joined = _united(chooser, b[order][best], len(sizes))
+        # one that is not small chooses none, so at most one is among those that become one
+        order = np.lexsort((small, joined))
+        first = first[order[np.searchsorted(joined[order], np.arange(count))]]
+        unknown = np.bincount(joined, unknown, count) > 0
         sizes = np.bincount(joined, sizes, count).astype(np.int64)
         borders = Borders.of(joined[borders.a], joined[borders.b], borders.length, count)
         of = joined[of]
-    return Pieces(runs.relabelled(of), sizes, borders)

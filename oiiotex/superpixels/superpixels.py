@@ -23,8 +23,9 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..opencl.buffers import Buffers, in_smaller_pieces, offset_table
 from ..session import Session
-from .run_length import OUTSIDE, Pieces, Runs, pieces_of, without_small
+from .crumbs import without_crumbs
 from .refinement import WIDEST, Reduced, Squares, refined_slots
+from .run_length import OUTSIDE, Pieces, Runs, Strip, pieces_of, without_small
 from .slic import NINE, NONE, SeedGrid, Slic
 
 COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
@@ -161,8 +162,10 @@ def superpixels(
                 centres = slic.iterate(iterations, _jitter(settling, seed, run) if run else None)
                 advance(2 * run + 2, 2 * runs + 1)
                 slots = refined_slots(lab, grid, squares, slic, centres, session) if on_squares else slic.slots(centres)
-                labels = _labels(slots, grid, session)
-                pieces = without_small(pieces_of(labels, lab.width, lab.height, require), least)
+                strips = _strips(slots, grid, session)
+                if on_squares:
+                    strips = without_crumbs(strips, lab.height, least)
+                pieces = without_small(pieces_of(strips, lab.height, require), least)
                 wanted = powers or runs > 1
                 candidate = _described(part, lab if wanted else None, grid, pieces, squares.reduced, session)
                 if best is None or candidate.error(compactness) < best.error(compactness):
@@ -182,20 +185,24 @@ def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
     return share.reshape(grid.down, grid.across, 2) * [grid.width / grid.across, grid.height / grid.down]
 
 
-def _labels(bands: Iterable[tuple[Band, object]], grid: SeedGrid, session: Session) -> Iterator[np.ndarray]:
-    """The seeds that pixels choose, OUTSIDE where they are transparent: (rows, width) int32 from top to bottom."""
+def _strips(bands: Iterable[tuple[Band, object]], grid: SeedGrid, session: Session) -> Iterator[Strip]:
+    """The seeds that pixels choose, OUTSIDE where they are transparent, from top to bottom."""
     away = np.zeros(NONE + 1, np.int32)
     away[: len(NINE)] = [dy * grid.across + dx for dy, dx in NINE]
-    rows, columns = grid.cells(0) * grid.across, grid.cells(1)
+    rows, columns, edges = grid.cells(0) * grid.across, grid.cells(1), grid.edges(1)[:-1]
     for band, buffer in bands:
         slots = session.device.read(buffer, (band.bottom - band.top, grid.width), np.uint8)
         for top in range(0, len(slots), _BAND_ROWS):
             piece = slots[top : top + _BAND_ROWS]
-            labels = away[piece]
-            labels += rows[band.top + top : band.top + top + len(piece), None]
-            labels += columns
-            labels[piece == NONE] = OUTSIDE
-            yield labels
+            change = np.ones(piece.shape, bool)
+            np.not_equal(piece[:, 1:], piece[:, :-1], out=change[:, 1:])
+            change[:, edges] = True  # slots that differ or belong to two cells may be one seed's
+            starts = np.flatnonzero(change)
+            row, column = np.divmod(starts, grid.width)
+            slot = piece.ravel()[starts]
+            label = away[slot] + rows[band.top + top + row] + columns[column]
+            label[slot == NONE] = OUTSIDE
+            yield Strip.joined(grid.width, len(piece), starts, label)
 
 
 def _described(
