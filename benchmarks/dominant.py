@@ -22,7 +22,7 @@ from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_reduced import LabPixels, lab_pixels
 from oiiotex.core.image import from_buffer
 from oiiotex.dominant.diffusion import dominant_mask, dominant_texture
-from oiiotex.dominant.refinement import refined_mask
+from oiiotex.dominant.refinement import pixel_colours, refined_mask
 from oiiotex.session import Session
 from tests import pictures
 
@@ -115,7 +115,9 @@ def main() -> None:
                 found = dominant_texture(pixels, session, mode=mode, rule=rule, step=arguments.step)
                 took = time.process_time() - start
                 literal = rule == "paper"
-                mask = dominant_mask(found, pixels.seen) if literal else refined_mask(found, pixels)
+                mask = (
+                    dominant_mask(found, pixels.seen) if literal else refined_mask(found, pixels, pixel_colours(pixels))
+                )
                 iou = (mask & truth).sum() / max((mask | truth).sum(), 1)
                 precision = (mask & truth).sum() / max(mask.sum(), 1)
                 rows.append((iou, precision, took))

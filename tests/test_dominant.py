@@ -15,7 +15,7 @@ from oiiotex import errors, filters
 from oiiotex.charts import dominant_chart
 from oiiotex.dominant import diffusion
 from oiiotex.dominant.diffusion import dominant_texture
-from oiiotex.dominant.refinement import refined_mask
+from oiiotex.dominant.refinement import pixel_colours, refined_mask
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import load, oiiotex, save
@@ -220,7 +220,7 @@ def test_pictures_seen_directly_are_those_of_the_filter():
     _, picture, _ = composite(0)
     pixels = seen_as(picture, Session())
     found = diffusion.dominant_texture(pixels, Session())
-    np.testing.assert_array_equal(refined_mask(found, pixels), composite_mask(0) > 0)
+    np.testing.assert_array_equal(refined_mask(found, pixels, pixel_colours(pixels)), composite_mask(0) > 0)
 
 
 @pytest.mark.parametrize("n", DRAWN)
@@ -228,7 +228,7 @@ def test_a_mask_follows_pixels_better_than_dilated_patches(n):
     _, picture, truth = composite(n, 1)
     pixels = seen_as(picture, Session())
     found = diffusion.dominant_texture(pixels, Session())
-    masks = diffusion.dominant_mask(found, pixels.seen), refined_mask(found, pixels)
+    masks = diffusion.dominant_mask(found, pixels.seen), refined_mask(found, pixels, pixel_colours(pixels))
     dilated, refined = ((mask & truth).sum() / (mask | truth).sum() for mask in masks)
     assert refined > dilated
 

@@ -8,7 +8,7 @@ import pytest
 
 from oiiotex.color.lab_reduced import LabPixels
 from oiiotex.dominant import diffusion, patch_manifold
-from oiiotex.dominant.refinement import refined_mask
+from oiiotex.dominant.refinement import pixel_colours, refined_mask
 from oiiotex.session import Session
 from tests.reference import diffusion as reference
 
@@ -136,7 +136,11 @@ def test_a_mask_is_nothing_where_nothing_is_dominant_seen_or_covered():
     texels = patch_manifold.texels_of(pixels, 5, 1, Session())
     zeros = np.zeros(texels.count)
     of_all, of_none = (
-        refined_mask(diffusion.Dominant(texels, np.full(texels.count, kind, np.int8), zeros, zeros), pixels)
+        refined_mask(
+            diffusion.Dominant(texels, np.full(texels.count, kind, np.int8), zeros, zeros),
+            pixels,
+            pixel_colours(pixels),
+        )
         for kind in (diffusion.DOMINANT, diffusion.SMALL)
     )
     assert not of_none.any()

@@ -133,8 +133,9 @@ def dominant_texture(
     seed : int
         Of the choice of landmarks.
     """
-    with threadpool_limits(1, "blas"):
-        side = patch or patch_size(pixels.lab[..., 0])
+    # what needs one thread is done beside what does
+    with threadpool_limits(1, "blas"), session.beside(lambda _: neighbour_correlation(pixels)) as correlated:
+        side = patch or patch_size(pixels.lab[..., 0], session.spread)
         texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), session)
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
         session.advance(2, 6)
@@ -147,7 +148,7 @@ def dominant_texture(
             if kernel is None:
                 alike = np.full(texels.count, DOMINANT, np.int8), np.full(texels.count, float(len(chosen)))
                 return _after(3, session, Dominant(texels, *alike, np.zeros(texels.count)))
-            correlation = neighbour_correlation(pixels)
+            correlation = correlated()
             if correlation < _LEAST_CORRELATION and rule != "paper":
                 why = f"a pixel says nothing of the next one (correlation {correlation:.2f}): it is noise"
                 return _after(3, session, Dominant(texels, *nothing, kernel, rejected=why))
@@ -183,8 +184,10 @@ def neighbour_correlation(pixels: LabPixels) -> float:
     """Of Lab with that of the next pixel to the right or below, the larger of the two.
 
     The paper does not say how noise is told from a texture; through heat it looks like one, of which every patch is as
-    near to the next as to any other.
+    near to the next as to any other. 0 where nothing is seen.
     """
+    if not pixels.seen.any():
+        return 0.0
     away = (pixels.lab - pixels.lab[pixels.seen].mean(0, dtype=np.float64)) * pixels.seen[..., None]
     correlations = []
     for here, there, pairs in (

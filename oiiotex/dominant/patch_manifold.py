@@ -9,11 +9,12 @@ are, so that neither threads nor budget show.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from scipy.ndimage import gaussian_filter, gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d
 from scipy.sparse import csr_array
 
 from ..color.lab_reduced import LabPixels
@@ -26,22 +27,31 @@ _BLOCK = 1024  # texels whose distances are looked at together
 _ROWS = 256  # texels whose neighbours are looked for together: what is found on the way stays in the cache
 _EVERY = 16  # of a row's distances, from which the k smallest of all are estimated
 _COVARIANCE = 4096  # texels that the components are learned from
+_PIECES = 8  # in which an image is blurred
 _CURVE = 96  # kernel sizes that are tried
+Spread = Callable[[Callable, Iterable], Iterable]
 _STRONG = 0.7  # of the strongest response: a longer period that reaches it goes first
 
 
-def patch_size(light: np.ndarray) -> int:
+def patch_size(light: np.ndarray, spread: Spread = map) -> int:
     """LDR09 step 1: the period that answers most strongly along one of four directions, an odd number of px.
 
     Departures, because the text says no more than that: the window is Hann's; a direction is a wedge of 45 degrees; a
     response is the power above a power law fitted to the mean of all directions, since textures have more power in low
     frequencies anyway; of strong responses the lowest frequency goes first, the others being its harmonics.
+
+    Parameters
+    ----------
+    light : (h, w) float
+        L.
+    spread : callable
+        Does pieces of work on several threads, in order.
     """
     height, width = light.shape
     most = min(MOST_PATCH, min(height, width) // 8)
     if most <= LEAST_PATCH:
         return max(1, min(LEAST_PATCH, height, width) - (min(LEAST_PATCH, height, width) + 1) % 2)
-    flat = light - gaussian_filter(light.astype(np.float64), min(height, width) / 6)
+    flat = light - _blurred(light.astype(np.float64), min(height, width) / 6, spread)
     flat *= np.outer(np.hanning(height), np.hanning(width))
     size = scipy.fft.next_fast_len(2 * max(height, width))
     power = np.abs(scipy.fft.rfft2(flat, (size, size))) ** 2
@@ -70,6 +80,15 @@ def patch_size(light: np.ndarray) -> int:
     ]
     period = round(size / wanted[peaks[0]])
     return int(np.clip(period | 1, LEAST_PATCH, most - 1 + most % 2))
+
+
+def _blurred(light: np.ndarray, sigma: float, spread: Spread) -> np.ndarray:
+    """`scipy.ndimage.gaussian_filter`, some columns and then some rows at a time."""
+    for axis in (0, 1):
+        pieces = np.array_split(light, _PIECES, axis=1 - axis)
+        done = spread(lambda piece, along=axis: gaussian_filter1d(piece, sigma, along), pieces)
+        light = np.concatenate(list(done), axis=1 - axis)
+    return light
 
 
 @dataclass(frozen=True)

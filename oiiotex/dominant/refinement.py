@@ -23,11 +23,18 @@ _SMOOTH = 1.0  # px: the Gaussian over log odds
 _COVERED = 1e-6  # of a patch: less is rounding
 
 
-def refined_mask(dominant: Dominant, pixels: LabPixels) -> np.ndarray:
+def refined_mask(dominant: Dominant, pixels: LabPixels, colours: np.ndarray) -> np.ndarray:
     """Where the dominant texture is, (h, w) bool; never where nothing is seen or no whole patch lies.
 
     Two things say whether a pixel belongs to it: which share of the texels that cover it is dominant, and how many of
     all pixels of its colour lie under dominant ones. Log odds of both are added, as of independent evidence.
+
+    Parameters
+    ----------
+    dominant : Dominant
+    pixels : LabPixels
+    colours : (h, w) int
+        As `pixel_colours` has them.
     """
     seen, texels = pixels.seen, dominant.texels
     if not (dominant.types == DOMINANT).any():
@@ -36,7 +43,6 @@ def refined_mask(dominant: Dominant, pixels: LabPixels) -> np.ndarray:
     every = spread_over(texels, np.ones(texels.count, np.float32), seen.shape, 0)
     own, every = (uniform_filter(centres, texels.patch, mode="constant") for centres in (own, every))
     share = np.where(every > _COVERED, own / np.maximum(every, _COVERED), 0)
-    colours = _colours(pixels)
     mean = float(share[seen].mean(dtype=np.float64))
     count = np.bincount(colours[seen], minlength=_COLOURS)
     among = (np.bincount(colours[seen], share[seen], _COLOURS) + mean) / (count + 1)
@@ -44,8 +50,10 @@ def refined_mask(dominant: Dominant, pixels: LabPixels) -> np.ndarray:
     return (gaussian_filter(odds, _SMOOTH) > _LEAST) & (every > _COVERED) & seen
 
 
-def _colours(pixels: LabPixels) -> np.ndarray:
-    """The kind of colour of every pixel, (h, w) int: k-means in Lab."""
+def pixel_colours(pixels: LabPixels) -> np.ndarray:
+    """The kind of colour of every pixel, (h, w) int: k-means in Lab; 0 where nothing is seen at all."""
+    if not pixels.seen.any():
+        return np.zeros(pixels.seen.shape, np.int32)
     values = pixels.lab.reshape(-1, 3)
     shown = values[pixels.seen.ravel()]
     sample = np.unique(shown[:: max(1, len(shown) // _SAMPLE)].astype(np.float64), axis=0)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..charts.dominant_chart import diagnostics
 from ..color.lab import lens_of
 from ..core.access import ScanThenMap
 from ..core.image import Image, Part
@@ -89,9 +88,8 @@ class Dominant(ScanThenMap):
     def compute(self, session: Session) -> dict[str, Any]:
         """The mask, and what else can be asked for."""
         from ..color.lab_reduced import lab_pixels, reduction
-        from ..dominant.diffusion import dominant_mask, dominant_texture, spread_over, step_for
+        from ..dominant.diffusion import dominant_texture, spread_over, step_for
         from ..dominant.patch_manifold import MOST_PATCH, memory_needed
-        from ..dominant.refinement import refined_mask
 
         first = self.source.first
         width, height = first.window.width, first.window.height
@@ -109,9 +107,19 @@ class Dominant(ScanThenMap):
         allowed = None if self.mask is None else masked_pixels(self.mask, self.source)
         pixels = lab_pixels(self.source, lens, session, factor, allowed)
         session.advance(1, 6)
-        texture = dominant_texture(
-            pixels, session, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule
-        )
+        literal = self.rule == "paper"
+
+        def coloured(_: Session) -> np.ndarray | None:
+            """What refines the mask, found while texels are: to import k-means takes a fifteenth of a second."""
+            from ..dominant.refinement import pixel_colours
+
+            return None if literal else pixel_colours(pixels)
+
+        with session.beside(coloured) as colours:
+            texture = dominant_texture(
+                pixels, session, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule
+            )
+            mask = _mask(texture, pixels, colours())
         if texture.rejected:
             if self.strict:
                 raise ImageError(f"{self.source.source} has no dominant texture: {texture.rejected}")
@@ -119,9 +127,6 @@ class Dominant(ScanThenMap):
         else:
             share, side = 100 * texture.share, texture.texels.patch
             log.info("%s: %.0f %% of patches of %d px are dominant", self.flag(), share, side)
-        literal = self.rule == "paper"
-        mask = dominant_mask(texture, pixels.seen) if literal else refined_mask(texture, pixels)
-        mask = mask.astype(np.float32)[..., None]
         session.advance(6, 6)
 
         def spread(name: str, channels: tuple[str, ...], *values: np.ndarray) -> Part:
@@ -135,8 +140,23 @@ class Dominant(ScanThenMap):
                 "score", ("density", "heat"), texture.density.astype(np.float32), texture.heat.astype(np.float32)
             ),
             "facts": lambda: _facts(texture, factor),
-            "chart": lambda: diagnostics(texture),
+            "chart": lambda: _chart(texture),
         }
+
+
+def _mask(texture: DominantTexture, pixels: LabPixels, colours: np.ndarray | None) -> np.ndarray:
+    """Where the texture is, (h, w, 1) float32; by LDR09 where no colours are given."""
+    from ..dominant.diffusion import dominant_mask
+    from ..dominant.refinement import refined_mask
+
+    mask = dominant_mask(texture, pixels.seen) if colours is None else refined_mask(texture, pixels, colours)
+    return mask.astype(np.float32)[..., None]
+
+
+def _chart(texture: DominantTexture) -> Part:
+    from ..charts.dominant_chart import diagnostics
+
+    return diagnostics(texture)
 
 
 def _attributes(texture: DominantTexture) -> dict[str, float]:
