@@ -51,6 +51,11 @@ class DeviceInfo:
         """Division and square root of float are rounded correctly when a program asks for it."""
         return bool(self.handle.single_fp_config & _ROUNDS_CORRECTLY)
 
+    @property
+    def has_doubles(self) -> bool:
+        """Kernels may compute in double precision."""
+        return "cl_khr_fp64" in self.handle.extensions.split()
+
     def matches(self, wanted: str) -> bool:
         """`wanted` is a number of the list, a kind, or part of the device's or platform's name."""
         if wanted.isdigit():

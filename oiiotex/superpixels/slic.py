@@ -100,6 +100,13 @@ class SeedGrid:
         largest = 2 * self.weight * _SCALE * 3 * max(self.width / self.across, self.height / self.down)
         return max(0, math.ceil(math.log2(largest / 32000)))
 
+    @property
+    def units(self) -> tuple[float, float, float, float]:
+        """What a candidate's coefficients are of colour and place, and what becomes of their squares."""
+        unit = float(1 << self.shift)
+        per_colour, per_place = -2.0 * _SCALE, -2.0 * _SCALE * self.weight / unit
+        return per_colour, per_place, 4.0 * _SCALE, unit * unit / (4 * _SCALE * self.weight)
+
     def edges(self, axis: int) -> np.ndarray:
         """First column (axis 1) or row (axis 0) of every cell and the end, int32."""
         size, cells = ((self.height, self.down), (self.width, self.across))[axis]
@@ -155,12 +162,11 @@ def candidates(grid: SeedGrid, centres: np.ndarray, cells: np.ndarray) -> np.nda
     near[..., 4] -= rows[row]
     absent = np.isnan(near[..., 0])
     near[absent] = 0
-    unit = float(1 << grid.shift)
-    per_colour, per_place = -2.0 * _SCALE, -2.0 * _SCALE * grid.weight / unit
+    per_colour, per_place, colour_unit, place_unit = grid.units
     coefficients = np.rint(near * ([per_colour] * 3 + [per_place] * 2))
     squares = coefficients * coefficients
-    base = (squares[..., 0] + squares[..., 1] + squares[..., 2]) / (4 * _SCALE)
-    base += (squares[..., 3] + squares[..., 4]) * (unit * unit / (4 * _SCALE * grid.weight))
+    base = (squares[..., 0] + squares[..., 1] + squares[..., 2]) / colour_unit
+    base += (squares[..., 3] + squares[..., 4]) * place_unit
     c = coefficients.astype(np.int32)
     packed = np.empty((*absent.shape, 4), np.int32)
     packed[..., 0] = np.where(absent, _ABSENT, np.rint(base))
@@ -200,8 +206,12 @@ class Slic:
             "slots": lab.band_rows * lab.width,
             "active": grid.count,
         }
+        if self._device.info.has_doubles:
+            layout |= {"centres": 8 * 5 * grid.count, "moved": grid.count}
         self._buffers = Buffers(self._device, layout, session.budget, f"SLIC with {grid.count} seeds")
-        self._tables = [self._device.upload(t) for t in (self._strips, grid.edges(1), grid.cells(1), first)]
+        self._tables = [
+            self._device.upload(t) for t in (self._strips, grid.edges(1), grid.cells(1), first, grid.edges(0))
+        ]
 
     def __enter__(self) -> Slic:
         return self
@@ -215,8 +225,44 @@ class Slic:
         `jitter` (down, across, 2) moves the seeds at the start, px. Returns (down, across, 5) float64: L, a, b in
         steps, x, y in px; NaN where there is no seed.
         """
-        from scipy.ndimage import maximum_filter  # when it is needed: it is slow to import
+        settle = self._settled_there if self._device.info.has_doubles else self._settled_here
+        return settle(iterations, jitter)
 
+    def _settled_there(self, iterations: int, jitter: np.ndarray | None) -> np.ndarray:
+        """On the device, where seeds, candidates and sums stay; only which cells are active comes from it."""
+        device, buffers, grid = self._device, self._buffers, self.grid
+        edges, shape = (self._tables[4], self._tables[1]), (grid.across, grid.down)
+        seeds, cells = (buffers["centres"], buffers["moved"]), (buffers["candidates"], buffers["active"])
+        weight, still, *units = map(np.float64, (grid.weight, (_STILL * FINE_STEPS) ** 2, *grid.units))
+
+        def move(start: int) -> None:
+            self._run("move", shape, buffers["totals"], *edges, *seeds, *shape, weight, still, start)
+
+        def follow(start: int) -> None:
+            self._run("follow", shape, *seeds, *edges, *cells, *shape, _ABSENT, *units, start)
+
+        active = np.ones(grid.count, bool)
+        device.write(buffers["candidates"], own_cells_only(grid))
+        device.write(buffers["active"], active.view(np.uint8))
+        device.fill(buffers["centres"], np.float64(0), 5 * grid.count)
+        self._look(active)
+        move(1)
+        if jitter is not None:
+            centres = device.read(buffers["centres"], (grid.down, grid.across, 5), np.float64)
+            centres[..., 3:] += jitter
+            device.write(buffers["centres"], centres)
+        follow(1)
+        for _ in range(iterations - 1):
+            self._look(active)
+            move(0)
+            follow(0)
+            active = device.read(buffers["active"], (grid.count,), np.uint8).view(bool)
+            if not active.any():
+                break
+        return device.read(buffers["centres"], (grid.down, grid.across, 5), np.float64)
+
+    def _settled_here(self, iterations: int, jitter: np.ndarray | None) -> np.ndarray:
+        """On the host, for devices without double precision: the same to the bit."""
         grid = self.grid
         present = own_cells_only(grid)
         centres = np.full((grid.down, grid.across, 5), np.nan)  # rows x columns of seeds x (L, a, b, x, y)
@@ -230,9 +276,11 @@ class Slic:
             means = centres_of(self._sums(present, active), centres)
             away = (means - centres) ** 2
             away = away[..., 0] + away[..., 1] + away[..., 2] + grid.weight * (away[..., 3] + away[..., 4])
-            moved = away > (_STILL * FINE_STEPS) ** 2
-            centres = np.where(moved[..., None], means, centres)
-            near = np.flatnonzero(maximum_filter(moved, 3, mode="constant"))
+            moved = np.zeros((grid.down + 2, grid.across + 2), bool)
+            moved[1:-1, 1:-1] = away > (_STILL * FINE_STEPS) ** 2
+            centres = np.where(moved[1:-1, 1:-1, None], means, centres)
+            beside = [moved[1 + dy : 1 + dy + grid.down, 1 + dx : 1 + dx + grid.across] for dy, dx in NINE]
+            near = np.flatnonzero(np.any(beside, 0))
             following = present.copy()
             following[near] = candidates(grid, centres, near)
             active = (following != present).any((1, 2))
@@ -255,11 +303,9 @@ class Slic:
         numbers = self._lab.width, self.grid.across, end - first, self.grid.shift, band.top, first, keep
         self._run("assign", (items, end - first), band.lab, self._buffers["candidates"], *tables, *numbers)
 
-    def _sums(self, chosen: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Sums (down, across, 6) over the pixels of every seed, in px from the image's corner; int64."""
+    def _look(self, active: np.ndarray) -> None:
+        """Sums of the active cells' pixels, by the candidates and active cells that are on the device."""
         device, buffers, grid = self._device, self._buffers, self.grid
-        device.write(buffers["candidates"], chosen)
-        device.write(buffers["active"], active.view(np.uint8))
         edges, rows_active = grid.edges(0), active.reshape(grid.down, grid.across).any(1)
         if device.lanes == 1:  # single lanes add to what there is
             tables = self._tables[0], buffers["active"], buffers["sums"]
@@ -273,6 +319,13 @@ class Slic:
             self._assign(band, keep=0)
         tables = self._tables[3], buffers["active"], buffers["totals"]
         self._run("total", (9 * _SUMS * grid.across, grid.down), buffers["sums"], *tables, grid.across, grid.down)
+
+    def _sums(self, chosen: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """Sums (down, across, 6) over the pixels of every seed, in px from the image's corner; int64."""
+        device, buffers, grid = self._device, self._buffers, self.grid
+        device.write(buffers["candidates"], chosen)
+        device.write(buffers["active"], active.view(np.uint8))
+        self._look(active)
         # rows x columns of cells x their nine seeds x sums
         sums = device.read(buffers["totals"], (grid.down, grid.across, 9, _SUMS), np.int64)
         rows, columns = grid.references()
