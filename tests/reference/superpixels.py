@@ -8,8 +8,12 @@ import itertools
 import numpy as np
 
 
-def choices(lab: np.ndarray, candidates: np.ndarray, row_edges, column_edges, shift: int) -> np.ndarray:
-    """Slots of (h, w, 4) int16 pixels: the first of the nine whose linear function is least. Plain integers."""
+def choices(lab: np.ndarray, candidates: np.ndarray, row_edges, column_edges, shift: int, allowed=True) -> np.ndarray:
+    """Slots of (h, w, 4) int16 pixels: the first of the nine whose linear function is least. Plain integers.
+
+    `allowed` (9, h, w): which of the nine a pixel may choose.
+    """
+    allowed = np.broadcast_to(allowed, (9, *lab.shape[:2]))
     slots = np.full(lab.shape[:2], 255)
     for j, (top, bottom) in enumerate(itertools.pairwise(row_edges)):
         for i, (left, right) in enumerate(itertools.pairwise(column_edges)):
@@ -20,6 +24,7 @@ def choices(lab: np.ndarray, candidates: np.ndarray, row_edges, column_edges, sh
             for base, la, bx, cy in candidates[j * (len(column_edges) - 1) + i].tolist():
                 cl, ca, cb, cx = (np.array([la & 0xFFFF, la >> 16, bx & 0xFFFF, bx >> 16]).astype(np.int16)).tolist()
                 values.append(base + cl * v[..., 0] + ca * v[..., 1] + cb * v[..., 2] + cx * x + cy * y)
+            values = np.where(allowed[:, top:bottom, left:right], values, np.iinfo(np.int64).max)
             slots[top:bottom, left:right] = np.where(v[..., 3] > 0, np.argmin(values, 0), 255)
     return slots
 
