@@ -96,6 +96,11 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "superpixels_assign": lambda a: a.lab + (a.slots if a.keep else a.sums),  # all cells; those that rest are skipped
     "superpixels_total": lambda a: a.sums + a.totals,
     "superpixels_reduce": lambda a: a.lab + 16 * a.across * a.down,
+    "superpixels_means": lambda a: 24 * a.across * a.down,
+    "superpixels_seeds": lambda a: 11 * a.width * a.height,
+    "superpixels_refine": lambda a: a.lab + a.slots,  # less where a square has but one seed
+    "superpixels_move": lambda a: a.totals + a.centres,
+    "superpixels_follow": lambda a: a.centres + a.candidates,
     "superpixels_powers": lambda a: a.lab + 2 * a.powers,
     "superpixels_blur": lambda a: 32 * a.width * a.height,
     "superpixels_halve": lambda a: 80 * a.width * a.height,

@@ -229,7 +229,23 @@ def superpixels(far: Far) -> None:
         assert not sums[n, gx].any()
     reduced = far.zeros(np.int32, HEIGHT, WIDTH, 4)
     run("reduce", (X, Y), lab, reduced, WIDTH, 0, HEIGHT, 1, WIDTH, 0, HEIGHT)
-    assert reduced[Y, X].tolist() == [1, 2, 3, 1]
+    run("means", (X, Y), reduced, lab, 1, WIDTH, 0, HEIGHT)
+    assert lab[Y, X].tolist() == [1, 2, 3, 2]
+    zeros, one, seeds = np.zeros(WIDTH, np.int32), np.float64(1), far.zeros(np.uint16, HEIGHT, WIDTH)
+    run("seeds", (X, Y), lab, slots, zeros, zeros, seeds, WIDTH, HEIGHT)
+    assert seeds[Y, X] == 1 << 4 | 1 << 0
+    seeds[Y, X : X + 3], slots[Y, X : X + 3] = 17, 0
+    for column in columns:
+        images = lab, candidates, strips, edges, cells, seeds, slots
+        run("refine", (column, n), *images, WIDTH, across, down, 0, 0, 0, 0, WIDTH)
+    assert slots[Y, X : X + 3].tolist() == [4] * 3
+    totals[18000, gx, 4, :4] = 3, 3, 6, 9
+    tables = zeros, edges, far.zeros(np.float64, down, across, 5), far.zeros(np.uint8, down, across)
+    run("move", (gx, 18000), totals, *tables, across, down, one, one, 1)
+    assert (tables[2][18000, gx, :3].tolist(), tables[3][18000, gx]) == ([1, 2, 3], 1)
+    tables = *tables[2:], *tables[:2], candidates, active
+    run("follow", (gx, 18000), *tables, across, down, 9, -8 * one, *[one] * 3, 0)
+    assert candidates[18000, gx, 4, 0] == 64 + 256 + 576
     powers, runs = np.zeros((1, 21), np.int64), np.array([[Y, X, X + 3]], np.int32)
     run("powers", (0,), lab, np.array([0, 1], np.int32), runs, powers, 1, WIDTH, 0)
     assert powers[0, [0, 7, 14]].tolist() == [3, 6, 9]
