@@ -230,14 +230,13 @@ def superpixels(far: Far) -> None:
     reduced = far.zeros(np.int32, HEIGHT, WIDTH, 4)
     run("reduce", (X, Y), lab, reduced, WIDTH, 0, HEIGHT, 1, WIDTH, 0, HEIGHT)
     run("means", (X, Y), reduced, lab, 1, WIDTH, 0, HEIGHT)
-    assert lab[Y, X].tolist() == [1, 2, 3, 2]
     zeros, one, seeds = np.zeros(WIDTH, np.int32), np.float64(1), far.zeros(np.uint16, HEIGHT, WIDTH)
     run("seeds", (X, Y), lab, slots, zeros, zeros, seeds, WIDTH, HEIGHT)
-    assert seeds[Y, X] == 1 << 4 | 1 << 0
+    assert (lab[Y, X].tolist(), seeds[Y, X]) == ([1, 2, 3, 2], 1 << 4 | 1 << 0)
     seeds[Y, X : X + 3], slots[Y, X : X + 3] = 17, 0
+    tables = lab, candidates, strips, edges, cells, seeds, slots
     for column in columns:
-        images = lab, candidates, strips, edges, cells, seeds, slots
-        run("refine", (column, n), *images, WIDTH, across, down, 0, 0, 0, 0, WIDTH)
+        run("refine", (column, n), *tables, WIDTH, across, down, 0, 0, 0, 0, WIDTH)
     assert slots[Y, X : X + 3].tolist() == [4] * 3
     totals[18000, gx, 4, :4] = 3, 3, 6, 9
     tables = zeros, edges, far.zeros(np.float64, down, across, 5), far.zeros(np.uint8, down, across)
