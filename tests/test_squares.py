@@ -7,12 +7,14 @@ import dataclasses
 import itertools
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 from scipy import ndimage
 
 from oiiotex.color import lab_on_device
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_on_device import LabGrid
+from oiiotex.core.image import Image, Part
 from oiiotex.errors import ImageError
 from oiiotex.opencl.device import Device
 from oiiotex.superpixels import refinement
@@ -224,3 +226,13 @@ def test_noise_that_is_refused_by_the_letter_is_cut_into_superpixels(device: Dev
         superpixels(image, lens_of(image, session), session, sigma=40.0, literal=True, powers=False)
     made = superpixels(image, lens_of(image, session), session, sigma=40.0, powers=False)
     assert made.sizes.sum() == 300 * 400
+
+
+def test_what_sizes_alone_forbid_is_refused_before_a_pixel_is_read(device):
+    session, spec = session_of(device, budget=100 << 20), oiio.ImageSpec(60000, 50000, 3, oiio.UINT8)
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    image = Image((Part("part0", spec, lambda window: pytest.fail("it was read")),))
+    lens = lens_of(image, session)
+    for finest, seeds in ((None, 3000), (40.0, 1875000)):
+        with pytest.raises(ImageError, match=rf"60000x50000 cut into {seeds} superpixels needs \d+ MB of memory"):
+            superpixels(image, lens, session_of(device, budget=10 << 20) if finest is None else session, sigma=finest)

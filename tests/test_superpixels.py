@@ -258,8 +258,8 @@ def test_a_picture_of_nothing_has_no_superpixels(device):
 
 
 def test_noise_that_does_not_fit_is_refused_with_a_figure(device):
-    session, image = session_of(device, budget=4 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
-    with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB of memory; the budget is 4 MB"):
+    session, image = session_of(device, budget=8 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
+    with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB of memory; the budget is 8 MB"):
         superpixels(image, lens_of(image, session), session)
 
 

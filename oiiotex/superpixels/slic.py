@@ -184,6 +184,17 @@ def own_cells_only(grid: SeedGrid) -> np.ndarray:
     return packed
 
 
+def _layout(grid: SeedGrid, strips: int) -> dict[str, int]:
+    """Bytes of tables of seeds and cells on the device."""
+    per_seed = {"candidates": 16 * 9, "totals": 8 * 9 * _SUMS, "active": 1, "centres": 8 * 5, "moved": 1}
+    return {name: size * grid.count for name, size in per_seed.items()} | {"sums": 4 * 9 * _SUMS * strips * grid.across}
+
+
+def least_bytes(grid: SeedGrid) -> int:
+    """What SLIC holds of such seeds at least, however the image is cut into bands."""
+    return sum(_layout(grid, -(-grid.height // _STRIP)).values())
+
+
 class Slic:
     """SLIC on a `LabGrid`: centres that no longer move, and the slots of all pixels.
 
@@ -199,15 +210,7 @@ class Slic:
         self._run = self._device.program("superpixels")
         self._strips = grid.strips(lab.band_rows)
         first = np.searchsorted(self._strips[:, 2], np.arange(grid.down + 1)).astype(np.int32)  # of each row of cells
-        layout = {
-            "candidates": 16 * 9 * grid.count,
-            "sums": 4 * 9 * _SUMS * len(self._strips) * grid.across,
-            "totals": 8 * 9 * _SUMS * grid.count,
-            "slots": lab.band_rows * lab.width,
-            "active": grid.count,
-        }
-        if self._device.info.has_doubles:
-            layout |= {"centres": 8 * 5 * grid.count, "moved": grid.count}
+        layout = _layout(grid, len(self._strips)) | {"slots": lab.band_rows * lab.width}
         self._buffers = Buffers(self._device, layout, session.budget, f"SLIC with {grid.count} seeds")
         self._tables = [
             self._device.upload(t) for t in (self._strips, grid.edges(1), grid.cells(1), first, grid.edges(0))

@@ -26,7 +26,7 @@ from ..session import Session
 from .crumbs import without_crumbs
 from .refinement import WIDEST, Reduced, Squares, refined_slots
 from .run_length import OUTSIDE, Pieces, Runs, Strip, pieces_of, without_small
-from .slic import NINE, NONE, SeedGrid, Slic
+from .slic import NINE, NONE, SeedGrid, Slic, least_bytes
 
 COMPACTNESS = 20.0  # m_1 of LSA16 section 3.4
 FINEST = 0.02  # sigma_1 as a share of the shorter side: LSA16 section 3.4
@@ -149,6 +149,9 @@ def superpixels(
     def require(need: int) -> None:
         session.require(need, f"{part.spec.width}x{part.spec.height} cut into so many pieces", "blur the image first")
 
+    cut = f"{window.width}x{window.height} cut into {grid.count} superpixels"
+    session.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "take larger ones")
+
     def within(most: int) -> Superpixels:
         """With so many bytes of the image on the device at a time."""
         best: Superpixels | None = None
@@ -176,6 +179,11 @@ def superpixels(
 
     row = PIXEL_BYTES * part.window.width
     return in_smaller_pieces(within, min(most_on_device(session), row * part.window.height), side * row)
+
+
+def _certain(grid: SeedGrid, window: Window, side: int) -> int:
+    """Bytes that are held whatever the picture shows: the image in squares, and SLIC's tables."""
+    return 16 * -(-window.width // side) * -(-window.height // side) + least_bytes(grid)
 
 
 def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
