@@ -133,7 +133,6 @@ def dominant_texture(
     seed : int
         Of the choice of landmarks.
     """
-    # what needs one thread is done beside what does
     with threadpool_limits(1, "blas"), session.beside(lambda _: neighbour_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], session.spread)
         texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), session)

@@ -152,10 +152,8 @@ def label_maps(
         session.advance(done, total)
 
     with session.stats.time("superpixels"):
-        finest = superpixels(
-            image, lens, session, runs=runs, minsize=minsize, seed=settings.seed, literal=settings.literal,
-            powers=features == "moments", advance=advance,
-        )  # fmt: skip
+        finest = superpixels(image, lens, session, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
+                             literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: there is nothing to label")
     _require(session, finest.window, finest.count, settings)
