@@ -16,8 +16,8 @@ Levels are numbered as in the paper, rho_1 < rho_2 < ...: level 1 is the finest.
    a superpixel in none of its children takes the likeliest (`literal`: the paper). So do superpixels
    among others: G is multiplied by what its neighbours are, a Potts step.
 
-`literal` takes back 3, 4 and 6, and the floor of the walk's eigenvalue; with share 1 and no level given, the levels are
-the paper's.
+`literal` takes back 3, 4 and 6, the floor of the walk's eigenvalue, and that superpixels of large images settle on
+squares; with share 1 and no level given, the levels are the paper's.
 """
 
 from __future__ import annotations
