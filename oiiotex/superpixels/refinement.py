@@ -55,33 +55,36 @@ class Squares:
     """
 
     def __init__(self, width: int, height: int, side: int, session: Session, means: bool):
-        self._device, self._image_width = session.device, width
+        self._device, self._image = session.device, (width, height)
         self.width, self.height = -(-width // side), -(-height // side)
         self.band_rows = self.height
         self._rows = max(1, min(self.height, _AT_ONCE // (16 * self.width)))
-        layout = {"sums": 16 * self.width * self._rows}
-        if means:
-            layout["lab"] = 8 * self.width * self.height + _PADDING
-        self._means, self._buffers = means, Buffers(self._device, layout, session.budget, "the image in squares")
+        asker, self._means = "the image in squares", means
+        size = 8 * self.width * self.height + _PADDING if means else 0
+        self._buffers = Buffers(self._device, {"lab": size}, session.budget, asker)
+        self._sums = Buffers(self._device, {"sums": 16 * self.width * self._rows}, session.budget, asker)
         self.reduced = Reduced(side, np.zeros((self.height, self.width, 4), np.int32))
 
     def __enter__(self) -> Squares:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._sums.__exit__()
         self._buffers.__exit__()
 
     def look(self, band: Band) -> None:
         """Take in a band of the image."""
-        side, run, sums = self.reduced.side, self._device.program("superpixels"), self._buffers["sums"]
-        end = -(-band.bottom // side)
+        side, run, sums = self.reduced.side, self._device.program("superpixels"), self._sums["sums"]
+        (width, height), end = self._image, -(-band.bottom // side)
         for first in range(band.top // side, end, self._rows):
             count = min(self._rows, end - first)
-            numbers = self._image_width, band.top, band.bottom - band.top, side, self.width, first, count
+            numbers = width, band.top, band.bottom - band.top, side, self.width, first, count
             run("reduce", (self.width, count), band.lab, sums, *numbers)
             if self._means:
                 run("means", (self.width, count), sums, self._buffers["lab"], side, self.width, first, count)
             self.reduced.sums[first : first + count] = self._device.read(sums, (count, self.width, 4), np.int32)
+        if band.bottom == height:  # all are on the host
+            self._sums.__exit__()
 
     def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
         """One: all squares as pixels, where `wanted(top, bottom)` says so."""
