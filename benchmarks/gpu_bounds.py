@@ -99,8 +99,8 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "superpixels_means": lambda a: 24 * a.across * a.down,
     "superpixels_seeds": lambda a: 11 * a.width * a.height,
     "superpixels_refine": lambda a: a.lab + a.slots,  # less where a square has but one seed
-    "superpixels_move": lambda a: a.totals + a.centres,
-    "superpixels_follow": lambda a: a.centres + a.candidates,
+    "slic_seeds_move": lambda a: a.totals + a.centres,
+    "slic_seeds_follow": lambda a: a.centres + a.candidates,
     "superpixels_powers": lambda a: a.lab + 2 * a.powers,
     "superpixels_blur": lambda a: 32 * a.width * a.height,
     "superpixels_halve": lambda a: 80 * a.width * a.height,

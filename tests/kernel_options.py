@@ -27,6 +27,7 @@ OPTIONS: dict[str, dict[str, object]] = {
     "patchmatch": {"PATCH": range(_PATCHES[0], _PATCHES[-1] + 1), "CHANNELS": CHANNELS, "LATTICE": [0, 1]},
     "quilting": {},
     "steerable": {"RADIUS": [RADIUS], "CHANNELS": CHANNELS},
+    "slic_seeds": {},
     "superpixels": {},
     "use_prices": {},
 }

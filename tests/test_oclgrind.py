@@ -58,7 +58,7 @@ for wrap, measure in ((True, "moments"), (False, "steerable")):
                     uniformity=0.05, contrast=0.7, flat=True, measure=measure, order=4)
     synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
-    "superpixels": """
+    "superpixels slic_seeds": """
 from oiiotex.color import lab_on_device as labgrid
 from oiiotex.superpixels.hierarchy import hierarchy
 from oiiotex.superpixels.superpixels import superpixels
@@ -69,6 +69,7 @@ pixels[3:8, 5:9, 3] = 0
 session, image = session_of(opened), image_of(pixels)
 for budget in (labgrid._HOST_BYTES, 0):
     labgrid._HOST_BYTES, labgrid.BAND_BYTES = budget, 1000
+    superpixels(image, lens_of(image, session), session, sigma=33.0, iterations=3)
     found = superpixels(image, lens_of(image, session), session, sigma=5.0, iterations=3)
 hierarchy(found, session, np.array([5.0, 8.0, 11.0, 14.0]))
 """,

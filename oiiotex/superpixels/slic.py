@@ -234,15 +234,16 @@ class Slic:
     def _settled_there(self, iterations: int, jitter: np.ndarray | None) -> np.ndarray:
         """On the device, where seeds, candidates and sums stay; only which cells are active comes from it."""
         device, buffers, grid = self._device, self._buffers, self.grid
+        run = device.program("slic_seeds")
         edges, shape = (self._tables[4], self._tables[1]), (grid.across, grid.down)
         seeds, cells = (buffers["centres"], buffers["moved"]), (buffers["candidates"], buffers["active"])
         weight, still, *units = map(np.float64, (grid.weight, (_STILL * FINE_STEPS) ** 2, *grid.units))
 
         def move(start: int) -> None:
-            self._run("move", shape, buffers["totals"], *edges, *seeds, *shape, weight, still, start)
+            run("move", shape, buffers["totals"], *edges, *seeds, *shape, weight, still, start)
 
         def follow(start: int) -> None:
-            self._run("follow", shape, *seeds, *edges, *cells, *shape, _ABSENT, *units, start)
+            run("follow", shape, *seeds, *edges, *cells, *shape, _ABSENT, *units, start)
 
         active = np.ones(grid.count, bool)
         device.write(buffers["candidates"], own_cells_only(grid))

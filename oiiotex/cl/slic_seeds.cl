@@ -1,0 +1,73 @@
+// Seeds of SLIC from one iteration to the next (LSA16 section 3.1), for devices with double precision: this program is
+// built on no other. superpixels/slic.py does the same for those, to the bit: + - * / and rint in a fixed order.
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#pragma OPENCL FP_CONTRACT OFF
+#include "offsets.h"
+
+#define SUMS 6   // pixels, L, a, b, x, y
+typedef int4 candidate;   // as in superpixels.cl
+
+static inline int middle_of(const __global int *edges, int i) { return (edges[i] + edges[i + 1]) / 2; }
+
+// Centres (L, a, b, x, y) of seeds whose pixels' mean is further away than `still`, squared, become that mean; `start`:
+// all do, and those without pixels become NaN.
+__kernel void slic_seeds_move(const __global long *restrict totals, const __global int *restrict row_edges,
+                              const __global int *restrict edges, __global double *restrict centres,
+                              __global uchar *restrict moved, int across, int down, double weight, double still,
+                              int start) {
+  int gx = get_global_id(0), gy = get_global_id(1);
+  if (gx >= across || gy >= down) return;
+  long sum[SUMS] = {0, 0, 0, 0, 0, 0};
+  for (int t = 0; t < 9; t++) {   // the slot that the seed has in a cell beside it
+    int x = gx + 1 - t % 3, y = gy + 1 - t / 3;
+    if (x < 0 || x >= across || y < 0 || y >= down) continue;
+    const __global long *from = totals + SUMS * (9 * AT(y, x, across) + t);
+    for (int k = 0; k < SUMS; k++) sum[k] += from[k];
+    sum[4] += from[0] * middle_of(edges, x);
+    sum[5] += from[0] * middle_of(row_edges, y);
+  }
+  size_t seed = AT(gy, gx, across);
+  double n = (double)sum[0], mean[5], squared[5];
+  for (int k = 0; k < 5; k++) {
+    mean[k] = (double)sum[k + 1] / n;
+    double away = mean[k] - centres[5 * seed + k];
+    squared[k] = away * away;
+  }
+  double away = squared[0] + squared[1] + squared[2] + weight * (squared[3] + squared[4]);
+  moved[seed] = start || (sum[0] > 0 && away > still);
+  if (moved[seed])
+    for (int k = 0; k < 5; k++) centres[5 * seed + k] = sum[0] > 0 ? mean[k] : (double)NAN;
+}
+
+// Candidates of cells of whose nine seeds one has moved; a cell is active where they have changed, and at the `start`.
+__kernel void slic_seeds_follow(const __global double *restrict centres, const __global uchar *restrict moved,
+                                 const __global int *restrict row_edges, const __global int *restrict edges,
+                                 __global candidate *restrict candidates, __global uchar *restrict active, int across,
+                                 int down, int absent, double per_colour, double per_place, double colour_unit,
+                                 double place_unit, int start) {
+  int gx = get_global_id(0), gy = get_global_id(1);
+  if (gx >= across || gy >= down) return;
+  int some = 0, changed = start;
+  for (int y = max(gy - 1, 0); y <= min(gy + 1, down - 1); y++)
+    for (int x = max(gx - 1, 0); x <= min(gx + 1, across - 1); x++) some |= moved[AT(y, x, across)];
+  size_t cell = AT(gy, gx, across);
+  for (int t = 0; some && t < 9; t++) {
+    int x = gx + t % 3 - 1, y = gy + t / 3 - 1;
+    candidate c = (candidate)(absent, 0, 0, 0);
+    const __global double *v = centres + 5 * AT(y, x, across);
+    if (x >= 0 && x < across && y >= 0 && y < down && v[0] == v[0]) {
+      double L = rint(v[0] * per_colour), a = rint(v[1] * per_colour), b = rint(v[2] * per_colour);
+      double i = rint((v[3] - middle_of(edges, gx)) * per_place), j = rint((v[4] - middle_of(row_edges, gy)) * per_place);
+      double base = (L * L + a * a + b * b) / colour_unit;
+      base += (i * i + j * j) * place_unit;
+      c.x = (int)rint(base);
+      c.y = ((int)L & 0xffff) | (int)a << 16;
+      c.z = ((int)b & 0xffff) | (int)i << 16;
+      c.w = (int)j;
+    }
+    candidate before = candidates[9 * cell + t];
+    changed |= before.x != c.x || before.y != c.y || before.z != c.z || before.w != c.w;
+    candidates[9 * cell + t] = c;
+  }
+  active[cell] = changed != 0;
+}
