@@ -115,7 +115,12 @@ def _slic(session: Session, side: int) -> Work:
     image = from_buffer(_large(side))
     held = LabGrid(image, lens_of(image, session), session)
     run = Slic(held, SeedGrid.of(side, side, min(44.0, side / 6), 20.0), session)
-    return lambda: [slots for _, slots in run.slots(run.iterate(10))]
+
+    def work() -> list[np.ndarray]:
+        bands = run.slots(run.iterate(10))
+        return [session.device.read(slots, (band.bottom - band.top, side), np.uint8) for band, slots in bands]
+
+    return work
 
 
 def _labelled(session: Session) -> Any:
