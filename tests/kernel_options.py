@@ -24,7 +24,12 @@ OPTIONS: dict[str, dict[str, object]] = {
     "histograms": {"BINS": [BINS], "INVERSE": [INVERSE], "CHANNELS": CHANNELS},
     "moments": {"INVERSE": [INVERSE], **TABLES, "CHANNELS": CHANNELS},
     "multiscale": {"RUN": [1, 16]},
-    "patchmatch": {"PATCH": range(_PATCHES[0], _PATCHES[-1] + 1), "CHANNELS": CHANNELS, "LATTICE": [0, 1]},
+    "patchmatch": {
+        "PATCH": range(_PATCHES[0], _PATCHES[-1] + 1),
+        "CHANNELS": CHANNELS,
+        "LATTICE": [0, 1],
+        "PIECES": [0, 1],
+    },
     "quilting": {},
     "steerable": {"RADIUS": [RADIUS], "CHANNELS": CHANNELS},
     "slic_seeds": {},

@@ -12,8 +12,9 @@ import pytest
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import Interrupted
 from oiiotex.io.checkpoint import Checkpoint
-from oiiotex.patchmatch import memory, optimization
+from oiiotex.patchmatch import exemplar_rows, memory, optimization, use_prices
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
+from oiiotex.patchmatch.exemplar_rows import piece_halo
 from oiiotex.patchmatch.level_rows import halo
 from oiiotex.patchmatch.matcher import Matcher
 from oiiotex.patchmatch.optimization import Synthesis, synthesize
@@ -68,27 +69,33 @@ CASES = {
     "two maps of a material": (recipe(), {"exemplar": MATERIAL}),
     "no projection": (recipe("y", sigma=None, complete=False, contrast=1.0, flat=False), {}),
 }
-# rows of a band, rows of cells, bytes of planes in memory
+# rows of a band, rows of cells, bytes of planes in memory, rows of a piece of the exemplar
 PLANS = {
     "a row": (1, None, 0),
     "few rows": (13, None, 1 << 17),
     "few rows and cells": (26, 9, 1 << 30),
     "few cells": (None, 5, 0),
+    "pieces of a row": (None, None, 0, 1),
+    "few rows, cells and pieces": (31, 9, 0, 23),
 }
 MORE_PLANS = {key: {"a row and few cells": (1, 1, 0)} for key in ("a small sigma", "moments of a small sigma")}
 
 
 def made(
-    device, case: str, monkeypatch: pytest.MonkeyPatch, plan: tuple[int | None, int | None, int],
+    device, case: str, monkeypatch: pytest.MonkeyPatch, plan: tuple[int | None, ...],
     progress: Callable[[int, int], None] = lambda *_: None, keeper: Checkpoint | None = None,
 ) -> Synthesis:  # fmt: skip
     own, more = CASES[case]
-    rows, cell_rows, stores = plan
+    rows, cell_rows, stores, e_rows = (*plan, None)[:4]
+    for module in (exemplar_rows, use_prices):  # else halos are as high as levels
+        monkeypatch.setattr(module, "REGION", 5)
 
-    def planned(device, exemplar, recipe, geometries, scales, constraints, budget):
+    def planned(device, exemplar, recipe, geometries, scales, constraints, budget, masked):
         grids = memory.grids_of(recipe, geometries, scales, constraints)
         held = None if rows is None else rows + halo(recipe.patch)
-        return memory.Plan(memory.layout(recipe, geometries, grids, constraints, held, cell_rows), 0, stores)
+        piece = None if e_rows is None else e_rows + piece_halo(recipe.patch)
+        layout = memory.layout(recipe, geometries, grids, constraints, held, cell_rows, piece)
+        return memory.Plan(layout, 0, stores, piece is None)
 
     monkeypatch.setattr(optimization, "plan_memory", planned)
     constraints = Constraints(**{name: more[name] for name in ("fixed", "weight", "sigmas") if name in more})

@@ -6,12 +6,24 @@
 // All costs are integers: no order of summation, width of registers or device changes a decision.
 // Buffers may hold a band of the target's rows instead of all: `first` is the row at the start of a band, counted on beyond
 // the border where the target wraps, and `top` the row that the first items make. Both are 0 where all rows are held.
+// So may those of the exemplar hold a piece of it: its patches whose first row is one of `e_from` to `e_to`, at the start of
+// the buffers. With PIECES a pass is made piece after piece, in any order: it looks at what lies in this one, beside what
+// was found in those before, where one has `begun`.
 #include "lanes.h"
 #include "hash.h"
 #include "offsets.h"
 #include "lattice.h"
 
 #define ROW (CHANNELS * PATCH)
+
+#if PIECES
+#define BEGUN , int begun
+#define IN_PIECE(y) ((y) >= e_from && (y) < e_to)
+#else
+#define BEGUN
+#define IN_PIECE(y) 1
+#define begun 0
+#endif
 
 // Where the exemplar has a lattice, matches out of step with it cost more.
 #if LATTICE
@@ -89,88 +101,135 @@ __kernel void patchmatch_pad(const __global short *restrict image, __global shor
 // Distances of the present field.
 __kernel void patchmatch_score(const __global short *restrict target, const __global short *restrict exemplar,
                                const __global uint *restrict field, __global int *restrict distance,
-                               int columns, int rows, int t_width, int e_width) {
+                               int columns, int rows, int t_width, int e_width, int e_from, int e_to) {
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= columns || y >= rows) return;
   size_t p = AT(y, x, columns);
   uint at = field[p];
+  if (!IN_PIECE(corner_y(at))) return;
   distance[p] = patch_distance(target + CHANNELS * AT(y, x, t_width), CHANNELS * t_width,
-      exemplar + CHANNELS * AT(corner_y(at), corner_x(at), e_width), CHANNELS * e_width, INT_MAX);
+      exemplar + CHANNELS * AT(corner_y(at) - e_from, corner_x(at), e_width), CHANNELS * e_width, INT_MAX);
 }
 
 // A match with its distance, and its cost: the distance plus what the exemplar patch costs at this place.
 typedef struct { uint at; int distance, cost; } match;
 
 // What the exemplar patch at (ex, ey) costs at (x, row) beside its distance. INT_MAX: it must not be chosen.
-#define EXTRA(ex, ey) add_sat(penalty[AT(ey, ex, e_columns)], OFFSET_PRICE(x, row, ex, ey))
+#define EXTRA(ex, ey) add_sat(penalty[AT((ey) - e_from, ex, e_columns)], OFFSET_PRICE(x, row, ex, ey))
 
-static inline match present_match(uint at, int distance, int extra) {
-  match found = {at, distance, add_sat(distance, extra)};
-  return found;
+// Between passes the distance of a match is what stays, since its price changes. With PIECES it is the cost: the price of a
+// match may lie in another piece than what it is compared with.
+#if PIECES
+#define PRESENT(field, distance) {(field)[p], 0, (distance)[p]}
+#define KEPT(best) (best).cost
+
+// Distances of the present field become costs.
+__kernel void patchmatch_cost(const __global int *restrict penalty, const __global uint *restrict field,
+                              __global int *restrict distance, int columns, int rows, int e_columns,
+                              int e_from, int e_to, int first, int all_rows OFFSET_PRICES) {
+  int x = get_global_id(0), y = get_global_id(1);
+  if (x >= columns || y >= rows) return;
+  size_t p = AT(y, x, columns);
+  int row = WRAPPED(first + y, all_rows);
+  uint at = field[p];
+  if (IN_PIECE(corner_y(at))) distance[p] = add_sat(distance[p], EXTRA(corner_x(at), corner_y(at)));
 }
+#else
+#define PRESENT(field, distance) \
+  {(field)[p], (distance)[p], add_sat((distance)[p], EXTRA(corner_x((field)[p]), corner_y((field)[p])))}
+#define KEPT(best) (best).distance
+#endif
 
-// The better of `best` and the exemplar patch at (ex, ey). A tie keeps `best`.
+// The better of `best` and the exemplar patch at (ex, ey). A tie keeps `best`, but where `first` says that the other is
+// the first of both.
 static inline match better_match(match best, int ex, int ey, int extra, const __global short *patch, int t_width,
-                                 const __global short *exemplar, int e_width) {
-  if (extra >= best.cost || corner(ey, ex) == best.at) return best;
-  int d = patch_distance(patch, CHANNELS * t_width, exemplar + CHANNELS * AT(ey, ex, e_width), CHANNELS * e_width, best.cost - extra);
-  if (d >= best.cost - extra) return best;
+                                 const __global short *exemplar, int e_width, int e_from, int first) {
+  int most = best.cost - extra;
+  if (extra >= best.cost && !(first && extra == best.cost)) return best;
+  if (corner(ey, ex) == best.at) return best;
+  int limit = most + first;
+  int d = patch_distance(patch, CHANNELS * t_width, exemplar + CHANNELS * AT(ey - e_from, ex, e_width), CHANNELS * e_width,
+                         limit);
+  if (d >= limit) return best;
   match found = {corner(ey, ex), d, d + extra};
   return found;
 }
 
-// One Jacobi pass of propagation: every patch is offered the matches of its four neighbours `jump` pixels away,
-// shifted back. Columns and rows of the field wrap where the target does (MJH17 section 4.2, toroidal boundary
-// conditions). Rows `from` to `to` of a band are made; `rows` are held, which wrap where they are all of `all_rows`.
+// What a patch at (x, y) is offered by its neighbour k of four, `jump` pixels away: that one's match, shifted back.
+#define NOTHING 0xffffffffu
+static inline uint offered(const __global uint *restrict field, int x, int y, int k, int jump, int columns, int rows,
+                           int wrap_x, int wrap_y, int e_columns, int e_rows) {
+  int dx = k == 0 ? -jump : k == 1 ? jump : 0, dy = k == 2 ? -jump : k == 3 ? jump : 0;
+  int nx = x + dx, ny = y + dy;
+  if (nx < 0 || nx >= columns) {
+    if (!wrap_x) return NOTHING;
+    nx += nx < 0 ? columns : -columns;
+  }
+  if (ny < 0 || ny >= rows) {
+    if (!wrap_y) return NOTHING;
+    ny += ny < 0 ? rows : -rows;
+  }
+  uint other = field[AT(ny, nx, columns)];
+  int ex = corner_x(other) - dx, ey = corner_y(other) - dy;
+  return ex < 0 || ey < 0 || ex >= e_columns || ey >= e_rows ? NOTHING : corner(ey, ex);
+}
+
+// One Jacobi pass of propagation: every patch is offered the matches of its four neighbours. Columns and rows of the
+// field wrap where the target does (MJH17 section 4.2, toroidal boundary conditions). Rows `from` to `to` of a band are
+// made; `rows` are held, which wrap where they are all of `all_rows`.
 __kernel void patchmatch_propagate(const __global short *restrict target, const __global short *restrict exemplar,
                                    const __global int *restrict penalty,
                                    const __global uint *restrict field, const __global int *restrict distance,
                                    __global uint *restrict field_out, __global int *restrict distance_out,
-                                   int columns, int rows, int t_width, int e_columns, int e_rows, int e_width,
+                                   int columns, int rows, int t_width, int e_columns, int e_rows, int e_width, int e_from, int e_to,
                                    int jump, int wrap_x, int wrap_y, int from, int to, int first, int all_rows
-                                   OFFSET_PRICES) {
+                                   BEGUN OFFSET_PRICES) {
   int x = get_global_id(0), y = from + get_global_id(1);
   if (x >= columns || y >= to) return;
   size_t p = AT(y, x, columns);
-  int row = WRAPPED(first + y, all_rows);
+  int row = WRAPPED(first + y, all_rows), rank = -1;
   const __global short *patch = target + CHANNELS * AT(y, x, t_width);
-  match best = present_match(field[p], distance[p], EXTRA(corner_x(field[p]), corner_y(field[p])));
+  match best = PRESENT(field, distance);
+#if PIECES
+  if (begun && field_out[p] != best.at) {   // whose offer the best is: of equal costs the first one's wins
+    best.at = field_out[p];
+    best.cost = distance_out[p];
+    for (rank = 0; offered(field, x, y, rank, jump, columns, rows, wrap_x, wrap_y, e_columns, e_rows) != best.at;) rank++;
+  }
+#endif
   for (int k = 0; k < 4; k++) {
-    int dx = k == 0 ? -jump : k == 1 ? jump : 0, dy = k == 2 ? -jump : k == 3 ? jump : 0;
-    int nx = x + dx, ny = y + dy;
-    if (nx < 0 || nx >= columns) {
-      if (!wrap_x) continue;
-      nx += nx < 0 ? columns : -columns;
-    }
-    if (ny < 0 || ny >= rows) {
-      if (!wrap_y) continue;
-      ny += ny < 0 ? rows : -rows;
-    }
-    uint other = field[AT(ny, nx, columns)];
-    int ex = corner_x(other) - dx, ey = corner_y(other) - dy;
-    if (ex < 0 || ey < 0 || ex >= e_columns || ey >= e_rows) continue;
-    best = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width);
+    uint at = offered(field, x, y, k, jump, columns, rows, wrap_x, wrap_y, e_columns, e_rows);
+    if (at == NOTHING || !IN_PIECE(corner_y(at))) continue;
+    int ex = corner_x(at), ey = corner_y(at);
+    match better = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width, e_from, PIECES && k < rank);
+#if PIECES
+    if (better.at != best.at) rank = k;
+#endif
+    best = better;
   }
   field_out[p] = best.at;
-  distance_out[p] = best.distance;
+  distance_out[p] = KEPT(best);
 }
 
 // Random search: one candidate in each of `searches` windows around the best so far, shrinking from the whole
-// exemplar to about two pixels (BSFG09 section 3.2, exponential decay).
+// exemplar to about two pixels (BSFG09 section 3.2, exponential decay). With PIECES one at a time, number `begin`: where its
+// window lies hangs on all before it.
 __kernel void patchmatch_search(const __global short *restrict target, const __global short *restrict exemplar,
                                 const __global int *restrict penalty,
-                                __global uint *restrict field, __global int *restrict distance,
-                                int columns, int t_width, int e_columns, int e_rows, int e_width,
-                                __constant int *radius, int searches, uint seed, uint step, int from, int to, int first
-                                OFFSET_PRICES) {
+                                const __global uint *restrict field, const __global int *restrict distance,
+                                __global uint *restrict field_out, __global int *restrict distance_out,
+                                int columns, int t_width, int e_columns, int e_rows, int e_width, int e_from, int e_to,
+                                __constant int *radius, int begin, int end, uint seed, uint step, int from, int to, int first
+                                BEGUN OFFSET_PRICES) {
   int x = get_global_id(0), y = from + get_global_id(1);
   if (x >= columns || y >= to) return;
   size_t p = AT(y, x, columns);
   int row = first + y;
   const __global short *patch = target + CHANNELS * AT(y, x, t_width);
-  match best = present_match(field[p], distance[p], EXTRA(corner_x(field[p]), corner_y(field[p])));
+  match best = PRESENT(field, distance);
   uint bits = hash_at(seed, step, row, x);
-  for (int k = 0; k < searches; k++) {
+  for (int k = 0; k < begin; k++) bits = hash_pcg(hash_pcg(bits + 2u * (uint)k + 1u) + 2u * (uint)k + 2u);
+  for (int k = begin; k < end; k++) {
     int r = radius[k], bx = corner_x(best.at), by = corner_y(best.at);
     int x0 = bx > r ? bx - r : 0, x1 = bx + r < e_columns ? bx + r : e_columns - 1;
     int y0 = by > r ? by - r : 0, y1 = by + r < e_rows ? by + r : e_rows - 1;
@@ -178,20 +237,23 @@ __kernel void patchmatch_search(const __global short *restrict target, const __g
     int ex = x0 + hash_below(bits, x1 - x0 + 1);
     bits = hash_pcg(bits + 2u * (uint)k + 2u);
     int ey = y0 + hash_below(bits, y1 - y0 + 1);
-    best = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width);
+    if (IN_PIECE(ey))
+      best = better_match(best, ex, ey, EXTRA(ex, ey), patch, t_width, exemplar, e_width, e_from, 0);
+    else if (begun) return;   // another piece has it
   }
-  field[p] = best.at;
-  distance[p] = best.distance;
+  field_out[p] = best.at;
+  distance_out[p] = KEPT(best);
 }
 
 // --- spatial uniformity (MJH17 eq. 6, after KNL*15) ---
 
 // How often each exemplar patch is used by the field.
-__kernel void patchmatch_count(const __global uint *restrict field, __global int *restrict count, int columns, int rows, int e_columns) {
+__kernel void patchmatch_count(const __global uint *restrict field, __global int *restrict count, int columns, int rows, int e_columns,
+                               int e_from, int e_to) {
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= columns || y >= rows) return;
   uint at = field[AT(y, x, columns)];
-  atomic_inc(count + AT(corner_y(at), corner_x(at), e_columns));
+  if (IN_PIECE(corner_y(at))) atomic_inc(count + AT(corner_y(at) - e_from, corner_x(at), e_columns));
 }
 
 // Uses of an exemplar pixel are the counts summed over the PATCH x PATCH patches that cover it; their mean over a
@@ -223,13 +285,16 @@ __kernel void patchmatch_uses_rows(const __global int *restrict count, __global 
   }
 }
 // and along columns here, where the sum becomes the penalty of choosing the patch: `price` times what it costs others
-// that are used as often. A patch that must not be chosen (it covers a transparent pixel) has a negative price.
+// that are used as often. A patch that must not be chosen (it covers a transparent pixel) has a negative price. `counted`
+// rows are held of uses, of the others `e_rows`, which begin `above` rows below.
 __kernel void patchmatch_penalty(const __global int *restrict uses, const __global float *restrict price,
-                                 __global int *restrict penalty, int e_columns, int e_rows, int many, float weight) {
+                                 __global int *restrict penalty, int e_columns, int e_rows, int counted, int above,
+                                 int many, float weight) {
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= e_columns || y >= e_rows) return;
   size_t p = AT(y, x, e_columns);
-  float sum = many ? (float)wide_triangle(uses + x, y, e_rows, e_columns) : (float)triangle(uses + x, y, e_rows, e_columns);
+  float sum = many ? (float)wide_triangle(uses + x, y + above, counted, e_columns)
+                   : (float)triangle(uses + x, y + above, counted, e_columns);
   float cost = weight * sum * price[p];
   penalty[p] = price[p] < 0.0f ? INT_MAX : cost < 1.0e9f ? (int)cost : 1000000000;
 }
@@ -245,23 +310,39 @@ static inline short mean_vote(int sum, int votes) {
 // Patches from first to last cover pixel `at`; where the field wraps all PATCH do.
 #define FIRST(at, wrap) ((wrap) || (at) >= PATCH ? (at) - PATCH + 1 : 0)
 #define LAST(at, n, wrap) ((wrap) || (at) < (n) ? (at) : (n) - 1)
+// What lies in other pieces was, and will be, added in `sums`; with the last one votes become a mean.
+#if PIECES
+#define SUMS , __global int *restrict sums, int begun, int ended
+#define VOTED(p, c, sum)                                                                                  \
+  {                                                                                                       \
+    int all = (sum) + (begun ? sums[CHANNELS * (p) + (c)] : 0);                                           \
+    if (ended) image[CHANNELS * (p) + (c)] = mean_vote(all, votes);                                       \
+    else sums[CHANNELS * (p) + (c)] = all;                                                                \
+  }
+#else
+#define SUMS
+#define VOTED(p, c, sum) image[CHANNELS * (p) + (c)] = mean_vote(sum, votes);
+#endif
 // Where row v of the field lies in what is held of it.
 #define HELD(v) WRAPPED((v) - first_held, rows)
 
 #if LANES == 1
 __kernel void patchmatch_vote(const __global short *restrict exemplar, const __global uint *restrict field,
                               __global short *restrict image, int columns, int rows, int width,
-                              int e_width, int wrap_x, int wrap_y, int top, int bottom, int first_held) {
+                              int e_width, int wrap_x, int wrap_y, int top, int bottom, int first_held,
+                              int e_from, int e_to SUMS) {
   int x = get_global_id(0), y = top + get_global_id(1);
   if (x >= width || y >= bottom) return;
   int sum[CHANNELS] = {0}, votes = 0;
   for (int v = FIRST(y, wrap_y); v <= LAST(y, rows, wrap_y); v++)
     for (int u = FIRST(x, wrap_x); u <= LAST(x, columns, wrap_x); u++, votes++) {
       uint at = field[AT(HELD(v), WRAPPED(u, columns), columns)];
-      const __global short *e = exemplar + CHANNELS * AT(corner_y(at) + y - v, corner_x(at) + x - u, e_width);
+      if (!IN_PIECE(corner_y(at))) continue;
+      const __global short *e = exemplar + CHANNELS * AT(corner_y(at) - e_from + y - v, corner_x(at) + x - u, e_width);
       for (int c = 0; c < CHANNELS; c++) sum[c] += e[c];
     }
-  for (int c = 0; c < CHANNELS; c++) image[CHANNELS * AT(y - top, x, width) + c] = mean_vote(sum[c], votes);
+  size_t p = AT(y - top, x, width);
+  for (int c = 0; c < CHANNELS; c++) VOTED(p, c, sum[c])
 }
 #else
 // One item makes SPAN pixels of a row. The patches of one field column that cover the row vote for the same
@@ -269,7 +350,8 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
 #define SPAN 64
 __kernel void patchmatch_vote(const __global short *restrict exemplar, const __global uint *restrict field,
                               __global short *restrict image, int columns, int rows, int width,
-                              int e_width, int wrap_x, int wrap_y, int top, int bottom, int first_held) {
+                              int e_width, int wrap_x, int wrap_y, int top, int bottom, int first_held,
+                              int e_from, int e_to SUMS) {
   int x0 = get_global_id(0) * SPAN, y = top + get_global_id(1);
   if (x0 >= width || y >= bottom) return;
   int sum[CHANNELS * (SPAN + 2 * PATCH)];
@@ -282,7 +364,8 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
     for (int k = 0; k < ROW; k++) row[k] = 0;
     for (int v = first; v <= last; v++) {
       uint at = matches[AT(HELD(v), 0, columns)];
-      const __global short *e = exemplar + CHANNELS * AT(corner_y(at) + y - v, corner_x(at), e_width);
+      if (!IN_PIECE(corner_y(at))) continue;
+      const __global short *e = exemplar + CHANNELS * AT(corner_y(at) - e_from + y - v, corner_x(at), e_width);
       for (int k = 0; k < ROW; k++) row[k] += e[k];   // fits 16 bits: see lab_grid.steps_for
     }
     int *into = sum + CHANNELS * (u - x0 + PATCH);
@@ -290,8 +373,8 @@ __kernel void patchmatch_vote(const __global short *restrict exemplar, const __g
   }
   for (int x = x0; x < x1; x++) {
     int votes = (last - first + 1) * (LAST(x, columns, wrap_x) - FIRST(x, wrap_x) + 1);
-    for (int c = 0; c < CHANNELS; c++)
-      image[CHANNELS * AT(y - top, x, width) + c] = mean_vote(sum[CHANNELS * (x - x0 + PATCH) + c], votes);
+    size_t p = AT(y - top, x, width);
+    for (int c = 0; c < CHANNELS; c++) VOTED(p, c, sum[CHANNELS * (x - x0 + PATCH) + c])
   }
 }
 #endif

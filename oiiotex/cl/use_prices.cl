@@ -11,13 +11,14 @@ static inline int first_of_region(int at, int side, int n) {
   return first < 0 ? 0 : first > last ? last : first;
 }
 
-// Field patches of each kind of exemplar patch.
+// Field patches of each kind of exemplar patch, whose rows `e_from` to `e_to` are held.
 __kernel void use_prices_count(const __global uint *restrict field, const __global uchar *restrict kinds,
-                               __global int *restrict counts, int columns, int rows, int e_columns) {
+                               __global int *restrict counts, int columns, int rows, int e_columns, int e_from, int e_to) {
   int x = get_global_id(0), y = get_global_id(1);
   if (x >= columns || y >= rows) return;
   uint at = field[AT(y, x, columns)];
-  atomic_inc(counts + kinds[AT(corner_y(at), corner_x(at), e_columns)]);
+  if (corner_y(at) < e_from || corner_y(at) >= e_to) return;
+  atomic_inc(counts + kinds[AT(corner_y(at) - e_from, corner_x(at), e_columns)]);
 }
 
 // One step of dual ascent for the constraints 'of kinds 0 to k no more than most[k] patches': the price of a constraint
@@ -45,25 +46,26 @@ __kernel void use_prices_ascend(const __global int *restrict counts, const __glo
   }
 }
 
-// Uses in the region around each exemplar patch: along rows here,
-__kernel void use_prices_rows(const __global int *restrict count, __global int *restrict sums, int e_columns, int e_rows, int side) {
+// Uses in the region around each exemplar patch, of which so many rows are counted: along rows here,
+__kernel void use_prices_rows(const __global int *restrict count, __global int *restrict sums, int e_columns, int counted, int side) {
   int x = get_global_id(0), y = get_global_id(1);
-  if (x >= e_columns || y >= e_rows) return;
+  if (x >= e_columns || y >= counted) return;
   int first = first_of_region(x, side, e_columns), sum = 0;
   for (int i = first; i < first + side && i < e_columns; i++) sum += count[AT(y, i, e_columns)];
   sums[AT(y, x, e_columns)] = sum;
 }
 // and along columns here, where it becomes a price that grows with the square of what is used above `most`, added to
-// the penalty together with that of the patch's kind.
+// the penalty together with that of the patch's kind: of rows `e_from` to `e_to`. Of those that are counted, row `c_from`
+// is the first.
 __kernel void use_prices_add(const __global int *restrict sums, const __global uchar *restrict kinds,
                              const __global int *restrict prices, __global int *restrict penalty,
-                             int e_columns, int e_rows, int side, int most, int unit) {
-  int x = get_global_id(0), y = get_global_id(1);
-  size_t p = AT(y, x, e_columns);
-  if (x >= e_columns || y >= e_rows || penalty[p] == INT_MAX) return;
+                             int e_columns, int e_rows, int e_from, int e_to, int c_from, int side, int most, int unit) {
+  int x = get_global_id(0), y = e_from + get_global_id(1);
+  size_t p = AT(y - e_from, x, e_columns);
+  if (x >= e_columns || y >= e_to || penalty[p] == INT_MAX) return;
   int first = first_of_region(y, side, e_rows);
   long uses = 0;
-  for (int i = first; i < first + side && i < e_rows; i++) uses += sums[AT(i, x, e_columns)];
+  for (int i = first; i < first + side && i < e_rows; i++) uses += sums[AT(i - c_from, x, e_columns)];
   long over = uses > most ? 16 * (uses - most) / (side * side) : 0;
   long price = over < 65536 ? over * over * unit / 256 : MOST;
   penalty[p] += (int)(price < MOST ? price : MOST) + prices[kinds[p]];

@@ -8,6 +8,7 @@ OpenImageIO's algorithms and Python callers take; numpy arrays are what our filt
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -16,6 +17,7 @@ from ..deferred import np, oiio
 from ..errors import ImageError, one_line
 from .window import Window
 
+_RESIZED_BYTES = 16 << 20  # of the rows that are resized at once
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",
@@ -334,12 +336,43 @@ def tagged(image: Image, name: str, value: str) -> Image:
     return Image((first, *image.parts[1:]), image.source)
 
 
-def resized(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(h, w, c) float32 -> (height, width, c) float32 through a triangle filter as wide as the reduction asks for."""
-    if pixels.shape[:2] == (height, width):
-        return pixels
-    buffer = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], oiio.FLOAT))
-    buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels, np.float32))
-    roi = oiio.ROI(0, width, 0, height, 0, 1, 0, pixels.shape[2])
-    small = oiio.ImageBufAlgo.resize(buffer, "triangle", roi=roi)
-    return small.get_pixels(oiio.FLOAT, small.roi)
+def resized(pixels: np.ndarray, width: int, height: int, rows: slice | None = None) -> np.ndarray:
+    """An image through a triangle filter as wide as the reduction asks for, or some rows of that.
+
+    Parameters
+    ----------
+    pixels : (h, w, c) float32
+        An array, or what gives rows of one for a slice.
+    width, height : int
+    rows : slice, optional
+        With a start and a stop.
+
+    Returns
+    -------
+    (height or rows, width, c) float32
+        A row has the same bits with whichever others it is asked for.
+    """
+    rows = rows or slice(0, height)
+    (high, wide, channels), count = pixels.shape, rows.stop - rows.start
+    if (high, wide) == (height, width):
+        return pixels[rows]
+    small, ratio = np.empty((count, width, channels), np.float32), high / height
+    reach = math.ceil(max(1.0, ratio)) + 2
+    step = max(1, int(_RESIZED_BYTES / (4 * channels * wide * ratio)))
+    for top in range(rows.start, rows.stop, step):
+        bottom = min(top + step, rows.stop)
+        first, last = max(0, math.floor(top * ratio) - reach), min(high, math.ceil(bottom * ratio) + reach)
+        source, target = (
+            _rows_of(*size, channels) for size in ((wide, high, first, last), (width, height, top, bottom))
+        )
+        source.set_pixels(source.roi, np.ascontiguousarray(pixels[first:last], np.float32))
+        oiio.ImageBufAlgo.resize(target, source, "triangle")
+        small[top - rows.start : bottom - rows.start] = target.get_pixels(oiio.FLOAT, target.roi)
+    return small
+
+
+def _rows_of(width: int, height: int, first: int, last: int, channels: int) -> oiio.ImageBuf:
+    """Some rows of an image of floats, where they lie in it."""
+    spec = oiio.ImageSpec(width, last - first, channels, oiio.FLOAT)
+    spec.y, spec.full_height, spec.full_y = first, height, 0
+    return oiio.ImageBuf(spec)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,7 @@ ST = Output(
 STMAP = "1: source coordinates as part 'st' of the result; a file name: there"
 BITS = 16  # for x and for y, where one exemplar is spoken of: what kernels give and take (cl/offsets.h)
 NONE = 0xFFFFFFFF  # no pixel
+_ROWS_AT_ONCE = 16 << 20  # bytes of an exemplar that is read by rows
 _AT_ONCE = 1 << 18  # pixels that a thread copies
 
 
@@ -80,8 +82,18 @@ class SourceMap:
         return y
 
     def gather(self, pixels: np.ndarray) -> np.ndarray:
-        """What an exemplar, (h, w) or (h, w, channels), has there."""
-        return np.take(pixels.reshape(-1, *pixels.shape[2:]), self.flat(pixels.shape[1]), 0)
+        """What an exemplar, (h, w) or (h, w, channels), has there: an array, or what gives rows of one for a slice."""
+        if isinstance(pixels, np.ndarray):
+            return np.take(pixels.reshape(-1, *pixels.shape[2:]), self.flat(pixels.shape[1]), 0)
+        y, x = (each.ravel() for each in self.yx)
+        out = np.empty((y.size, *pixels.shape[2:]), pixels.dtype)
+        step = max(1, _ROWS_AT_ONCE // max(1, math.prod(pixels.shape[1:]) * out.itemsize))
+        order = np.argsort(y // step, kind="stable")
+        bounds = np.searchsorted(y[order] // step, np.arange(-(-pixels.shape[0] // step) + 1))
+        for n in np.flatnonzero(np.diff(bounds)).tolist():
+            here = order[bounds[n] : bounds[n + 1]]
+            out[here] = pixels[n * step : (n + 1) * step][y[here] - n * step, x[here]]
+        return out.reshape(*self.packed.shape, *pixels.shape[2:])
 
     def coordinates(self, spec: oiio.ImageSpec, corner: tuple[int, int] = (0, 0), factor: float = 1.0) -> np.ndarray:
         """(s, t) over the display window of an image with that spec: (..., 2) float32.

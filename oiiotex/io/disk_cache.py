@@ -20,8 +20,10 @@ from typing import TypeAlias
 from ..deferred import np
 from ..errors import Error
 from .atomic import temporary_beside
+from .row_store import RowStore
 
 MOST_BYTES = 2 << 30  # of a folder
+_ROWS = 256  # of an array, that are hashed at once
 _SUFFIX = ".arrays"
 _DIGEST = 64  # characters; and what follows stays aligned
 
@@ -32,9 +34,10 @@ def hash_of(*facts: object) -> str:
     """SHA-256 of arrays by their bytes, shape and type, and of all else by what it prints as."""
     digest = hashlib.sha256()
     for fact in facts:
-        if isinstance(fact, np.ndarray):
+        if isinstance(fact, (np.ndarray, RowStore)):
             digest.update(f"{fact.dtype.str} {fact.shape}".encode())
-            digest.update(np.ascontiguousarray(fact))
+            for first in range(0, len(fact), _ROWS) if fact.shape else ():
+                digest.update(np.ascontiguousarray(fact[first : first + _ROWS]))
         else:
             digest.update(repr(fact).encode())
     return digest.hexdigest()

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of an image that is worked on in bands: in memory, or in an unnamed temporary file."""
+"""Rows of an image that is worked on in bands: in memory, in an unnamed temporary file, or made when asked for."""
 
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..core.demand import scratch_file, write_at
 from ..deferred import np
@@ -12,7 +13,7 @@ from ..deferred import np
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
-_AT_ONCE = 256  # rows
+AT_ONCE = 8 << 20  # bytes that are read or written by a call; the system reads 2 GB at once at most
 
 
 class RowStore:
@@ -51,7 +52,9 @@ class RowStore:
         first, last, _ = rows.indices(self.shape[0])
         out = np.empty((max(0, last - first), *self.shape[1:]), self.dtype)
         if out.size:
-            os.preadv(self._file.fileno(), [memoryview(out).cast("B")], first * self._row_bytes)
+            into = memoryview(out).cast("B")
+            for at in range(0, len(into), AT_ONCE):
+                os.preadv(self._file.fileno(), [into[at : at + AT_ONCE]], first * self._row_bytes + at)
         return out[:, columns]
 
     def __setitem__(self, rows: slice, values: np.ndarray) -> None:
@@ -62,7 +65,37 @@ class RowStore:
             write_at(self._file, np.ascontiguousarray(values, self.dtype), first * self._row_bytes)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
-        out = np.empty(self.shape, self.dtype)
-        for first in range(0, self.shape[0], _AT_ONCE):  # the system reads 2 GB at once at most
-            out[first : first + _AT_ONCE] = self[first : first + _AT_ONCE]
+        out = self[:]
         return out if dtype is None else out.astype(dtype)
+
+
+class MadeRows:
+    """An array whose rows are made whenever they are asked for, as a slice.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows first.
+    dtype : dtype
+    make : callable
+        (first, last) -> those rows, (last - first, ...).
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, make: Callable[[int, int], np.ndarray]):
+        self.shape, self.dtype, self._make = shape, np.dtype(dtype), make
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        first, last, _ = rows.indices(self.shape[0])
+        return self._make(first, last).astype(self.dtype, copy=False)
+
+
+SomeRows: TypeAlias = "np.ndarray | RowStore | MadeRows"
+"""What gives rows for a slice, and says `shape` and `dtype`."""
+
+
+def empty_rows(shape: tuple[int, ...], dtype: DTypeLike, in_memory: bool) -> np.ndarray | RowStore:
+    """An array to be filled, or the same in a file."""
+    return np.empty(shape, dtype) if in_memory else RowStore(shape, dtype, in_memory=False)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..deferred import np
-from ..io.row_store import RowStore
+from ..io.row_store import AT_ONCE, RowStore, SomeRows
 from .buffers import Buffers, Download
 from .device import Device
 
@@ -22,7 +22,7 @@ def unwrapped(height: int, first: int, last: int) -> Iterator[tuple[int, int, in
 
 
 class Rows:
-    """The rows of one image of 16 or 32 bit; buffer `name` holds them all, or those that were loaded.
+    """The rows of one image; buffer `name` holds them all, or those that were loaded.
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ class Rows:
     width, height : int
     wraps : bool
         They go on beyond the border.
-    store : RowStore or None
+    store : RowStore, array or MadeRows, or None
         Where they lie when the buffer does not hold them; None: it holds all.
     most : int
         Rows that may be loaded at once.
     """
 
     def __init__(
-        self, device: Device, buffers: Buffers, name: str, width: int, height: int, wraps: bool, store: RowStore | None,
+        self, device: Device, buffers: Buffers, name: str, width: int, height: int, wraps: bool, store: SomeRows | None,
         most: int,
     ):  # fmt: skip
         self._device, self._buffers = device, buffers
@@ -63,9 +63,12 @@ class Rows:
             return 0
         if not self.wraps:
             first, last = max(0, first), min(self.height, last)
+        row = int(np.prod(self.store.shape[1:])) * self.store.dtype.itemsize
+        step = max(1, AT_ONCE // row)
         for place, count, at in unwrapped(self.height, first, last):
-            rows = self.store[place : place + count]
-            self._device.write(self._buffers[self.name], rows, at * (rows.nbytes // count))
+            for n in range(0, count, step):
+                rows = self.store[place + n : place + min(n + step, count)]
+                self._device.write(self._buffers[self.name], rows, (at + n) * row)
         return first
 
     def save(self, top: int, bottom: int, first: int | None = None, into: RowStore | None = None) -> None:

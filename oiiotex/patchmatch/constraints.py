@@ -12,11 +12,12 @@ from ..core.image import resized
 from ..core.source_map import SourceMap
 from ..deferred import np
 from ..errors import ImageError
+from ..io.row_store import MadeRows, SomeRows
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..projections.histograms import BINS, INVERSE, OUTSIDE, Source
 from ..projections.projection import Projecting
-from .field import Geometry, allowed_patches, box_sums
+from .field import Geometry, allowed_patches, bands_of, box_sums
 
 ENOUGH = 0.25  # of the finest level's share of whole patches: what a coarse level must have to be of use
 
@@ -39,7 +40,7 @@ class FixedPixels:
     places: SourceMap
     is_goal: bool = False
 
-    def image(self, exemplar: np.ndarray, geometry: Geometry) -> np.ndarray:
+    def image(self, exemplar: SomeRows, geometry: Geometry) -> np.ndarray:
         """What the target must show on a level: its grid image, `OUTSIDE` where it is free.
 
         Parameters
@@ -87,8 +88,13 @@ class Constraints:
         if self.weight is None:
             return None
         small = resized(self.weight[..., None], geometry.exemplar_width, geometry.exemplar_height)[..., 0]
-        mean = box_sums(small, geometry.patch, np.float64) / geometry.patch**2
-        return np.maximum(mean / max(1e-30, mean[patches].mean()), 1e-6).astype(np.float32)
+        weights, total = np.empty(patches.shape, np.float32), 0.0
+        for band in bands_of(len(patches)):
+            mean = box_sums(small[band.start : band.stop + geometry.patch - 1], geometry.patch, np.float64)
+            weights[band] = mean / geometry.patch**2
+            total += float(weights[band][patches[band]].sum(dtype=np.float64))
+        weights /= np.float32(max(1e-30, total / np.count_nonzero(patches)))
+        return np.maximum(weights, np.float32(1e-6), out=weights)
 
 
 UNCONSTRAINED = Constraints()
@@ -188,7 +194,9 @@ def coarse_mask(mask: np.ndarray | None, width: int, height: int) -> np.ndarray 
     return shrink(shrink(mask, height, 0), width, 1)
 
 
-def coarse_image(image: np.ndarray, mask: np.ndarray | None, width: int, height: int) -> np.ndarray:
+def coarse_image(
+    image: SomeRows, mask: np.ndarray | None, width: int, height: int, rows: slice | None = None
+) -> np.ndarray:
     """An image on a level: means of the pixels in the mask, so that the others do not bleed in.
 
     Parameters
@@ -198,16 +206,23 @@ def coarse_image(image: np.ndarray, mask: np.ndarray | None, width: int, height:
         Pixels that count; None: all.
     width, height : int
         Of the level.
+    rows : slice, optional
+        Of the level, those that are wanted.
 
     Returns
     -------
-    (height, width, channels) float32
+    (height or rows, width, channels) float32
         0 where no pixel counts.
     """
     if mask is None:
-        return resized(image, width, height)
-    weight = resized(mask[..., None].astype(np.float32), width, height)
-    sums = resized(np.where(mask[..., None], image, np.float32(0)), width, height)
+        return resized(image, width, height, rows)
+
+    def counted(first: int, last: int) -> np.ndarray:
+        return np.where(mask[first:last, :, None], image[first:last], np.float32(0))
+
+    ones = MadeRows((*mask.shape, 1), np.float32, lambda first, last: mask[first:last, :, None])
+    weight = resized(ones, width, height, rows)
+    sums = resized(MadeRows(image.shape, np.float32, counted), width, height, rows)
     return np.where(weight > 0, sums / np.maximum(weight, np.float32(1e-6)), np.float32(0))
 
 

@@ -8,15 +8,16 @@ arrays on an integer grid (`lab_grid`): the three of Lab, and three more for eac
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..color.lab_grid import steps_for
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
-from ..io.row_store import RowStore
+from ..io.row_store import RowStore, SomeRows
 
-_BAND = 128  # rows of a field worked on at a time
+BAND = 128  # rows of a field worked on at a time
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,10 +62,10 @@ class Geometry(Domain):
         """Of the target with the columns that patches at its right border see."""
         return self.width + self.patch - 1
 
-    def layout(self, rows: int | None = None) -> dict[str, int]:
-        """Device memory that a `Matcher` needs which holds so many rows, or all: in bytes by name."""
+    def layout(self, rows: int | None = None, exemplar_rows: int | None = None) -> dict[str, int]:
+        """Device memory of a `Matcher` that holds so many rows of target and exemplar, or all: in bytes by name."""
         pixels = self.width * (self.height if rows is None else rows)
-        exemplar = self.exemplar_width * self.exemplar_height
+        exemplar = self.exemplar_width * (exemplar_rows or self.exemplar_height)
         padded = self.padded_width * (self.height + self.patch - 1 if rows is None else rows)
         bytes_of = 2 * self.channels
         return {
@@ -79,7 +80,27 @@ class Geometry(Domain):
             "count": 4 * exemplar,
             "uses": 4 * exemplar,
             "penalty": 4 * exemplar,
+            **({} if exemplar_rows is None else {"votes": 4 * self.channels * pixels}),
         }
+
+
+def bands_of(rows: int, size: int = BAND) -> Iterator[slice]:
+    """So many rows in bands that keep temporaries small; sums in their order are the same whatever is held where."""
+    return (slice(top, min(top + size, rows)) for top in range(0, rows, size))
+
+
+def variance_of(image: SomeRows, usable: np.ndarray | None) -> float:
+    """Of the values of a grid image, (height, width, channels) int16, summed over channels; by whole numbers.
+
+    Where `usable`, (height, width) bool, is given, of those pixels.
+    """
+    count, channels = 0, image.shape[2]
+    sums, squares = np.zeros(channels, np.int64), np.zeros(channels, np.int64)
+    for band in bands_of(len(image)):
+        pixels = image[band].reshape(-1, channels) if usable is None else image[band][usable[band]]
+        pixels = pixels.astype(np.int64)
+        count, sums, squares = count + len(pixels), sums + pixels.sum(0), squares + (pixels * pixels).sum(0)
+    return sum((count * int(q) - int(s) ** 2) / count**2 for s, q in zip(sums, squares, strict=True))
 
 
 def box_sums(plane: np.ndarray, side: int, dtype: type | str = "int64") -> np.ndarray:
@@ -91,9 +112,11 @@ def box_sums(plane: np.ndarray, side: int, dtype: type | str = "int64") -> np.nd
 
 def allowed_patches(allowed: np.ndarray | None, geometry: Geometry) -> np.ndarray:
     """Which patches lie fully inside `allowed` (height, width) bool: (exemplar_rows, exemplar_columns) bool."""
-    if allowed is None:
-        return np.ones((geometry.exemplar_rows, geometry.exemplar_columns), bool)
-    return box_sums(allowed, geometry.patch) == geometry.patch**2
+    patches, side = np.ones((geometry.exemplar_rows, geometry.exemplar_columns), bool), geometry.patch
+    if allowed is not None:
+        for band in bands_of(len(patches)):
+            patches[band] = box_sums(allowed[band.start : band.stop + side - 1], side) == side**2
+    return patches
 
 
 def random_field(
@@ -121,31 +144,59 @@ def random_field(
     patch, draw = geometry.patch, _RandomPlaces(allowed, weights)
     columns = np.arange(geometry.columns)[None, :]
     out = np.empty((geometry.rows, geometry.columns), np.uint32) if out is None else out
-    for begin in range(0, geometry.rows, _BAND):  # bands keep the temporaries small
-        rows = np.arange(begin, min(begin + _BAND, geometry.rows))[:, None]
+    for begin in range(0, geometry.rows, BAND):  # bands keep the temporaries small
+        rows = np.arange(begin, min(begin + BAND, geometry.rows))[:, None]
         y, x = draw(seed, 0xB10C, *np.broadcast_arrays(rows // patch, columns // patch))
         y = np.minimum(y + rows % patch, geometry.exemplar_rows - 1)
         x = np.minimum(x + columns % patch, geometry.exemplar_columns - 1)
-        out[begin : begin + _BAND] = SourceMap.of(y, x).packed
+        out[begin : begin + BAND] = SourceMap.of(y, x).packed
     return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
 
 
 class _RandomPlaces:
-    """Draws allowed exemplar patches, as often as they weigh."""
+    """Draws allowed exemplar patches, as often as they weigh: by their number, which rows of it they lie in is looked up.
+
+    So there is no list of them, which would take eight bytes a patch.
+    """
 
     def __init__(self, allowed: np.ndarray, weights: np.ndarray | None = None):
-        self._places, self._columns = np.flatnonzero(allowed), allowed.shape[1]
-        self._below = None if weights is None else np.cumsum(weights.ravel()[self._places], dtype=np.float64)
+        self._allowed, self._weights = allowed, weights
+        self._bands = list(bands_of(len(allowed)))
+        self._before = np.cumsum([0, *(np.count_nonzero(allowed[band]) for band in self._bands)])
+        self._below = np.zeros(1)  # the weight of all in the bands so far
+        if weights is not None:
+            for band in self._bands:
+                self._below = np.append(self._below, self._weighed(band, self._below[-1])[-1])
+
+    def _weighed(self, band: slice, before: float) -> np.ndarray:
+        """The weight of all up to each place of a band: added one by one, whatever the bands."""
+        weights = self._weights[band][self._allowed[band]]
+        return np.cumsum(np.concatenate([[before], weights]), dtype=np.float64)
 
     def __call__(self, seed: int, step: int, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One for every (y, x)."""
-        count, bits = len(self._places), hash_at(seed, step, y, x).astype(np.uint64)
-        if self._below is None:
+        count, bits = int(self._before[-1]), hash_at(seed, step, y, x).astype(np.uint64)
+        if self._weights is None:
             at = ((bits * np.uint64(count)) >> np.uint64(32)).astype(np.int64)
+            if count == self._allowed.size:
+                return np.divmod(at, self._allowed.shape[1])
+            band_of = np.searchsorted(self._before, at, side="right") - 1
         else:
-            at = np.searchsorted(self._below, bits * (self._below[-1] / 2.0**32), side="right")
-            at = np.minimum(at, count - 1)
-        return np.divmod(self._places[at], self._columns)
+            at = bits * (self._below[-1] / 2.0**32)
+            band_of = np.minimum(np.searchsorted(self._below, at, side="right") - 1, len(self._bands) - 1)
+        row, column = np.empty(at.shape, np.int64), np.empty(at.shape, np.int64)
+        for n, band in enumerate(self._bands):
+            here = band_of == n
+            if here.any():
+                if self._weights is None:
+                    number = at[here] - self._before[n]
+                else:
+                    number = np.searchsorted(self._weighed(band, self._below[n])[1:], at[here], side="right")
+                    number = np.minimum(number, self._before[n + 1] - self._before[n] - 1)
+                places = np.flatnonzero(self._allowed[band])[number]
+                row[here], column[here] = np.divmod(places, self._allowed.shape[1])
+                row[here] += band.start
+        return row, column
 
 
 def only_allowed(field: SourceMap, allowed: np.ndarray, seed: int, step: int = 0xB10E) -> SourceMap:
@@ -162,12 +213,12 @@ def only_allowed(field: SourceMap, allowed: np.ndarray, seed: int, step: int = 0
     if allowed.all():
         return field
     draw = _RandomPlaces(allowed)
-    for begin in range(0, len(field.packed), _BAND):
-        rows = field[begin : begin + _BAND]
+    for begin in range(0, len(field.packed), BAND):
+        rows = field[begin : begin + BAND]
         bad_y, bad_x = np.nonzero(~rows.gather(allowed))
         if len(bad_y):
             rows.packed[bad_y, bad_x] = SourceMap.of(*draw(seed, step, bad_y + begin, bad_x)).packed
-            field.packed[begin : begin + _BAND] = rows.packed
+            field.packed[begin : begin + BAND] = rows.packed
     return field
 
 
@@ -230,8 +281,8 @@ def upsample_field(
     ratio_y = fine.exemplar_height / coarse.exemplar_height
     ratio_x = fine.exemplar_width / coarse.exemplar_width
     finer = np.empty((fine.rows, fine.columns), np.uint32) if out is None else out
-    for begin in range(0, fine.rows, _BAND):  # bands keep the temporaries small
-        band = slice(begin, begin + _BAND)
+    for begin in range(0, fine.rows, BAND):  # bands keep the temporaries small
+        band = slice(begin, begin + BAND)
         first, last = from_y[band][[0, -1]]
         y, x = field[first : last + 1][from_y[band] - first][:, from_x].yx
         y = np.floor((y + half + 0.5) * ratio_y + rest_y[band, None]).astype(np.int64) - half

@@ -3,18 +3,24 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Protocol
 
 from ..color.lab_grid import to_grid
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError
+from ..io.row_store import SomeRows
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..regularity.offset_prices import Prices
-from .field import Geometry, allowed_patches
+from .exemplar_rows import ExemplarRows, Piece
+from .field import Geometry, allowed_patches, variance_of
 from .level_rows import JUMPS, LevelRows
+
+if TYPE_CHECKING:
+    import pyopencl as cl
 
 SEARCHES = 6  # windows of random search, from the whole exemplar down to about 2 px
 MATCH_PASSES = 8  # for a field on its own, with nothing to refine it later
@@ -22,20 +28,34 @@ PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from i
 
 
 class AddsPrices(Protocol):
-    """What makes more than single patches dear."""
+    """What makes more than single patches dear.
+
+    Attributes
+    ----------
+    kinds : (exemplar_rows, exemplar_columns) uint8
+        What it is to have in buffer `kinds`.
+    """
+
+    kinds: SomeRows
 
     def begin(self) -> None:
         """A field is about to be counted."""
 
-    def count(self, rows: int) -> None:
-        """Count the first rows of buffer `field`."""
+    def count(self, rows: int, piece: Piece) -> None:
+        """Count the first rows of buffer `field`, where it names patches of the piece."""
 
-    def add(self) -> None:
-        """Add to buffer `penalty`, by what was counted and the counts of use in buffer `count`."""
+    def ascend(self) -> None:
+        """All is counted."""
+
+    def around(self, piece: Piece) -> Piece:
+        """The patches whose uses the prices of a piece hang on."""
+
+    def add(self, piece: Piece, counted: Piece) -> None:
+        """Add to buffer `penalty` of a piece, by what was counted and uses in buffer `count`, of patches `counted`."""
 
 
 class Matcher:
-    """PatchMatch at one pyramid level: holds the exemplar on the device, and of target and field what fits.
+    """PatchMatch at one pyramid level: holds on the device what fits of the exemplar, the target and the field.
 
     Parameters
     ----------
@@ -55,14 +75,14 @@ class Matcher:
         How many of the `SEARCHES` windows are searched, the narrowest ones.
     usable : (exemplar_height, exemplar_width) bool or None
         Pixels of the exemplar among which use is evened out; None: all.
-    price : (exemplar_rows, exemplar_columns) float32 or None
-        What the use of a patch costs beside that of others; None: 1 for all.
     use_prices : AddsPrices or None
         What is added to the penalties in each pass.
     offset_prices : Prices or None
         What a match out of step with the exemplar's lattice costs.
     rows : LevelRows or None
         Of the level; None: the buffers hold all.
+    exemplar_rows : ExemplarRows or None
+        The same of the exemplar and its prices.
 
     Raises
     ------
@@ -71,33 +91,32 @@ class Matcher:
     """
 
     def __init__(
-        self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: np.ndarray, allowed: np.ndarray,
+        self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: SomeRows, allowed: np.ndarray,
         field: SourceMap, uniformity: float, seed: int, searches: int = SEARCHES, usable: np.ndarray | None = None,
-        price: np.ndarray | None = None, use_prices: AddsPrices | None = None, offset_prices: Prices | None = None,
-        rows: LevelRows | None = None,
+        use_prices: AddsPrices | None = None, offset_prices: Prices | None = None, rows: LevelRows | None = None,
+        exemplar_rows: ExemplarRows | None = None,
     ):  # fmt: skip
         g, patches = geometry, (geometry.exemplar_rows, geometry.exemplar_columns)
         require_shape("exemplar", exemplar, (g.exemplar_height, g.exemplar_width, g.channels))
         require_shape("allowed", allowed, patches)
         require_shape("field", field.packed, (g.rows, g.columns))
-        if price is not None:
-            require_shape("price", price, patches)
         self._device, self._buffers, self.geometry, self._seed = device, buffers, geometry, seed
+        self.exemplar = exemplar_rows or ExemplarRows(device, buffers, g, exemplar, allowed)
         self._run = device.program(
-            "patchmatch", PATCH=geometry.patch, CHANNELS=geometry.channels, LATTICE=int(offset_prices is not None)
-        )
+            "patchmatch", PATCH=g.patch, CHANNELS=g.channels, LATTICE=int(offset_prices is not None),
+            PIECES=int(not self.exemplar.whole),
+        )  # fmt: skip
         tables = () if offset_prices is None else (offset_prices.phases, offset_prices.table)
         self._offset_prices = [device.upload(table) for table in tables]
         self._penalty_weight = uniformity * _penalty_unit(exemplar, geometry, usable)
         self._use_prices = use_prices
-        device.write(buffers["exemplar"], exemplar)  # exemplar_height x exemplar_width x channels
+        if use_prices is not None:
+            self.exemplar.plane("kinds", use_prices.kinds)
         self.rows = rows or LevelRows(device, buffers, g)
         if self.rows.whole:
             device.write(buffers["field"], np.asarray(field.packed))  # rows x columns
         elif field.packed is not self.rows.field.store:
             self.rows.field.store[:] = field.packed
-        price = np.where(allowed, np.float32(1) if price is None else price, np.float32(-1))
-        device.write(buffers["price"], price)  # exemplar_rows x exemplar_columns
         reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
         shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
         radius = [max(1, int(reach * shrink**k)) for k in range(SEARCHES)][-searches:]
@@ -114,17 +133,18 @@ class Matcher:
         """Search better matches for `image`; `step` numbers the outer iteration for the random numbers."""
         if iterations == 0:
             self._score(0, self.geometry.rows)
+        whole = self.rows.whole and self.exemplar.whole
         for i in range(iterations):
             self._count_uses()
             for top, bottom in self.rows.field_bands():
-                self._pass(top, bottom, np.uint32(16 * step + i), scored=self.rows.whole and i > 0)
+                self._pass(top, bottom, np.uint32(16 * step + i), scored=whole and i > 0)
             if not self.rows.whole:
                 field = self.rows.field
                 field.settle()
                 field.store, self.rows.next_field = self.rows.next_field, field.store
 
     def _score(self, first: int, last: int) -> None:
-        """Distances of rows of the field, of which the buffers then hold the target."""
+        """Distances of rows of the field, of which the buffers then hold the target; costs, of an exemplar in pieces."""
         g, b = self.geometry, self._buffers
         self.rows.load("field", first, last)
         self.rows.load("image", first, last + g.patch - 1)
@@ -132,14 +152,21 @@ class Matcher:
         self._run(
             "pad", (g.padded_width, rows + g.patch - 1), b["image"], b["target"], g.width, g.height, rows + g.patch - 1
         )
-        self._run(
-            "score", (g.columns, rows), b["target"], b["exemplar"], b["field"], b["distance"], g.columns, rows,
-            g.padded_width, g.exemplar_width,
-        )  # fmt: skip
+        size = g.columns, rows
+        for piece in self.exemplar.pieces("exemplar", "penalty"):
+            self._run(
+                "score", size, b["target"], b["exemplar"], b["field"], b["distance"], *size, g.padded_width,
+                g.exemplar_width, *piece,
+            )  # fmt: skip
+            if not self.exemplar.whole:
+                self._run(
+                    "cost", size, b["penalty"], b["field"], b["distance"], *size, g.exemplar_columns, *piece, first,
+                    g.rows, *self._offset_prices,
+                )  # fmt: skip
 
     def _pass(self, top: int, bottom: int, step: np.uint32, scored: bool) -> None:
         """Propagate and search rows of the field; what is not `scored` comes first, with the rows that are offered."""
-        g, b, whole = self.geometry, self._buffers, self.rows.whole
+        g, whole = self.geometry, self.rows.whole
         reach = 0 if whole else sum(JUMPS)
         first, last = top - reach, bottom + reach
         if not g.wrap_y:
@@ -151,21 +178,35 @@ class Matcher:
         for jump in JUMPS:
             reach -= 0 if whole else jump
             begin, end = max(first, top - reach), min(last, bottom + reach)
-            self._run(
-                "propagate", (g.columns, end - begin), b["target"], b["exemplar"], b["penalty"], b["field"],
-                b["distance"], b["field_next"], b["distance_next"], g.columns, last - first, g.padded_width, *e_size,
-                jump, g.wrap_x, g.wrap_y and whole, begin - first, end - first, first, g.rows, *self._offset_prices,
-            )  # fmt: skip
-            b.swap("field", "field_next")
-            b.swap("distance", "distance_next")
-        self._run(
-            "search", (g.columns, bottom - top), b["target"], b["exemplar"], b["penalty"], b["field"], b["distance"],
-            g.columns, g.padded_width, *e_size, self._radius, self._searches,
-            np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first, *self._offset_prices,
-        )  # fmt: skip
+            where = jump, g.wrap_x, g.wrap_y and whole, begin - first, end - first, first, g.rows
+            for piece, begun in self._change():
+                self._run(
+                    "propagate", (g.columns, end - begin), *self._matches(), g.columns, last - first, g.padded_width,
+                    *e_size, *piece, *where, *begun, *self._offset_prices,
+                )  # fmt: skip
+        count = self._searches
+        for k in (0,) if self.exemplar.whole else range(count):  # a window hangs on all before it
+            searches = (0, count) if self.exemplar.whole else (k, k + 1)
+            where = np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first
+            for piece, begun in self._change():
+                self._run(
+                    "search", (g.columns, bottom - top), *self._matches(), g.columns, g.padded_width, *e_size, *piece,
+                    self._radius, *searches, *where, *begun, *self._offset_prices,
+                )  # fmt: skip
         if not whole:
             self.rows.field.save_later(top, bottom, first, into=self.rows.next_field)
-            b.swap("field", "field_next")
+            self._buffers.swap("field", "field_next")
+
+    def _change(self) -> Iterator[tuple[Piece, tuple[int, ...]]]:
+        """Pieces in which the field is looked over, and what kernels are told; then the next field is the present one."""
+        for n, piece in enumerate(self.exemplar.pieces("exemplar", "penalty")):
+            yield piece, (() if self.exemplar.whole else (int(n > 0),))
+        self._buffers.swap("field", "field_next")
+        self._buffers.swap("distance", "distance_next")
+
+    def _matches(self) -> list[cl.Buffer]:
+        names = "target", "exemplar", "penalty", "field", "distance", "field_next", "distance_next"
+        return [self._buffers[name] for name in names]
 
     def vote(self, top: int = 0, bottom: int | None = None) -> None:
         """Make rows of `image` the mean of what the matched patches say; row `top` lies at the buffer's start."""
@@ -173,10 +214,13 @@ class Matcher:
         bottom = g.height if bottom is None else bottom
         first = self.rows.load("field", top - g.patch + 1, bottom)
         span = 1 if self._device.lanes == 1 else 64  # cl/patchmatch.cl, SPAN
-        self._run(
-            "vote", (-(-g.width // span), bottom - top), b["exemplar"], b["field"], b["image"],
-            g.columns, g.rows, g.width, g.exemplar_width, *g.wraps, top, bottom, first,
-        )  # fmt: skip
+        pieces = self.exemplar.count
+        for n, piece in enumerate(self.exemplar.pieces("exemplar")):
+            sums = () if self.exemplar.whole else (b["votes"], int(n > 0), int(n + 1 == pieces))
+            self._run(
+                "vote", (-(-g.width // span), bottom - top), b["exemplar"], b["field"], b["image"],
+                g.columns, g.rows, g.width, g.exemplar_width, *g.wraps, top, bottom, first, *piece, *sums,
+            )  # fmt: skip
 
     def hold(self, top: int = 0, bottom: int | None = None) -> None:
         """Put back into rows of `image`, which it holds, the pixels of `fixed` that must stay."""
@@ -213,22 +257,36 @@ class Matcher:
     def _count_uses(self) -> None:
         """The uniformity penalty of every exemplar patch, frozen for one pass: refreshed oftener, all flee at once."""
         g, b = self.geometry, self._buffers
-        size = g.exemplar_columns, g.exemplar_rows
-        self._device.fill(b["count"], np.int32(0), size[0] * size[1])
         if self._use_prices is not None:
             self._use_prices.begin()
-        if self._penalty_weight > 0 or self._use_prices is not None:
-            for top, bottom in self.rows.field_bands():
-                field = g.columns, bottom - top
-                self.rows.load("field", top, bottom)
-                self._run("count", field, b["field"], b["count"], *field, g.exemplar_columns)
-                if self._use_prices is not None:
-                    self._use_prices.count(bottom - top)
+            for piece in self.exemplar.pieces("kinds"):
+                for top, bottom in self.rows.field_bands():
+                    self.rows.load("field", top, bottom)
+                    self._use_prices.count(bottom - top, piece)
+            self._use_prices.ascend()
         many = int(g.columns * g.rows * g.patch**2 >= 1 << 31)  # if all matched one patch
-        self._run("uses_rows", size, b["count"], b["uses"], *size, many)
-        self._run("penalty", size, b["uses"], b["price"], b["penalty"], *size, many, float(self._penalty_weight))
-        if self._use_prices is not None:
-            self._use_prices.add()
+        names = ("price",) if self._use_prices is None else ("price", "kinds")
+        for first, last in self.exemplar.pieces(*names):
+            counted = max(0, first - g.patch + 1), min(g.exemplar_rows, last + g.patch - 1)
+            if self._use_prices is not None:
+                around = self._use_prices.around((first, last))
+                counted = min(counted[0], around[0]), max(counted[1], around[1])
+            held = g.exemplar_columns, counted[1] - counted[0]
+            self._device.fill(b["count"], np.int32(0), held[0] * held[1])
+            if self._penalty_weight > 0 or self._use_prices is not None:
+                for top, bottom in self.rows.field_bands():
+                    self.rows.load("field", top, bottom)
+                    field = g.columns, bottom - top
+                    self._run("count", field, b["field"], b["count"], *field, g.exemplar_columns, *counted)
+            self._run("uses_rows", held, b["count"], b["uses"], *held, many)
+            size = g.exemplar_columns, last - first
+            self._run(
+                "penalty", size, b["uses"], b["price"], b["penalty"], *size, held[1], first - counted[0], many,
+                float(self._penalty_weight),
+            )  # fmt: skip
+            if self._use_prices is not None:
+                self._use_prices.add((first, last), counted)
+            self.exemplar.keep_penalty((first, last))
 
 
 def require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
@@ -238,18 +296,17 @@ def require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
         raise ImageError(f"patchmatch: {name} is {given}, its geometry asks for {wanted}")
 
 
-def _penalty_unit(exemplar: np.ndarray, geometry: Geometry, usable: np.ndarray | None = None) -> float:
+def _penalty_unit(exemplar: SomeRows, geometry: Geometry, usable: np.ndarray | None = None) -> float:
     """What one use too many costs: 121 Var(e) / (121 omega_best) per doubly summed count (MJH17 eq. 6).
 
     omega_best = max(1, |T| / |S|) N with pixel counts |T|, |S| of target and exemplar and N = patch^2. The mean use of
     a patch's pixels is the doubly summed count / N, so a patch used ideally pays N Var(e). Where only some pixels may
     be used, these are the exemplar: a fair share among all would punish a small label for being small.
     """
-    pixels = exemplar.reshape(-1, geometry.channels) if usable is None else exemplar[usable]
     n = geometry.patch**2
-    best = max(1.0, geometry.width * geometry.height / len(pixels)) * n
-    variance = float(pixels.var(axis=0, dtype=np.float64).sum())
-    return n * variance / (best * n)
+    pixels = exemplar.shape[0] * exemplar.shape[1] if usable is None else np.count_nonzero(usable)
+    best = max(1.0, geometry.width * geometry.height / pixels) * n
+    return n * variance_of(exemplar, usable) / (best * n)
 
 
 def match_patches(

@@ -20,19 +20,24 @@ from ..projections.projection import layout as projection_layout
 from ..stationarity.grid_statistics import CellGrid
 from . import use_prices
 from .constraints import Constraints, VaryingProjection, octaves
+from .exemplar_rows import piece_halo
 from .field import Geometry
 from .level_rows import halo
 
 if TYPE_CHECKING:
     from .recipe import Recipe
 
-LEAST_ROWS = 16  # of a band
+LEAST_ROWS = 16  # of a band, or a piece
+COUNTED_ROWS = 64  # of an exemplar in pieces, whose histogram is taken
 BAND_BYTES = 160 << 20  # of a band, beyond which nothing is gained
 CELLS_SHARE = 1 / 4  # of the budget, for the cells of local histograms
 ROWS_SHARE = 1 / 3  # of what is left, for a band
 _FIELD_BYTES = 12  # of a target pixel on the host: two fields, and the places that come of them
 _TEMPORARIES = 64 << 20  # bytes, at most, of what is worked on by bands on the host
 _PIXEL_TEMPORARIES = 128  # of a pixel
+_WEIGHT_BYTES = 12  # of an exemplar pixel: its weight, those of its patch, and what that costs
+_MASK_BYTES = 4  # the same of which pixels and patches may be used; 1 where all may
+_PIECES_TEMPORARIES = 64 << 20  # bytes, at most, of what is worked on by bands of an exemplar that lies in files
 _MOST = 1 << 20  # rows that are looked for
 
 
@@ -48,11 +53,14 @@ class Plan:
         Bytes beside it.
     stores : int
         Of these, for what the device does not hold; more goes to a file.
+    exemplar_whole : bool
+        The exemplar's planes are held; else they pass through the device in pieces, and lie in files.
     """
 
     layout: dict[str, int]
     on_host: int
     stores: int
+    exemplar_whole: bool = True
 
 
 def level_sigmas(constraints: Constraints, geometry: Geometry, scale: float) -> np.ndarray | None:
@@ -64,7 +72,7 @@ def level_sigmas(constraints: Constraints, geometry: Geometry, scale: float) -> 
 
 def plan_memory(
     device: Device, shape: tuple[int, ...], recipe: Recipe, geometries: list[Geometry], scales: list[float],
-    constraints: Constraints, budget: int,
+    constraints: Constraints, budget: int, masked: bool = False,
 ) -> Plan:  # fmt: skip
     """The plan that makes the least copies of those that fit; where none does, one that `Buffers` refuses.
 
@@ -79,23 +87,28 @@ def plan_memory(
     constraints : Constraints
     budget : int
         Bytes.
+    masked : bool
+        Not all pixels of the exemplar may be used.
     """
     grids = grids_of(recipe, geometries, scales, constraints)
 
-    def needed(rows: int | None, cell_rows: int | None) -> dict[str, int]:
-        return layout(recipe, geometries, grids, constraints, rows, cell_rows)
+    def needed(rows: int | None, cell_rows: int | None, exemplar_rows: int | None = None) -> dict[str, int]:
+        return layout(recipe, geometries, grids, constraints, rows, cell_rows, exemplar_rows)
 
-    def size(rows: int | None, cell_rows: int | None) -> int:
-        return sum(needed(rows, cell_rows).values())
+    def size(*held: int | None) -> int:
+        return sum(needed(*held).values())
 
-    pixels = recipe.width * recipe.height
-    on_host = 2 * 4 * shape[0] * shape[1] * shape[2] + min(_TEMPORARIES, _PIXEL_TEMPORARIES * pixels)
-    if recipe.complete:  # the activity of patches
-        on_host += 4 * shape[0] * shape[1]
+    pixels, of_exemplar = recipe.width * recipe.height, shape[0] * shape[1]
+    common = min(_TEMPORARIES, _PIXEL_TEMPORARIES * pixels)
     if constraints.fixed is not None:
-        on_host += 2 * shape[2] * 4 * pixels
+        common += 2 * shape[2] * 4 * pixels
     if constraints.sigmas is not None:
-        on_host += 2 * 4 * pixels
+        common += 2 * 4 * pixels
+    if constraints.weight is not None:
+        common += _WEIGHT_BYTES * of_exemplar
+    on_host = common + 2 * 4 * shape[2] * of_exemplar
+    if recipe.complete:  # the activity of patches
+        on_host += 4 * of_exemplar
     least, none = halo(recipe.patch) + LEAST_ROWS, size(None, 1)
     cells = None
     if size(None, None) - none > budget * CELLS_SHARE:
@@ -104,12 +117,35 @@ def plan_memory(
     with contextlib.suppress(DeviceError):
         require_room(device, whole, budget, "", on_host + _FIELD_BYTES * pixels)
         return Plan(whole, on_host + _FIELD_BYTES * pixels, 0)
-    room = device.memory_budget(budget) - device.taken - (0 if device.own_memory else on_host)
-    room = (room - size(least, cells)) * ROWS_SHARE
-    rows = _most(lambda n: size(n, cells) - size(least, cells) <= min(room, BAND_BYTES), least)
-    banded = needed(min(rows, recipe.height), cells)
-    left = budget - on_host - (0 if device.own_memory else sum(banded.values()))
-    return Plan(banded, on_host + max(0, left), max(0, left))
+
+    def room_beside(on_host: int) -> int:
+        return device.memory_budget(budget) - device.taken - (0 if device.own_memory else on_host)
+
+    def banded(on_host: int, rows: int | None, exemplar_rows: int | None = None) -> Plan:
+        layout = needed(rows, cells, exemplar_rows)
+        left = max(0, budget - on_host - (0 if device.own_memory else sum(layout.values())))
+        return Plan(layout, on_host + left, left, exemplar_rows is None)
+
+    def rows_in(room: float, *exemplar_rows: int) -> int:
+        rows = _most(lambda n: size(n, cells, *exemplar_rows) - size(least, cells, *exemplar_rows) <= room, least)
+        return min(rows, recipe.height)
+
+    rows = rows_in(min((room_beside(on_host) - size(least, cells)) * ROWS_SHARE, BAND_BYTES))
+    plan = banded(on_host, rows)
+    with contextlib.suppress(DeviceError):
+        require_room(device, plan.layout, budget, "", on_host)
+        return plan
+
+    on_host = common + (_MASK_BYTES if masked else 1) * of_exemplar + _PIECES_TEMPORARIES
+    room, least_piece = room_beside(on_host), piece_halo(recipe.patch) + LEAST_ROWS
+    held: int | None = None
+    if size(None, cells, least_piece) + _FIELD_BYTES * pixels > room / 2:
+        held = rows_in(max(0, room - size(least, cells, least_piece)) / 2, least_piece)
+    else:
+        on_host += _FIELD_BYTES * pixels
+        room -= _FIELD_BYTES * pixels
+    pieces = _most(lambda n: size(held, cells, n) <= room, least_piece)
+    return banded(on_host, held, min(pieces, shape[0]))
 
 
 def _most(fits: Callable[[int], bool], least: int) -> int:
@@ -137,7 +173,7 @@ def grids_of(recipe: Recipe, geometries: list[Geometry], scales: list[float], co
 
 def layout(
     recipe: Recipe, geometries: list[Geometry], grids: list[Grids], constraints: Constraints,
-    rows: int | None = None, cell_rows: int | None = None,
+    rows: int | None = None, cell_rows: int | None = None, exemplar_rows: int | None = None,
 ) -> dict[str, int]:  # fmt: skip
     """Device memory that every level fits into, in bytes by name.
 
@@ -155,27 +191,30 @@ def layout(
         Of the finest level that are held; None: all.
     cell_rows : int or None
         As of `histograms.layout`.
+    exemplar_rows : int or None
+        Of the finest level's exemplar that are held; None: all.
     """
     finest, channels = geometries[-1], geometries[-1].channels
     held = finest.height if rows is None else rows
-    needed = finest.layout(rows) | ValueCounts.layout(channels)
+    counted = rows if exemplar_rows is None else halo(recipe.patch) + COUNTED_ROWS
+    needed = finest.layout(rows, exemplar_rows) | ValueCounts.layout(channels)
     if constraints.sigmas is not None:
         needed |= VaryingProjection.layout(finest.width, held, channels)
     if recipe.complete:
-        needed |= use_prices.layout(finest)
+        needed |= use_prices.layout(finest, exemplar_rows)
     if constraints.fixed is not None:
         needed |= {"fixed": 2 * channels * finest.width * held, "ease": finest.width * held}
     for geometry, (own, of_exemplar) in zip(geometries, grids, strict=True):
         at_once = geometry.height if rows is None else min(geometry.height, held * finest.width // geometry.width)
         uses = [(grid, at_once, number) for number, grid in enumerate(own)]
         if of_exemplar is not None:
-            least = of_exemplar.height if rows is None else min(of_exemplar.height, held)
+            least = of_exemplar.height if counted is None else min(of_exemplar.height, counted)
             uses.append((of_exemplar, least, 0))
         for grid, n, number in uses:
             for name, need in projection_layout(recipe.measure, grid, channels, n, cell_rows, number).items():
                 needed[name] = max(needed.get(name, 0), need)
     both = max(needed["image"], needed["target"])
     if recipe.contrast > 0:  # the exemplar is counted there
-        pixels = finest.exemplar_width * (finest.exemplar_height if rows is None else min(finest.exemplar_height, held))
+        pixels = finest.exemplar_width * min(finest.exemplar_height, counted or finest.exemplar_height)
         both = max(both, 2 * channels * pixels)
     return needed | {"image": both, "target": both}

@@ -22,7 +22,7 @@ from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..io.checkpoint import Checkpoint
-from ..io.row_store import RowStore
+from ..io.row_store import MadeRows, RowStore, SomeRows, empty_rows
 from ..opencl.buffers import Buffers, require_room
 from ..opencl.device import Device
 from ..opencl.rows import Rows
@@ -40,7 +40,8 @@ from .constraints import (
     first_level,
     octaves,
 )
-from .field import allowed_patches, only_allowed, random_field, upsample_field
+from .exemplar_rows import ExemplarRows
+from .field import Geometry, allowed_patches, bands_of, only_allowed, random_field, upsample_field, variance_of
 from .level_checkpoint import LevelCheckpoint
 from .level_rows import LevelRows, halo
 from .matcher import SEARCHES, Matcher
@@ -70,7 +71,7 @@ class Synthesis:
 
 def synthesize(
     device: Device,
-    exemplar: np.ndarray,
+    exemplar: SomeRows,
     allowed: np.ndarray | None,
     recipe: Recipe,
     budget: int,
@@ -86,7 +87,8 @@ def synthesize(
     ----------
     device : Device
     exemplar : (height, width, channels) float32
-        CIE Lab, and three more channels on its scale for each further map of the material.
+        CIE Lab, and three more channels on its scale for each further map of the material. Where it is no array, what
+        is as large does not come to memory either.
     allowed : (height, width) bool or None
         Pixels that may be used; None: all.
     recipe : Recipe
@@ -120,7 +122,8 @@ def synthesize(
     iteration, field, coarser, fixed = 0, None, None, constraints.fixed
     levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
     there = -1 if levels is None else levels.latest(geometries)
-    plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget)
+    masked = allowed is not None
+    plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget, masked)
     with Buffers(device, plan.layout, budget, _task(recipe, exemplar.shape), held=plan.on_host) as buffers:
         for level, (geometry, scale, passes_of_level) in enumerate(zip(geometries, scales, schedule, strict=True)):
             if level <= there:
@@ -130,8 +133,8 @@ def synthesize(
             if level < there:
                 continue
             e_size = geometry.exemplar_width, geometry.exemplar_height
-            image = to_grid(coarse_image(exemplar, allowed, *e_size), geometry.steps)
             usable = coarse_mask(allowed, *e_size)
+            image = grid_image(exemplar, allowed, geometry, plan.exemplar_whole)
             patches = allowed_patches(usable, geometry)
             weights = constraints.patch_weights(patches, geometry)
             rows = LevelRows(device, buffers, geometry, plan.stores)
@@ -149,8 +152,7 @@ def synthesize(
             else:
                 field = upsample_field(field, coarser, geometry, patches, recipe.seed, place)
             searches = SEARCHES if iteration == 0 or recipe.literal else FINE_SEARCHES
-            counted = image.reshape(-1, image.shape[2]) if usable is None else image[usable]
-            variance = float(counted.var(axis=0, dtype=np.float64).sum())
+            variance = variance_of(image, usable)
             prices = None
             if recipe.complete:
                 prices = UsePrices(device, buffers, geometry, image, patches, scale, variance, iteration == 0)
@@ -159,9 +161,10 @@ def synthesize(
                 own_scale = e_size[0] / exemplar.shape[1], e_size[1] / exemplar.shape[0]
                 target_scale = geometry.width / recipe.width, geometry.height / recipe.height
                 in_step = recipe.in_step.prices(own_scale, target_scale, geometry.patch, variance)
+            e_rows = ExemplarRows(device, buffers, geometry, image, patches, None if weights is None else 1 / weights)
             matcher = Matcher(
                 device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable,
-                None if weights is None else 1 / weights, prices, in_step, rows,
+                prices, in_step, rows, e_rows,
             )  # fmt: skip
             stays = None if fixed is None else fixed.image(exemplar, geometry)
             work = _Level(device, buffers, matcher, image, usable, recipe, scale, constraints, stays)
@@ -209,15 +212,14 @@ class _Level:
     """One pyramid level: the body of algorithm 1's inner loop."""
 
     def __init__(
-        self, device: Device, buffers: Buffers, matcher: Matcher, exemplar: np.ndarray, usable: np.ndarray | None,
+        self, device: Device, buffers: Buffers, matcher: Matcher, exemplar: SomeRows, usable: np.ndarray | None,
         recipe: Recipe, scale: float, constraints: Constraints = UNCONSTRAINED, fixed: np.ndarray | None = None,
     ):  # fmt: skip
         self._device, self._buffers, self._matcher, self._recipe = device, buffers, matcher, recipe
         self._free = None if fixed is None else fixed[..., 0] == OUTSIDE
         g = self._geometry = matcher.geometry
         self._usable = usable
-        values = self._counted(exemplar)
-        self._low, self._high = values.min(axis=0), values.max(axis=0)
+        self._low, self._high = _range_of(exemplar, usable)
         self._first = int(self._low.min())
         self._entries = int(self._high.max()) - self._first + 1
         if fixed is not None:  # what no patch can show would only push the others away
@@ -252,19 +254,23 @@ class _Level:
             recipe.literal,
         )  # fmt: skip
 
-    def _exemplar_counts(self, exemplar: np.ndarray, sigma: float | None) -> np.ndarray:
+    def _exemplar_counts(self, exemplar: SomeRows, sigma: float | None) -> np.ndarray:
         """The histogram that is aimed at: of the exemplar, projected where the recipe says so."""
-        g, b, seen = self._geometry, self._buffers, None
-        if self._usable is not None:
-            exemplar, seen = np.where(self._usable[..., None], exemplar, OUTSIDE), "image"
+        g, b, seen, usable, whole = self._geometry, self._buffers, None, self._usable, exemplar
+        if usable is not None:
+
+            def counted(first: int, last: int) -> np.ndarray:
+                return np.where(usable[first:last, :, None], whole[first:last], OUTSIDE)
+
+            exemplar, seen = MadeRows(whole.shape, np.int16, counted), "image"
         projection = None
         held = min(b["image"].size, b["target"].size) // (2 * g.channels * g.exemplar_width)
         if self._recipe.flat and sigma is not None:
             projection = self._projected(Domain(g.exemplar_width, g.exemplar_height), sigma)
             held = min(held, projection.held or held)
-        store = None if held >= g.exemplar_height else RowStore.of(exemplar)
+        store = None if held >= g.exemplar_height else exemplar
         if store is None:
-            self._device.write(b["image"], exemplar)  # which nothing has been voted into yet
+            self._device.write(b["image"], exemplar[:])  # which nothing has been voted into yet
         image = Rows(self._device, b, "image", g.exemplar_width, g.exemplar_height, False, store, held)
         if projection is None:
             return self._values_of(image, seen)
@@ -280,10 +286,6 @@ class _Level:
             image.load(top, bottom)
             counts += self._counts.of(image.name, (width, bottom - top), seen=seen)
         return counts
-
-    def _counted(self, exemplar: np.ndarray) -> np.ndarray:
-        """Its pixels that may be used, (n, 3)."""
-        return exemplar.reshape(-1, exemplar.shape[2]) if self._usable is None else exemplar[self._usable]
 
     def iterate(self, iteration: int, passes: int) -> None:
         """vote, matchHistogram, project, patchMatch: the source's own pixels have the last word (section 4.2)."""
@@ -333,6 +335,26 @@ class _Level:
             apply_table(self._device, self._buffers, "image", "target", (width, bottom - top), table, self._first)
             self._take_target(top, bottom)
             rows.image.save(top, bottom)
+
+
+def grid_image(exemplar: SomeRows, allowed: np.ndarray | None, geometry: Geometry, in_memory: bool) -> SomeRows:
+    """The exemplar on a level's grid: (exemplar_height, exemplar_width, channels) int16, an array if it is in memory."""
+    g, shape = geometry, (geometry.exemplar_height, geometry.exemplar_width, geometry.channels)
+    image = empty_rows(shape, np.int16, in_memory)
+    for band in bands_of(g.exemplar_height):
+        coarse = coarse_image(exemplar, allowed, g.exemplar_width, g.exemplar_height, band)
+        image[band] = to_grid(coarse, g.steps)
+    return image
+
+
+def _range_of(image: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the largest value of each channel, of pixels that may be used."""
+    limits = []
+    for band in bands_of(len(image)):
+        pixels = image[band].reshape(-1, image.shape[2]) if usable is None else image[band][usable[band]]
+        if len(pixels):
+            limits.append((pixels.min(axis=0), pixels.max(axis=0)))
+    return np.min([low for low, _ in limits], axis=0), np.max([high for _, high in limits], axis=0)
 
 
 def _task(recipe: Recipe, shape: tuple[int, ...]) -> str:

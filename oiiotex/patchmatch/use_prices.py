@@ -17,11 +17,12 @@ from typing import NamedTuple
 
 from ..core.source_map import SourceMap
 from ..deferred import np
+from ..io.row_store import SomeRows, empty_rows
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
-from .field import Geometry, box_sums
+from .exemplar_rows import REGION, Piece
+from .field import BAND, Geometry, bands_of, box_sums
 
-REGION = 32  # px at full size, a side of what is seen again
 KINDS = 16  # of patches, by their activity
 FLAT = 1 / 8  # of the mean activity of what is not flat: up to this patches are flat
 STEPS = 0.05, 1.5  # how fast a price of flatness moves, in patch variances for a share of all patches: least, greatest
@@ -29,7 +30,6 @@ SLACK = 0.02  # share of patches by which the tile may be flatter
 REPEATS = 2.5  # uses of a region that are free
 FAIR = 1.25  # the same, times its share of the target
 GROWTH = 1.0  # what one use more costs, in patch variances
-_BAND = 128  # rows worked on at a time
 _HANDED_ON = "kind_duals", "kind_steps"
 
 
@@ -51,9 +51,9 @@ class Lost(NamedTuple):
         return max(0.0, self.own - self.shown)
 
 
-def layout(geometry: Geometry) -> dict[str, int]:
-    """Device memory that it needs, in bytes by name."""
-    exemplar = geometry.exemplar_width * geometry.exemplar_height
+def layout(geometry: Geometry, exemplar_rows: int | None = None) -> dict[str, int]:
+    """Device memory that it needs, in bytes by name, of so many rows of the exemplar that are held, or all."""
+    exemplar = geometry.exemplar_width * (exemplar_rows or geometry.exemplar_height)
     small = dict.fromkeys(("kind_counts", "kind_most", "kind_duals", "kind_steps", "kind_prices"), 4 * KINDS)
     return {"kinds": exemplar, "region_sums": 4 * exemplar, **small}
 
@@ -69,7 +69,7 @@ def hand_on(device: Device, buffers: Buffers, prices: np.ndarray) -> None:
         device.write(buffers[name], values)
 
 
-def activity(image: np.ndarray, patch: int) -> np.ndarray:
+def activity(image: SomeRows, patch: int, in_memory: bool = True) -> SomeRows:
     """How active the least active quarter of every patch is: a patch on the edge of something flat is flat.
 
     By the whole patch that edge would be the most active of all, and tiles would fill with it.
@@ -77,9 +77,13 @@ def activity(image: np.ndarray, patch: int) -> np.ndarray:
     (height, width, channels) int16 -> (rows, columns) float32.
     """
     quarter = (patch + 1) // 2
-    of, beyond = deviation(image, quarter), patch - quarter
-    rows, columns = of.shape[0] - beyond, of.shape[1] - beyond
-    return np.minimum.reduce([of[y : y + rows, x : x + columns] for y in (0, beyond) for x in (0, beyond)])
+    beyond, rows, columns = patch - quarter, image.shape[0] - patch + 1, image.shape[1] - patch + 1
+    active = empty_rows((rows, columns), np.float32, in_memory)
+    for band in bands_of(rows):
+        of = deviation(image[band.start : band.stop + patch - 1], quarter)
+        corners = [(y, x) for y in (0, beyond) for x in (0, beyond)]
+        active[band] = np.minimum.reduce([of[y : len(of) - beyond + y, x : x + columns] for y, x in corners])
+    return active
 
 
 def deviation(image: np.ndarray, side: int) -> np.ndarray:
@@ -89,35 +93,76 @@ def deviation(image: np.ndarray, side: int) -> np.ndarray:
     """
     rows, columns, n = image.shape[0] - side + 1, image.shape[1] - side + 1, side * side
     deviations = np.empty((rows, columns), np.float32)
-    for top in range(0, rows, _BAND):  # bands keep the temporaries small
-        band = image[top : min(top + _BAND, rows) + side - 1].astype(np.int64)
+    for rows_of in bands_of(rows):  # bands keep the temporaries small
+        band = image[rows_of.start : rows_of.stop + side - 1].astype(np.int64)
         planes = (band[..., c] for c in range(image.shape[2]))
         squared = (n * box_sums(plane * plane, side) - box_sums(plane, side) ** 2 for plane in planes)
-        deviations[top : top + _BAND] = sum(squared)
+        deviations[rows_of] = sum(squared)
     return deviations
 
 
-def flat_bound(own: np.ndarray) -> np.float32:
-    """Up to which activity a patch is flat, among such: flat ones have no say in it."""
+def flat_bound(own: SomeRows, allowed: np.ndarray | None = None) -> np.float32:
+    """Up to which activity a patch is flat, among such, (rows, columns): flat ones have no say in it."""
     bound, before = np.float32(0), None
     while bound != before:  # it only rises
-        before = bound
-        rest = own[own > bound]
-        bound = np.float32(FLAT * rest.mean(dtype=np.float64)) if len(rest) else before
+        before, total, count = bound, 0.0, 0
+        for band in bands_of(len(own)):
+            rest = own[band] if allowed is None else own[band][allowed[band]]
+            rest = rest[rest > bound]
+            total, count = total + float(rest.sum(dtype=np.float64)), count + rest.size
+        bound = np.float32(FLAT * (total / count)) if count else before
     return bound
 
 
-def kinds_of(active: np.ndarray, allowed: np.ndarray) -> np.ndarray:
-    """Patches by activity, the flattest first, in `KINDS` kinds: uint8.
+def ranked(values: SomeRows, allowed: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """The values of which those shares, 0 to 1, of all that are allowed are no greater, without sorting them.
+
+    Parameters
+    ----------
+    values : (rows, columns) float32
+        None below 0: their bits are in the same order.
+    allowed : (rows, columns) bool
+    shares : (n,) float
+
+    Returns
+    -------
+    (n,) float32
+        As `np.quantile` has them by its method inverted_cdf.
+    """
+
+    high = np.zeros(1 << 16, np.int64)  # how many begin with 16 bits each
+    for band in bands_of(len(values)):
+        high += np.bincount(values[band][allowed[band]].view(np.uint32) >> 16, minlength=1 << 16)
+    high = high.cumsum()
+    rank = np.maximum(0, np.ceil(high[-1] * shares - 1)).astype(np.int64)
+    begin = np.searchsorted(high, rank, side="right")
+    low = {prefix: np.zeros(1 << 16, np.int64) for prefix in begin.tolist()}  # how those go on
+    looked_for = np.zeros(1 << 16, bool)
+    looked_for[begin] = True
+    for band in bands_of(len(values)):
+        bits = values[band][allowed[band]].view(np.uint32)
+        bits = bits[looked_for[bits >> 16]]
+        for prefix, counts in low.items():
+            counts += np.bincount(bits[bits >> 16 == prefix] & 0xFFFF, minlength=1 << 16)
+    below = np.where(begin > 0, high[begin - 1], 0)
+    rest = [low[n].cumsum().searchsorted(r, side="right") for n, r in zip(begin.tolist(), rank - below, strict=True)]
+    return (begin.astype(np.uint32) << 16 | np.array(rest, np.uint32)).view(np.float32)
+
+
+def kinds_of(active: SomeRows, allowed: np.ndarray, in_memory: bool = True) -> SomeRows:
+    """Patches by activity, the flattest first, in `KINDS` kinds: (rows, columns) uint8.
 
     They are as equal in number as ties allow, but that one of their bounds is that of flat ones.
     """
-    own = active[allowed]
-    bounds = np.quantile(own, np.arange(1, KINDS - 1) / (KINDS - 1), method="inverted_cdf")
-    return np.searchsorted(np.sort(np.append(bounds, flat_bound(own))), active, side="left").astype(np.uint8)
+    bounds = ranked(active, allowed, np.arange(1, KINDS - 1) / (KINDS - 1))
+    bounds = np.sort(np.append(bounds, flat_bound(active, allowed)))
+    kinds = empty_rows(active.shape, np.uint8, in_memory)
+    for band in bands_of(len(active)):
+        kinds[band] = np.searchsorted(bounds, active[band], side="left")
+    return kinds
 
 
-def lost_texture(source: SourceMap, exemplar: np.ndarray, allowed: np.ndarray, geometry: Geometry) -> Lost:
+def lost_texture(source: SourceMap, exemplar: SomeRows, allowed: np.ndarray, geometry: Geometry) -> Lost:
     """What a tile lacks.
 
     Parameters
@@ -129,20 +174,23 @@ def lost_texture(source: SourceMap, exemplar: np.ndarray, allowed: np.ndarray, g
     geometry : Geometry
     """
     side = geometry.patch
-    own = deviation(exemplar, side)[allowed]
-    flat = flat_bound(own)
+    own = empty_rows(allowed.shape, np.float32, isinstance(exemplar, np.ndarray))
+    for band in bands_of(len(own)):
+        own[band] = deviation(exemplar[band.start : band.stop + side - 1], side)
+    flat = flat_bound(own, allowed)
+    above = sum(int(np.count_nonzero(own[band][allowed[band]] > flat)) for band in bands_of(len(own)))
     down, right = (0 if wraps else side - 1 for wraps in (geometry.wrap_y, geometry.wrap_x))
     height, width = source.packed.shape
     textured = 0
-    for top in range(0, height - down, _BAND):
-        bottom = min(top + _BAND, height - down) + side - 1
+    for top in range(0, height - down, BAND):
+        bottom = min(top + BAND, height - down) + side - 1
         rows = source[top : min(bottom, height)].packed
         if bottom > height:
             rows = np.concatenate([rows, source[: bottom - height].packed])
         if not right:
             rows = np.pad(rows, ((0, 0), (0, side - 1)), mode="wrap")
         textured += int(np.count_nonzero(deviation(SourceMap(rows).gather(exemplar), side) > flat))
-    return Lost(float((own > flat).mean()), textured / ((height - down) * (width - right)))
+    return Lost(above / np.count_nonzero(allowed), textured / ((height - down) * (width - right)))
 
 
 class UsePrices:
@@ -155,6 +203,7 @@ class UsePrices:
         At least `layout()`; the prices of constraints go from one level to the next in them.
     geometry : Geometry
     exemplar : (exemplar_height, exemplar_width, channels) int16
+        Where it is no array, what is as large does not come to memory either.
     allowed : (exemplar_rows, exemplar_columns) bool
     scale : float
         Of the level.
@@ -162,18 +211,24 @@ class UsePrices:
         Of the exemplar's pixels, summed over channels, in squared grid steps.
     first : bool
         There is no coarser level.
+
+    Attributes
+    ----------
+    kinds : (exemplar_rows, exemplar_columns) uint8
+        Of patches, which buffer `kinds` holds.
     """
 
     def __init__(
-        self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: np.ndarray, allowed: np.ndarray,
+        self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: SomeRows, allowed: np.ndarray,
         scale: float, variance: float, first: bool,
     ):  # fmt: skip
         self._device, self._buffers, self._geometry = device, buffers, g = device, buffers, geometry
         self._run = device.program("use_prices")
-        kinds = kinds_of(activity(exemplar, g.patch), allowed)
+        in_memory = isinstance(exemplar, np.ndarray)
+        kinds = self.kinds = kinds_of(activity(exemplar, g.patch, in_memory), allowed, in_memory)
         patches = g.columns * g.rows
-        share = np.bincount(kinds[allowed], minlength=KINDS).cumsum() / np.count_nonzero(allowed)
-        device.write(buffers["kinds"], kinds)
+        counts = sum(np.bincount(kinds[band][allowed[band]], minlength=KINDS) for band in bands_of(len(kinds)))
+        share = counts.cumsum() / np.count_nonzero(allowed)
         device.write(buffers["kind_most"], np.floor(patches * np.minimum(1.0, share + SLACK)).astype(np.int32))
         unit = g.patch**2 * variance
         *self._steps, self._growth = (min(int(unit * k), 100_000_000) for k in (*STEPS, GROWTH))
@@ -188,21 +243,31 @@ class UsePrices:
         """Nothing of the present field is counted."""
         self._device.fill(self._buffers["kind_counts"], np.int32(0), KINDS)
 
-    def count(self, rows: int) -> None:
-        """Count the first rows of buffer `field`."""
+    def count(self, rows: int, piece: Piece) -> None:
+        """Count the first rows of buffer `field`, where it names patches of the piece."""
         g, b, field = self._geometry, self._buffers, (self._geometry.columns, rows)
-        self._run("count", field, b["field"], b["kinds"], b["kind_counts"], *field, g.exemplar_columns)
+        self._run("count", field, b["field"], b["kinds"], b["kind_counts"], *field, g.exemplar_columns, *piece)
 
-    def add(self) -> None:
-        """Add to buffer `penalty` what the present field, of which `count` has seen all, makes dear."""
-        g, b = self._geometry, self._buffers
-        patches, size = g.columns * g.rows, (g.exemplar_columns, g.exemplar_rows)
+    def ascend(self) -> None:
+        """The prices of what is flat follow from the present field, of which `count` has seen all."""
+        b, patches = self._buffers, self._geometry.columns * self._geometry.rows
         self._run(
             "ascend", (1,), b["kind_counts"], b["kind_most"], b["kind_duals"], b["kind_steps"], b["kind_prices"], KINDS,
             patches, *self._steps,
         )  # fmt: skip
-        self._run("rows", size, b["count"], b["region_sums"], *size, self._side)
+
+    def around(self, piece: Piece) -> Piece:
+        """The patches whose uses the prices of a piece hang on: those of regions, which are pushed inside."""
+        rows = self._geometry.exemplar_rows
+        first, last = (max(0, min(at - self._side // 2, rows - self._side)) for at in (piece[0], piece[1] - 1))
+        return first, min(rows, last + self._side)
+
+    def add(self, piece: Piece, counted: Piece) -> None:
+        """Add to buffer `penalty` of a piece what the present field makes dear; `counted` are patches of `count`."""
+        g, b, width = self._geometry, self._buffers, self._geometry.exemplar_columns
+        held = width, counted[1] - counted[0]
+        self._run("rows", held, b["count"], b["region_sums"], *held, self._side)
         self._run(
-            "add", size, b["region_sums"], b["kinds"], b["kind_prices"], b["penalty"], *size,
-            self._side, self._most, self._growth,
+            "add", (width, piece[1] - piece[0]), b["region_sums"], b["kinds"], b["kind_prices"], b["penalty"],
+            width, g.exemplar_rows, *piece, counted[0], self._side, self._most, self._growth,
         )  # fmt: skip

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The planes of a level's exemplar: they lie in the device's buffers, or pass through them in pieces of rows.
+
+A pass looks at one piece after another and at those matches alone whose patches begin in it. What is kept hangs on no
+order of pieces (cl/patchmatch.cl), so the bits are the same for any height of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ..deferred import np
+from ..io.row_store import AT_ONCE, MadeRows, RowStore, SomeRows
+from ..opencl.buffers import Buffers
+from ..opencl.device import Device
+from ..opencl.rows import Rows
+from .field import Geometry
+
+Piece = tuple[int, int]
+"""Patches of the exemplar, by the rows that they begin in: from, to."""
+
+REGION = 32  # px at full size, a side of what is seen again (use_prices.py)
+
+
+def piece_halo(patch: int) -> int:
+    """Rows more than those of a piece that buffers hold: penalties hang on what is used around them."""
+    return 2 * max(patch - 1, REGION)
+
+
+class ExemplarRows:
+    """The exemplar and the prices of its patches on one level.
+
+    Parameters
+    ----------
+    device : Device
+    buffers : Buffers
+        `Geometry.layout()`; a level with no more rows than they take is held whole.
+    geometry : Geometry
+    image : (exemplar_height, exemplar_width, channels) int16
+    allowed : (exemplar_rows, exemplar_columns) bool
+        Patches that may be matched.
+    price : (exemplar_rows, exemplar_columns) float32 or None
+        What the use of a patch costs beside that of others; None: 1 for all.
+    """
+
+    def __init__(
+        self, device: Device, buffers: Buffers, geometry: Geometry, image: SomeRows, allowed: np.ndarray,
+        price: SomeRows | None = None,
+    ):  # fmt: skip
+        g = self._geometry = geometry
+        self._device, self._buffers = device, buffers
+        held = buffers["exemplar"].size // (2 * g.channels * g.exemplar_width)
+        held = min(held, buffers["penalty"].size // (4 * g.exemplar_width))
+        self.whole = held >= g.exemplar_height
+        self._most = g.exemplar_rows if self.whole else held - piece_halo(g.patch)
+        self._at: Piece | None = None
+        self._loaded: dict[str, Piece] = {}
+        self._rows: dict[str, Rows] = {}
+        self.plane("exemplar", image)
+
+        def priced(first: int, last: int) -> np.ndarray:
+            rows = slice(first, last)
+            return np.where(allowed[rows], np.float32(1) if price is None else price[rows], np.float32(-1))
+
+        self.plane("price", MadeRows(allowed.shape, np.float32, priced))
+        self._plane("penalty", None if self.whole else RowStore(allowed.shape, np.int32, in_memory=False))
+
+    def plane(self, name: str, values: SomeRows) -> None:
+        """Have rows pass through the buffer of that name."""
+        self._plane(name, None if self.whole else values)
+        if self.whole:
+            row = int(np.prod(values.shape[1:])) * values.dtype.itemsize
+            step = max(1, AT_ONCE // row)
+            for first in range(0, len(values), step):
+                self._device.write(self._buffers[name], values[first : first + step], first * row)
+
+    def _plane(self, name: str, store: SomeRows | None) -> Rows:
+        g = self._geometry
+        width, height = g.exemplar_columns, g.exemplar_rows
+        if name == "exemplar":
+            width, height = g.exemplar_width, g.exemplar_height
+        self._rows[name] = Rows(self._device, self._buffers, name, width, height, False, store, self._most)
+        return self._rows[name]
+
+    @property
+    def count(self) -> int:
+        """Of pieces."""
+        return -(-self._geometry.exemplar_rows // self._most)
+
+    def pieces(self, *names: str) -> Iterator[Piece]:
+        """One after another, while planes of those names hold what they need of it."""
+        rows, step = self._geometry.exemplar_rows, self._most
+        pieces = [(first, min(first + step, rows)) for first in range(0, rows, step)]
+        if pieces[-1] == self._at:  # it lies there from the last time
+            pieces.reverse()
+        for piece in pieces:
+            for name in names:
+                self._load(name, piece)
+            self._at = piece
+            yield piece
+
+    def _load(self, name: str, piece: Piece) -> None:
+        if not self.whole and self._loaded.get(name) != piece:
+            first, last = piece
+            self._rows[name].load(first, last + (self._geometry.patch - 1 if name == "exemplar" else 0))
+            self._loaded[name] = piece
+
+    def keep_penalty(self, piece: Piece) -> None:
+        """What buffer `penalty` holds is that of a piece."""
+        if not self.whole:
+            first, last = piece
+            step = max(1, AT_ONCE // (4 * self._geometry.exemplar_columns))
+            for top in range(first, last, step):
+                self._rows["penalty"].save(top, min(top + step, last), first)
+            self._loaded["penalty"] = piece
