@@ -90,11 +90,11 @@ def made(
     for module in (exemplar_rows, use_prices):  # else halos are as high as levels
         monkeypatch.setattr(module, "REGION", 5)
 
-    def planned(device, exemplar, recipe, geometries, scales, constraints, budget, masked):
+    def planned(device, exemplar, recipe, geometries, scales, constraints, budget, held):
         grids = memory.grids_of(recipe, geometries, scales, constraints)
-        held = None if rows is None else rows + halo(recipe.patch)
+        most = None if rows is None else rows + halo(recipe.patch)
         piece = None if e_rows is None else e_rows + piece_halo(recipe.patch)
-        layout = memory.layout(recipe, geometries, grids, constraints, held, cell_rows, piece)
+        layout = memory.layout(recipe, geometries, grids, constraints, most, cell_rows, piece)
         return memory.Plan(layout, 0, stores, piece is None)
 
     monkeypatch.setattr(optimization, "plan_memory", planned)

@@ -16,6 +16,7 @@ from ..core.op import Space
 from ..core.window import Window
 from ..deferred import np
 from ..errors import BrokenValues
+from ..io.row_store import RowStore, empty_rows
 from ..scan import scan
 from ..session import Session
 from .config import as_float, colour_space
@@ -232,13 +233,15 @@ def _scaled(plain: Lens, part: Part, session: Session) -> Lens:
     return replace(plain, low=low, scale=100.0 / max(high - low, 1e-12))
 
 
-def working_values(image: Image, session: Session, space: Space = Space.LAB) -> tuple[np.ndarray, np.ndarray | None]:
-    """The image's first part as an op that works in `space` sees it, held whole.
+def working_values(
+    image: Image, session: Session, space: Space = Space.LAB, in_memory: bool = True
+) -> tuple[np.ndarray | RowStore, np.ndarray | None]:
+    """The image's first part as an op that works in `space` sees it, whole.
 
     Returns
     -------
     values : (height, width, 3) float32
-        Lab (L 0 to 100 for diffuse white, a, b), or data scaled to 0 .. 100.
+        Lab (L 0 to 100 for diffuse white, a, b), or data scaled to 0 .. 100; an array where it is held in memory.
     opaque : (height, width) bool or None
         Where alpha is not 0; None: everywhere.
 
@@ -248,12 +251,12 @@ def working_values(image: Image, session: Session, space: Space = Space.LAB) -> 
         As by `lens_of`; NaN or Inf in colour or alpha.
     """
     part, lens = image.first, lens_of(image, session, space)
-    values = np.empty((part.spec.height, part.spec.width, 3), np.float32)
+    values = empty_rows((part.spec.height, part.spec.width, 3), np.float32, in_memory)
     opaque = np.ones(values.shape[:2], bool)
 
     def keep(piece: Window, seen: tuple[np.ndarray, np.ndarray | None]) -> None:
         at = piece.inside(part.window)
-        values[at] = seen[0][..., :3]
+        values[at[0]] = seen[0][..., :3]
         if seen[1] is not None:
             opaque[at] = seen[1]
 

@@ -11,11 +11,14 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
 from .window import Window
+
+if TYPE_CHECKING:
+    from .rows import SomeRows
 
 _RESIZED_BYTES = 16 << 20  # of the rows that are resized at once
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
@@ -336,13 +339,12 @@ def tagged(image: Image, name: str, value: str) -> Image:
     return Image((first, *image.parts[1:]), image.source)
 
 
-def resized(pixels: np.ndarray, width: int, height: int, rows: slice | None = None) -> np.ndarray:
+def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None) -> np.ndarray:
     """An image through a triangle filter as wide as the reduction asks for, or some rows of that.
 
     Parameters
     ----------
     pixels : (h, w, c) float32
-        An array, or what gives rows of one for a slice.
     width, height : int
     rows : slice, optional
         With a start and a stop.

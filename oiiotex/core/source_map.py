@@ -12,6 +12,7 @@ from ..deferred import np, oiio
 from ..errors import ImageError
 from .image import Part, derived_spec, spec_beside
 from .op import Kind, Output
+from .rows import SomeRows, rows_of
 from .window import Window
 
 COPIED = "pixels copied from the photo, all channels together, in its own colour space and type"
@@ -81,8 +82,8 @@ class SourceMap:
         y += x
         return y
 
-    def gather(self, pixels: np.ndarray) -> np.ndarray:
-        """What an exemplar, (h, w) or (h, w, channels), has there: an array, or what gives rows of one for a slice."""
+    def gather(self, pixels: SomeRows) -> np.ndarray:
+        """What an exemplar, (h, w) or (h, w, channels), has there."""
         if isinstance(pixels, np.ndarray):
             return np.take(pixels.reshape(-1, *pixels.shape[2:]), self.flat(pixels.shape[1]), 0)
         y, x = (each.ravel() for each in self.yx)
@@ -107,7 +108,9 @@ class SourceMap:
         t = ((y + corner[1] + 0.5) / factor + spec.y - spec.full_y) / spec.full_height
         return np.stack([s, t], axis=-1).astype(np.float32)
 
-    def parts(self, name: str, exemplar: Part, tiling: str = "none", in_place: bool = False) -> dict[str, Part]:
+    def parts(
+        self, name: str, exemplar: Part, tiling: str = "none", in_place: bool = False, by_rows: bool = False
+    ) -> dict[str, Part]:
         """As `Sources.parts`, of a result as a whole.
 
         Parameters
@@ -119,10 +122,13 @@ class SourceMap:
             Axes along which the result goes on in itself: x, y, xy or none.
         in_place : bool
             It is as large as the exemplar and keeps its windows; else it lies at the origin.
+        by_rows : bool
+            The exemplar does not lie in memory: it is read by rows, again for every window of the result.
         """
         spec = tile_spec(exemplar.spec, tiling, None if in_place else self.packed.shape[::-1])
         whole = Window.data(spec)
-        return Sources(lambda window: self[window.inside(whole)], spec, ready=True).parts(name, exemplar)
+        sources = Sources(lambda window: self[window.inside(whole)], spec, ready=True, by_rows=by_rows)
+        return sources.parts(name, exemplar)
 
 
 @dataclass(frozen=True)
@@ -133,6 +139,7 @@ class Sources:
     spec: oiio.ImageSpec
     spread: Callable[..., Iterable[np.ndarray]] = map
     ready: bool = False  # reading costs nothing
+    by_rows: bool = False  # exemplars do not lie in memory
 
     def parts(self, name: str, exemplar: Part) -> dict[str, Part]:
         """An op's image of that name, copied from its exemplar, and 'st'."""
@@ -145,6 +152,9 @@ class Sources:
 
     def copied(self, part: Part, spec: oiio.ImageSpec) -> Part:
         """The pixels of a part, which are held, where they come to lie; as a part with that spec."""
+        if self.by_rows:
+            rows = rows_of(part)
+            return Part(part.name, spec, lambda window: self.read(window).gather(rows), part.stored, exact=part.exact)
         pixels = np.ascontiguousarray(part.pixels())
 
         def fetch(window: Window) -> np.ndarray:

@@ -8,7 +8,9 @@ from collections.abc import Callable
 
 from ..color.config import as_float
 from ..core.image import Part, resized
+from ..core.rows import MadeRows, rows_of
 from ..core.source_map import SourceMap
+from ..deferred import np
 from ..session import Session
 
 
@@ -24,5 +26,7 @@ def coarse_looks(photo: Part, session: Session) -> Callable[[SourceMap, tuple[in
     look = session.look
     if look is None:
         return None
-    reduced = functools.lru_cache(1)(functools.partial(resized, as_float(photo.pixels())))
+    rows = rows_of(photo)
+    values = MadeRows(rows.shape, np.float32, lambda first, last: as_float(rows[first:last]))
+    reduced = functools.lru_cache(1)(functools.partial(resized, values))
     return lambda source, size: look(source.gather(reduced(*size)), False)

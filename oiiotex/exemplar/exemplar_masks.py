@@ -80,10 +80,11 @@ def laid_over(part: Part, exemplar: Image, name: str) -> Part:
 
 def mask_pixels(part: Part) -> np.ndarray:
     """A mask as (height, width) bool."""
-    channel = channels_of(part.spec).colour[0]
-    values = np.concatenate([part.read(window)[..., channel] for window in bands(part)])
-    ids = part.exact or values.dtype == np.uint32
-    return values != 0 if ids else as_float(values) > 0.5
+    channel, inside = channels_of(part.spec).colour[0], []
+    for window in bands(part):
+        values = part.read(window)[..., channel]
+        inside.append(values != 0 if part.exact or values.dtype == np.uint32 else as_float(values) > 0.5)
+    return np.concatenate(inside)
 
 
 def both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:

@@ -15,6 +15,7 @@ from ..core.image import Image
 from ..core.label_map import label_maps
 from ..core.op import Op, Space
 from ..core.parameters import image, param
+from ..core.rows import SomeRows, first_channels
 from ..core.source_map import STMAP
 from ..deferred import np
 from ..errors import ImageError, ParameterError
@@ -40,7 +41,8 @@ class ExemplarPixels:
     Attributes
     ----------
     values : (height, width, channels) float32
-        Lab, or data scaled to 0 .. 100; further channels are those of further maps.
+        Lab, or data scaled to 0 .. 100; further channels are those of further maps. Rows of a `PatchSynthesis` may lie
+        in a file, all others are an array.
     opaque : (height, width) bool or None
         Where it shows something; None: everywhere.
     usable : (height, width) bool or None
@@ -49,7 +51,7 @@ class ExemplarPixels:
         What the pixels are that may not be taken, for messages.
     """
 
-    values: np.ndarray
+    values: SomeRows
     opaque: np.ndarray | None
     usable: np.ndarray | None
     why: str
@@ -59,7 +61,7 @@ class ExemplarPixels:
         usable = None if self.usable is None else hash_of(self.usable)
         return session.resources.remembered(
             (find, id(self.values), usable),
-            lambda: find(flag, self.values[..., :3], self.usable, *more),
+            lambda: find(flag, first_channels(self.values, 3), self.usable, *more),
             self.values,
         )
 
@@ -99,7 +101,7 @@ class LabelledExemplar(Op):
         why += [] if allowed is None else ["pixels outside the mask or label"]
         return ExemplarPixels(values, opaque, both(opaque, allowed), " and of ".join(why))
 
-    def seen(self, session: Session) -> tuple[np.ndarray, np.ndarray | None]:
+    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
         """Values of the exemplar, and where it is opaque."""
         return working_values(self.exemplar, session, self.working_space)
 

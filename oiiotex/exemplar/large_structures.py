@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from ..color.lab_grid import FINE_STEPS
 from ..color.lab_reduced import LabPixels
+from ..core.rows import SomeRows
 from ..deferred import np
 from ..patchmatch.constraints import coarse_image, coarse_mask
 from ..patchmatch.use_prices import deviation, flat_bound
@@ -54,7 +55,7 @@ class MainTexture:
     deviation: float
 
 
-def main_texture(lab: np.ndarray, usable: np.ndarray | None, session: Session) -> MainTexture | None:
+def main_texture(lab: SomeRows, usable: np.ndarray | None, session: Session) -> MainTexture | None:
     """The texture that structures lie beside; None where the photo is all texture.
 
     It is the dominant texture of LDR09, but only where heat has a valley around it, for a gradient of light or a stain
@@ -89,7 +90,7 @@ def main_texture(lab: np.ndarray, usable: np.ndarray | None, session: Session) -
     return MainTexture(fmean(look.share for look in looks), fmean(look.deviation for look in looks))
 
 
-def fitting_contrast(flag: str, lab: np.ndarray, usable: np.ndarray | None, session: Session) -> float:
+def fitting_contrast(flag: str, lab: SomeRows, usable: np.ndarray | None, session: Session) -> float:
     """How strongly to hold the histogram of a photo, 0 to 1, logged for op `flag`.
 
     Parameters
@@ -111,7 +112,7 @@ def fitting_contrast(flag: str, lab: np.ndarray, usable: np.ndarray | None, sess
     return 0.0
 
 
-def _reduced(lab: np.ndarray, usable: np.ndarray | None) -> LabPixels:
+def _reduced(lab: SomeRows, usable: np.ndarray | None) -> LabPixels:
     """The photo at `SIDE` px, on the grid of Lab; smaller ones as they are."""
     scale = min(1.0, SIDE / max(lab.shape[:2]))
     height, width = (max(1, round(n * scale)) for n in lab.shape[:2])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ..core.image import Image
 from ..core.parameters import Numbers, Words, image, param
+from ..core.rows import SomeRows
 from ..deferred import np
 from ..errors import ParameterError
 from ..session import Session
@@ -24,9 +25,14 @@ class MaterialOp(ExemplarOp):
     kinds: Words | None = param(None, help=KINDS_HELP)
     match: Numbers | None = param(None, ge=0, help=MATCH_HELP)
 
-    def seen(self, session: Session) -> tuple[np.ndarray, np.ndarray | None]:
+    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
         """All maps of the material together."""
-        return read_material(self.all_maps(), self.kinds, self.match, self.data, session)
+        held = self.holds_photo(session)
+        return read_material(self.all_maps(), self.kinds, self.match, self.data, session, held)
+
+    def holds_photo(self, session: Session) -> bool:
+        """Whether the values of all maps lie in memory, and not in a file."""
+        return True
 
     def all_maps(self) -> tuple[Image, ...]:
         """The exemplar and the others; raises ParameterError where they are not as many as n says."""

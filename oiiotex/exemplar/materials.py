@@ -10,8 +10,10 @@ from ..color.lab import working_values
 from ..core.image import Image, channels_of
 from ..core.op import Space
 from ..core.parameters import Numbers, Words
+from ..core.rows import SomeRows, first_channels
 from ..deferred import np
 from ..errors import ImageError, ParameterError
+from ..io.row_store import AT_ONCE, empty_rows
 from ..session import Session
 from .exemplar_masks import both
 
@@ -30,12 +32,14 @@ MATCH_HELP = (
 # fit as well as without it up to there (tests/test_heights.py)
 _HEIGHT_WEIGHT = 0.25
 _SHORTEST = 0.05  # length of a normal: less is the rounding of none at all
+_NORMAL_BYTES = 80  # of a pixel of normals, while they are read
 _MOST_CHANNELS = 32  # values of a pixel that are compared
 
 
 def read_material(
-    maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, session: Session
-) -> tuple[np.ndarray, np.ndarray | None]:
+    maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, session: Session,
+    in_memory: bool = True,
+) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
     """The maps in a synthesis' working space.
 
     Colour is seen in CIE Lab. Data, heights among them, are never colour-managed: their range becomes 0 .. 100.
@@ -53,6 +57,8 @@ def read_material(
     data : bool
         The first map is no colour; counts where `kinds` is None.
     session : Session
+    in_memory : bool
+        The values are an array; else rows that lie in a file.
 
     Returns
     -------
@@ -70,30 +76,45 @@ def read_material(
     """
     parts = tuple(image.first for image in maps)
     how = tuple(kinds_of(kinds, len(maps), data)), match
-    key = ("material", *map(id, parts), *how)
-    return session.resources.remembered(key, lambda: _read(maps, *how, session), parts)
+    key = ("material", *map(id, parts), *how, in_memory)
+    return session.resources.remembered(key, lambda: _read(maps, *how, session, in_memory), parts)
 
 
 def _read(
-    maps: tuple[Image, ...], named: tuple[str, ...], match: Numbers | None, session: Session
-) -> tuple[np.ndarray, np.ndarray | None]:
+    maps: tuple[Image, ...], named: tuple[str, ...], match: Numbers | None, session: Session, in_memory: bool
+) -> tuple[SomeRows, np.ndarray | None]:
     weights = _weights(match, named)
     _require_alike(maps)
     layers, opaque = [], None
     for image, kind, weight in zip(maps, named, weights, strict=True):
         if weight == 0:
             continue
-        values, seen = _normals(image) if kind == "normal" else _values(image, kind == "colour", session)
-        layers.append(values if weight == 1 else values * np.float32(np.sqrt(weight)))
+        if kind == "normal":
+            if not in_memory:
+                spec = image.first.spec
+                session.require(_NORMAL_BYTES * spec.width * spec.height, f"the normals of {image.source}")
+            values, seen = _normals(image)
+        else:
+            values, seen = _values(image, kind == "colour", session, in_memory)
+        layers.append((values, np.float32(np.sqrt(weight))))
         opaque = both(opaque, seen)
-    values = layers[0] if len(layers) == 1 else np.concatenate(layers, axis=-1)
-    if values.shape[2] < 3:  # reports look at three
-        values = np.concatenate([values, np.zeros((*values.shape[:2], 3 - values.shape[2]), np.float32)], axis=-1)
-    if values.shape[2] > _MOST_CHANNELS:
+    count = sum(layer.shape[2] for layer, _ in layers)
+    if count > _MOST_CHANNELS:
         raise ParameterError(
-            f"the maps have {values.shape[2]} channels to compare, at most {_MOST_CHANNELS} are allowed:"
+            f"the maps have {count} channels to compare, at most {_MOST_CHANNELS} are allowed:"
             " match= with 0 leaves a map out"
         )
+    if len(layers) == 1 and count >= 3 and layers[0][1] == 1:
+        return layers[0][0], opaque
+    height, width = layers[0][0].shape[:2]
+    values = empty_rows((height, width, max(3, count)), np.float32, in_memory)  # reports look at three
+    step = max(1, AT_ONCE // (4 * values.shape[2] * width))
+    for top in range(0, height, step):
+        rows = slice(top, min(top + step, height))
+        seen = [layer[rows] if weight == 1 else layer[rows] * weight for layer, weight in layers]
+        if count < 3:
+            seen.append(np.zeros((*seen[0].shape[:2], 3 - count), np.float32))
+        values[rows] = np.concatenate(seen, axis=-1)
     return values, opaque
 
 
@@ -135,11 +156,13 @@ def _windows(image: Image) -> str:
     return text
 
 
-def _values(image: Image, colour: bool, session: Session) -> tuple[np.ndarray, np.ndarray | None]:
+def _values(
+    image: Image, colour: bool, session: Session, in_memory: bool
+) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
     """Lab or scaled data, without the copies that gray data come in."""
-    values, opaque = working_values(image, session, Space.LAB if colour else Space.DATA)
+    values, opaque = working_values(image, session, Space.LAB if colour else Space.DATA, in_memory)
     count = 3 if colour else len(channels_of(image.first.spec).colour)
-    return values[..., :count], opaque
+    return first_channels(values, count), opaque
 
 
 def _normals(image: Image) -> tuple[np.ndarray, np.ndarray | None]:

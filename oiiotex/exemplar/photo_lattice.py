@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from ..core.op import Op
 from ..core.parameters import Size, param
+from ..core.rows import SomeRows
 from ..core.window import Domain
 from ..deferred import np
 from ..patchmatch.field import hash_at
@@ -25,7 +26,7 @@ STRUCTURE = (
 STRETCHED = 0.02  # of a period: it is seen
 
 
-def photo_lattice(flag: str, lab: np.ndarray, usable: np.ndarray | None) -> Lattice | None:
+def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattice | None:
     """The photo's lattice, logged for op `flag`; None where it has none.
 
     Parameters

@@ -12,9 +12,11 @@ from typing import ClassVar
 from ..color.config import as_float
 from ..core.access import InBands
 from ..core.attributes import mark_as_data
+from ..core.demand import materialized
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, image, param
+from ..core.rows import first_channels
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
@@ -27,6 +29,7 @@ from ..exemplar.materials import kinds_of
 from ..exemplar.photo_lattice import fitting_size, least_size, photo_lattice
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
+from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
@@ -38,6 +41,7 @@ from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality, regularit
 log = logging.getLogger("oiiotex")
 
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 11
+_LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
 _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {PATCH} when left out"
 
 
@@ -108,7 +112,7 @@ class PatchSynthesis(MaterialOp, InBands):
         """The tile, and where its pixels come from; of several maps and variants one such mapping each."""
         maps, size, quality = self.planned(session)
         with session.stats.time("read and colour"):
-            parts = [from_pixels(p.name, p.pixels(), p.spec, p.stored) for p in (image.first for image in maps)]
+            parts = [self._in_any_order(image.first, session) for image in maps]
             marked = None if self.within is None else marked_pixels(self.within, self.exemplar)
             weight = None if self.weight is None else weights_of(self.weight, self.exemplar)
         seen = self.read(session, None if marked is None else ~marked, None if weight is None else weight > 0)
@@ -127,7 +131,7 @@ class PatchSynthesis(MaterialOp, InBands):
             recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
             steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
             quality = replace(quality, cycles=tuple(map(float, np.abs(wanted).max(0))), lattice=steps)
-        budget = session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
+        budget = self._budget(session)
         look = coarse_looks(parts[0], session) if marked is None and self.variants == 1 else None
 
         def run(
@@ -144,7 +148,10 @@ class PatchSynthesis(MaterialOp, InBands):
         quality = replace(
             quality, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure, order=recipe.order
         )
-        lab = np.ascontiguousarray(seen.values[..., :3])
+
+        def lab() -> np.ndarray:
+            return np.ascontiguousarray(first_channels(seen.values, 3)[:])
+
         if self.variants > 1:
             return self._variants(parts, recipe, constraints, run, session, quality, lab)
         if marked is not None:
@@ -156,19 +163,36 @@ class PatchSynthesis(MaterialOp, InBands):
             source, lost = synthesis.source, synthesis.lost
         session.device.collect(session.stats)
         self.say_what_stays()
-        tiles = self._tiles(parts, source, in_place=marked is not None)
+        tiles = self._tiles(parts, source, session, in_place=marked is not None)
         first, *others = self._with_heights(tiles, source, None if marked is None else ~marked, session)
         if session.look is not None:
             session.look(as_float(first["tile"].pixels()), True)
         more = {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
         if recipe.in_step is not None and quality.is_asked_for:
-            more |= regularity_of(lab, source, recipe)
+            more |= regularity_of(lab(), source, recipe)
 
         def looked_at() -> tuple[np.ndarray, list[Look]]:
-            return lab, [Look.of_copies(first["tile"].name, lab, source)]
+            photo = lab()
+            return photo, [Look.of_copies(first["tile"].name, photo, source)]
 
         first = quality.add_to(first, looked_at, **more)
         return (first, *others) if others else first
+
+    def holds_photo(self, session: Session) -> bool:
+        """Whether the photo lies in memory: what needs more than the budget with it is read by rows."""
+        spec = self.exemplar.first.spec
+        return _LAB_BYTES * self.n * spec.width * spec.height <= session.budget * _LAB_SHARE
+
+    def _in_any_order(self, part: Part, session: Session) -> Part:
+        """The same pixels, decoded: in memory where the photo lies there."""
+        if self.holds_photo(session):
+            return from_pixels(part.name, part.pixels(), part.spec, part.stored)
+        return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
+
+    def _budget(self, session: Session) -> int:
+        """What is left beside the maps' own pixels."""
+        parts = [one.first for one in (self.exemplar, *self.maps)] if self.holds_photo(session) else []
+        return session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
 
     def planned(self, session: Session) -> tuple[tuple[Image, ...], Size, Quality]:
         """All maps, the size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
@@ -187,12 +211,14 @@ class PatchSynthesis(MaterialOp, InBands):
         """How much of the photo's lattice the result keeps, 0 to 1."""
         return 0.0
 
-    def _tiles(self, maps: list[Part], source: SourceMap, in_place: bool = False) -> tuple[dict[str, Part], ...]:
+    def _tiles(
+        self, maps: list[Part], source: SourceMap, session: Session, in_place: bool = False
+    ) -> tuple[dict[str, Part], ...]:
         """All maps from the same pixels; the source coordinates follow the first. What is no colour is data."""
         tiling = "none" if self.variants > 1 else self.tiling  # variants go on in each other
         tiles = []
         for one, kind in zip(maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
-            parts = source.parts("tile", one, tiling, in_place)
+            parts = source.parts("tile", one, tiling, in_place, by_rows=not self.holds_photo(session))
             tiles.append(parts if kind == "colour" else parts | {"tile": parts["tile"].respecced(mark_as_data)})
         return (tiles[0], *({"tile": tile["tile"]} for tile in tiles[1:]))
 
@@ -249,9 +275,8 @@ class PatchSynthesis(MaterialOp, InBands):
         recipe, spec = self.recipe(*size), self.exemplar.first.spec
         if self.values().get("amount") is not None or getattr(self, "sigmamap", None) is not None:
             recipe = replace(recipe, sigma=None)  # it hangs on pixels
-        parts = [one.first for one in (self.exemplar, *self.maps)]
-        budget = session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
-        require_memory(session.device, recipe, (spec.height, spec.width, 3), budget)
+        held = ExemplarHeld(self.holds_photo(session), self.mask is not None or self.label is not None)
+        require_memory(session.device, recipe, (spec.height, spec.width, 3), self._budget(session), held)
 
     @property
     def tiling(self) -> str:
@@ -260,7 +285,7 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def _variants(
         self, maps: list[Part], recipe: Recipe, constraints: Constraints, run: Callable[..., Synthesis],
-        session: Session, quality: Quality, lab: np.ndarray,
+        session: Session, quality: Quality, lab: Callable[[], np.ndarray],
     ) -> tuple[dict[str, Part], ...]:  # fmt: skip
         """Tiles with matching edges, each followed by the other maps of its material."""
         runs = runs_for(self.variants)
@@ -281,11 +306,15 @@ class PatchSynthesis(MaterialOp, InBands):
         self.say_what_stays()
         tiles = []
         for number, (source, edges) in enumerate(zip(sources, edges_of(self.variants), strict=True)):
-            material = self._tiles(maps, source)
+            material = self._tiles(maps, source, session)
             if number == 0:  # as the others are
                 self._with_heights(material, source, None, session)
             for tile in material:
                 tiles.append(tile | {"tile": edged(tile["tile"], f"wang{number:02d}_{edges}", str(edges))})
         names = (tile["tile"].name for tile in tiles[:: len(maps)])
-        looks = (Look.of_copies(name, lab, source) for name, source in zip(names, sources, strict=True))
-        return (quality.add_to(tiles[0], lambda: (lab, looks)), *tiles[1:])
+
+        def looked_at() -> tuple[np.ndarray, list[Look]]:
+            photo = lab()
+            return photo, (Look.of_copies(name, photo, source) for name, source in zip(names, sources, strict=True))
+
+        return (quality.add_to(tiles[0], looked_at), *tiles[1:])

@@ -259,7 +259,8 @@ class Quality:
     @property
     def is_asked_for(self) -> bool:
         """By -v, report or fail."""
-        return bool(self.session.measure or self.op.report or self.limits)
+        fits = self.session.measure and self._memory() <= self.session.budget  # else the others have been refused
+        return bool(fits or self.op.report or self.limits)
 
     def _memory(self) -> int:
         return _BYTES * sum(self.size)

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of an image that is worked on in bands: in memory, in an unnamed temporary file, or made when asked for."""
+"""Rows of an image that is worked on in bands: in memory, or in an unnamed temporary file."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from ..core.demand import scratch_file, write_at
 from ..deferred import np
@@ -67,33 +66,6 @@ class RowStore:
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
         out = self[:]
         return out if dtype is None else out.astype(dtype)
-
-
-class MadeRows:
-    """An array whose rows are made whenever they are asked for, as a slice.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows first.
-    dtype : dtype
-    make : callable
-        (first, last) -> those rows, (last - first, ...).
-    """
-
-    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, make: Callable[[int, int], np.ndarray]):
-        self.shape, self.dtype, self._make = shape, np.dtype(dtype), make
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def __getitem__(self, rows: slice) -> np.ndarray:
-        first, last, _ = rows.indices(self.shape[0])
-        return self._make(first, last).astype(self.dtype, copy=False)
-
-
-SomeRows: TypeAlias = "np.ndarray | RowStore | MadeRows"
-"""What gives rows for a slice, and says `shape` and `dtype`."""
 
 
 def empty_rows(shape: tuple[int, ...], dtype: DTypeLike, in_memory: bool) -> np.ndarray | RowStore:

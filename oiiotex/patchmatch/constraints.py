@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from ..color.lab_grid import to_grid
 from ..core.image import resized
+from ..core.rows import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..deferred import np
 from ..errors import ImageError
-from ..io.row_store import MadeRows, SomeRows
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..projections.histograms import BINS, INVERSE, OUTSIDE, Source

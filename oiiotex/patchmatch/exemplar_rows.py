@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ..core.rows import MadeRows, SomeRows
 from ..deferred import np
-from ..io.row_store import AT_ONCE, MadeRows, RowStore, SomeRows
+from ..io.row_store import AT_ONCE, RowStore
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..opencl.rows import Rows

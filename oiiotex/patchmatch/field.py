@@ -12,10 +12,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..color.lab_grid import steps_for
+from ..core.rows import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
-from ..io.row_store import RowStore, SomeRows
+from ..io.row_store import RowStore
 
 BAND = 128  # rows of a field worked on at a time
 
@@ -154,9 +155,9 @@ def random_field(
 
 
 class _RandomPlaces:
-    """Draws allowed exemplar patches, as often as they weigh: by their number, which rows of it they lie in is looked up.
+    """Draws allowed exemplar patches, as often as they weigh.
 
-    So there is no list of them, which would take eight bytes a patch.
+    What is drawn is a number, or a weight, and where that lies is looked up: a list would take eight bytes a patch.
     """
 
     def __init__(self, allowed: np.ndarray, weights: np.ndarray | None = None):

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
 from ..color.lab_grid import to_grid
+from ..core.rows import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError
-from ..io.row_store import SomeRows
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..regularity.offset_prices import Prices
@@ -144,7 +144,7 @@ class Matcher:
                 field.store, self.rows.next_field = self.rows.next_field, field.store
 
     def _score(self, first: int, last: int) -> None:
-        """Distances of rows of the field, of which the buffers then hold the target; costs, of an exemplar in pieces."""
+        """Distances of rows of the field, of which the buffers then hold the target; with pieces, costs."""
         g, b = self.geometry, self._buffers
         self.rows.load("field", first, last)
         self.rows.load("image", first, last + g.patch - 1)
@@ -198,7 +198,7 @@ class Matcher:
             self._buffers.swap("field", "field_next")
 
     def _change(self) -> Iterator[tuple[Piece, tuple[int, ...]]]:
-        """Pieces in which the field is looked over, and what kernels are told; then the next field is the present one."""
+        """Pieces in which the field is looked over, and what kernels are told; then the next field is the present."""
         for n, piece in enumerate(self.exemplar.pieces("exemplar", "penalty")):
             yield piece, (() if self.exemplar.whole else (int(n > 0),))
         self._buffers.swap("field", "field_next")

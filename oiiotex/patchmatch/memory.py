@@ -42,6 +42,22 @@ _MOST = 1 << 20  # rows that are looked for
 
 
 @dataclass(frozen=True)
+class ExemplarHeld:
+    """What memory holds of an exemplar in any case.
+
+    Attributes
+    ----------
+    values : bool
+        Its pixels; else they lie in a file.
+    masked : bool
+        Which of them may be used.
+    """
+
+    values: bool = True
+    masked: bool = False
+
+
+@dataclass(frozen=True)
 class Plan:
     """Memory of a synthesis.
 
@@ -72,7 +88,7 @@ def level_sigmas(constraints: Constraints, geometry: Geometry, scale: float) -> 
 
 def plan_memory(
     device: Device, shape: tuple[int, ...], recipe: Recipe, geometries: list[Geometry], scales: list[float],
-    constraints: Constraints, budget: int, masked: bool = False,
+    constraints: Constraints, budget: int, held: ExemplarHeld,
 ) -> Plan:  # fmt: skip
     """The plan that makes the least copies of those that fit; where none does, one that `Buffers` refuses.
 
@@ -87,8 +103,7 @@ def plan_memory(
     constraints : Constraints
     budget : int
         Bytes.
-    masked : bool
-        Not all pixels of the exemplar may be used.
+    held : ExemplarHeld
     """
     grids = grids_of(recipe, geometries, scales, constraints)
 
@@ -136,16 +151,18 @@ def plan_memory(
         require_room(device, plan.layout, budget, "", on_host)
         return plan
 
-    on_host = common + (_MASK_BYTES if masked else 1) * of_exemplar + _PIECES_TEMPORARIES
+    on_host = common + (_MASK_BYTES if held.masked else 1) * of_exemplar + _PIECES_TEMPORARIES
+    if held.values:
+        on_host += 4 * shape[2] * of_exemplar
     room, least_piece = room_beside(on_host), piece_halo(recipe.patch) + LEAST_ROWS
-    held: int | None = None
+    target: int | None = None
     if size(None, cells, least_piece) + _FIELD_BYTES * pixels > room / 2:
-        held = rows_in(max(0, room - size(least, cells, least_piece)) / 2, least_piece)
+        target = rows_in(max(0, room - size(least, cells, least_piece)) / 2, least_piece)
     else:
         on_host += _FIELD_BYTES * pixels
         room -= _FIELD_BYTES * pixels
-    pieces = _most(lambda n: size(held, cells, n) <= room, least_piece)
-    return banded(on_host, held, min(pieces, shape[0]))
+    pieces = _most(lambda n: size(target, cells, n) <= room, least_piece)
+    return banded(on_host, target, min(pieces, shape[0]))
 
 
 def _most(fits: Callable[[int], bool], least: int) -> int:

@@ -18,11 +18,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..color.lab_grid import to_grid
+from ..core.rows import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..io.checkpoint import Checkpoint
-from ..io.row_store import MadeRows, RowStore, SomeRows, empty_rows
+from ..io.row_store import RowStore, empty_rows
 from ..opencl.buffers import Buffers, require_room
 from ..opencl.device import Device
 from ..opencl.rows import Rows
@@ -45,7 +46,7 @@ from .field import Geometry, allowed_patches, bands_of, only_allowed, random_fie
 from .level_checkpoint import LevelCheckpoint
 from .level_rows import LevelRows, halo
 from .matcher import SEARCHES, Matcher
-from .memory import level_sigmas, plan_memory
+from .memory import ExemplarHeld, level_sigmas, plan_memory
 from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
@@ -122,8 +123,8 @@ def synthesize(
     iteration, field, coarser, fixed = 0, None, None, constraints.fixed
     levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
     there = -1 if levels is None else levels.latest(geometries)
-    masked = allowed is not None
-    plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget, masked)
+    held = ExemplarHeld(isinstance(exemplar, np.ndarray), allowed is not None)
+    plan = plan_memory(device, exemplar.shape, recipe, geometries, scales, constraints, budget, held)
     with Buffers(device, plan.layout, budget, _task(recipe, exemplar.shape), held=plan.on_host) as buffers:
         for level, (geometry, scale, passes_of_level) in enumerate(zip(geometries, scales, schedule, strict=True)):
             if level <= there:
@@ -185,7 +186,7 @@ def synthesize(
         return Synthesis(source, field, lost)
 
 
-def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budget: int) -> None:
+def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budget: int, held: ExemplarHeld) -> None:
     """Refuse what sizes alone show that `synthesize` would: of an exemplar that is not read, on a device not opened.
 
     Parameters
@@ -197,6 +198,7 @@ def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budge
         Of the exemplar.
     budget : int
         As of `synthesize`.
+    held : ExemplarHeld
 
     Raises
     ------
@@ -204,7 +206,7 @@ def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budge
         As by `synthesize`.
     """
     # masks may leave no coarser level
-    plan = plan_memory(device, shape, recipe, [geometry_at(recipe, shape, 1.0)], [1.0], UNCONSTRAINED, budget)
+    plan = plan_memory(device, shape, recipe, [geometry_at(recipe, shape, 1.0)], [1.0], UNCONSTRAINED, budget, held)
     require_room(device, plan.layout, budget, _task(recipe, shape), plan.on_host)
 
 
@@ -338,7 +340,7 @@ class _Level:
 
 
 def grid_image(exemplar: SomeRows, allowed: np.ndarray | None, geometry: Geometry, in_memory: bool) -> SomeRows:
-    """The exemplar on a level's grid: (exemplar_height, exemplar_width, channels) int16, an array if it is in memory."""
+    """The exemplar on a level's grid: (exemplar_height, exemplar_width, channels) int16, an array if in memory."""
     g, shape = geometry, (geometry.exemplar_height, geometry.exemplar_width, geometry.channels)
     image = empty_rows(shape, np.int16, in_memory)
     for band in bands_of(g.exemplar_height):

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..core.rows import SomeRows
 from ..core.source_map import SourceMap
 from ..deferred import np
-from ..io.row_store import SomeRows, empty_rows
+from ..io.row_store import empty_rows
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from .exemplar_rows import REGION, Piece

@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass
 
 from ..core.image import resized
+from ..core.rows import MadeRows, SomeRows
 from ..core.window import Domain
 from ..deferred import np
 from .autocorrelation import Autocorrelation, autocorrelation, high_passed
@@ -104,7 +105,7 @@ class Lattice:
         return f"{'stripes of' if self.rank == 1 else 'a lattice of'} {steps} px"
 
 
-def find_lattice(values: np.ndarray, usable: np.ndarray | None = None) -> Lattice | None:
+def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice | None:
     """The lattice of a photo; None where it shows none.
 
     Parameters
@@ -122,8 +123,14 @@ def find_lattice(values: np.ndarray, usable: np.ndarray | None = None) -> Lattic
         return None
     counted = np.ones(small[::-1], bool)
     if usable is not None:
-        counted = resized(usable[..., None].astype(np.float32), *small)[..., 0] > 0.99
-        values = np.where(usable[..., None], values, np.float32(0))
+        ones = MadeRows((height, width, 1), np.float32, lambda first, last: usable[first:last, :, None])
+        counted = resized(ones, *small)[..., 0] > 0.99
+        whole = values
+
+        def seen(first: int, last: int) -> np.ndarray:
+            return np.where(usable[first:last, :, None], whole[first:last], np.float32(0))
+
+        values = MadeRows(whole.shape, np.float32, seen)
     if np.count_nonzero(counted) < min(small) ** 2 // 4:
         return None
     texture = high_passed(resized(values, *small).astype(np.float64), counted)
