@@ -12,6 +12,7 @@ import pytest
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import Interrupted
 from oiiotex.io.checkpoint import Checkpoint
+from oiiotex.io.row_store import RowStore
 from oiiotex.patchmatch import exemplar_rows, memory, optimization, use_prices
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
 from oiiotex.patchmatch.exemplar_rows import piece_halo
@@ -75,10 +76,13 @@ PLANS = {
     "few rows": (13, None, 1 << 17),
     "few rows and cells": (26, 9, 1 << 30),
     "few cells": (None, 5, 0),
-    "pieces of a row": (None, None, 0, 1),
-    "few rows, cells and pieces": (31, 9, 0, 23),
+    "pieces": (None, None, 0, 17),
 }
-MORE_PLANS = {key: {"a row and few cells": (1, 1, 0)} for key in ("a small sigma", "moments of a small sigma")}
+MORE_PLANS = {
+    **{key: {"a row and few cells": (1, 1, 0)} for key in ("a small sigma", "moments of a small sigma")},
+    **{key: {"pieces of a row": (None, None, 0, 1)} for key in ("tile=xy", "prices of offsets on a plane", "a mask")},
+    **{key: {"few rows, cells and pieces": (31, 9, 0, 23)} for key in ("tile=y", "steerable on a plane", "weights")},
+}
 
 
 def made(
@@ -100,7 +104,15 @@ def made(
     monkeypatch.setattr(optimization, "plan_memory", planned)
     constraints = Constraints(**{name: more[name] for name in ("fixed", "weight", "sigmas") if name in more})
     exemplar, allowed = more.get("exemplar", LAB), more.get("allowed", KEPT[:80, :76] if "fixed" in more else None)
+    if e_rows is not None:
+        exemplar = in_file(exemplar)
     return synthesize(device, exemplar, allowed, own, 1 << 30, progress, constraints=constraints, keeper=keeper)
+
+
+def in_file(array: np.ndarray) -> RowStore:
+    store = RowStore(array.shape, array.dtype, in_memory=False)
+    store[:] = array
+    return store
 
 
 LONG = ("steerable of a small sigma",)

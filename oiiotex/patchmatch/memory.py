@@ -37,7 +37,6 @@ _TEMPORARIES = 64 << 20  # bytes, at most, of what is worked on by bands on the 
 _PIXEL_TEMPORARIES = 128  # of a pixel
 _WEIGHT_BYTES = 12  # of an exemplar pixel: its weight, those of its patch, and what that costs
 _MASK_BYTES = 4  # the same of which pixels and patches may be used; 1 where all may
-_PIECES_TEMPORARIES = 64 << 20  # bytes, at most, of what is worked on by bands of an exemplar that lies in files
 _MOST = 1 << 20  # rows that are looked for
 
 
@@ -114,14 +113,14 @@ def plan_memory(
         return sum(needed(*held).values())
 
     pixels, of_exemplar = recipe.width * recipe.height, shape[0] * shape[1]
-    common = min(_TEMPORARIES, _PIXEL_TEMPORARIES * pixels)
+    common = 0
     if constraints.fixed is not None:
         common += 2 * shape[2] * 4 * pixels
     if constraints.sigmas is not None:
         common += 2 * 4 * pixels
     if constraints.weight is not None:
         common += _WEIGHT_BYTES * of_exemplar
-    on_host = common + 2 * 4 * shape[2] * of_exemplar
+    on_host = common + min(_TEMPORARIES, _PIXEL_TEMPORARIES * pixels) + 2 * 4 * shape[2] * of_exemplar
     if recipe.complete:  # the activity of patches
         on_host += 4 * of_exemplar
     least, none = halo(recipe.patch) + LEAST_ROWS, size(None, 1)
@@ -151,7 +150,8 @@ def plan_memory(
         require_room(device, plan.layout, budget, "", on_host)
         return plan
 
-    on_host = common + (_MASK_BYTES if held.masked else 1) * of_exemplar + _PIECES_TEMPORARIES
+    on_host = common + min(_TEMPORARIES, _PIXEL_TEMPORARIES * max(pixels, of_exemplar))
+    on_host += (_MASK_BYTES if held.masked else 1) * of_exemplar
     if held.values:
         on_host += 4 * shape[2] * of_exemplar
     room, least_piece = room_beside(on_host), piece_halo(recipe.patch) + LEAST_ROWS
@@ -162,7 +162,8 @@ def plan_memory(
         on_host += _FIELD_BYTES * pixels
         room -= _FIELD_BYTES * pixels
     pieces = _most(lambda n: size(target, cells, n) <= room, least_piece)
-    return banded(on_host, target, min(pieces, shape[0]))
+    in_pieces = banded(on_host, target, min(pieces, shape[0]))
+    return min(in_pieces, plan, key=lambda one: max(budget, one.on_host + sum(one.layout.values())))
 
 
 def _most(fits: Callable[[int], bool], least: int) -> int:
