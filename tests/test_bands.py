@@ -34,6 +34,7 @@ KEPT[:, :26], KEPT[60:] = True, True
 FIXED = FixedPixels(KEPT, SourceMap.of(np.arange(HEIGHT)[:, None] % 80, np.arange(WIDTH) % 76), is_goal=True)
 SIGMAS = np.geomspace(4, 9, WIDTH)[None].repeat(HEIGHT, 0).astype(np.float32)
 WEIGHT = np.random.default_rng(0).random(LAB.shape[:2]).astype(np.float32)
+REPEATED = np.tile(LAB[:20, :19], (4, 4, 1))  # patches of one distance lie in many places
 MATERIAL = np.concatenate([LAB, LAB[::-1] * np.float32(0.7)], -1)  # two maps
 
 
@@ -68,6 +69,7 @@ CASES = {
     "a map of sigmas": (recipe(), {"sigmas": SIGMAS}),
     "a map of sigmas, steerable": (recipe("y", measure="steerable"), {"sigmas": SIGMAS}),
     "two maps of a material": (recipe(), {"exemplar": MATERIAL}),
+    "what ties": (recipe(sigma=None, complete=False, contrast=0.0, uniformity=0.0), {"exemplar": REPEATED}),
     "no projection": (recipe("y", sigma=None, complete=False, contrast=1.0, flat=False), {}),
 }
 # rows of a band, rows of cells, bytes of planes in memory, rows of a piece of the exemplar
@@ -80,7 +82,7 @@ PLANS = {
 }
 MORE_PLANS = {
     **{key: {"a row and few cells": (1, 1, 0)} for key in ("a small sigma", "moments of a small sigma")},
-    **{key: {"pieces of a row": (None, None, 0, 1)} for key in ("tile=xy", "prices of offsets on a plane", "a mask")},
+    **{key: {"pieces of a row": (None, None, 0, 1)} for key in ("tile=xy", "prices of offsets on a plane", "what ties")},
     **{key: {"few rows, cells and pieces": (31, 9, 0, 23)} for key in ("tile=y", "steerable on a plane", "weights")},
 }
 
@@ -92,7 +94,7 @@ def made(
     own, more = CASES[case]
     rows, cell_rows, stores, e_rows = (*plan, None)[:4]
     for module in (exemplar_rows, use_prices):  # else halos are as high as levels
-        monkeypatch.setattr(module, "REGION", 5)
+        monkeypatch.setattr(module, "REGION", 20)
 
     def planned(device, exemplar, recipe, geometries, scales, constraints, budget, held):
         grids = memory.grids_of(recipe, geometries, scales, constraints)
