@@ -82,7 +82,9 @@ PLANS = {
 }
 MORE_PLANS = {
     **{key: {"a row and few cells": (1, 1, 0)} for key in ("a small sigma", "moments of a small sigma")},
-    **{key: {"pieces of a row": (None, None, 0, 1)} for key in ("tile=xy", "prices of offsets on a plane", "what ties")},
+    **{
+        key: {"pieces of a row": (None, None, 0, 1)} for key in ("tile=xy", "prices of offsets on a plane", "what ties")
+    },
     **{key: {"few rows, cells and pieces": (31, 9, 0, 23)} for key in ("tile=y", "steerable on a plane", "weights")},
 }
 

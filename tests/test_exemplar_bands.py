@@ -11,7 +11,7 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.core import image, source_map
-from oiiotex.core.rows import MadeRows
+from oiiotex.core.demand import MadeRows
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import DeviceError
 from oiiotex.filters import patch_synthesis

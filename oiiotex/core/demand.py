@@ -15,12 +15,15 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import IO
+from typing import IO, TYPE_CHECKING, Any, Protocol
 
 from ..deferred import np
 from ..errors import ImageError
 from .image import Part, Pixels, dtype_of, from_pixels
 from .window import Window
+
+if TYPE_CHECKING:
+    from numpy.typing import DTypeLike
 
 BAND_BYTES = 8 << 20  # of pixels that travel at once: large enough to hide a call's cost, small enough for caches
 PIECE_PIXELS = 1 << 16  # what a thread works on: small enough for caches
@@ -65,6 +68,12 @@ class PieceCache:
         if piece is not None:
             return piece.result()
         return self._fill(key, mine, make)
+
+    def forget(self) -> None:
+        """Let go of all pieces that are there: what follows needs the memory more."""
+        with self._lock:
+            for key in [key for key, piece in self._pieces.items() if piece.done()]:
+                self._bytes -= self._pieces.pop(key).result().nbytes
 
     def holds(self, key: Hashable) -> bool:
         """Whether the piece is there, or being made."""
@@ -159,6 +168,61 @@ def cached(part: Part, cache: PieceCache) -> Part:
         return assembled(window, cell, whole, lambda place: cache.get((owner, place), lambda: part.read(place)))
 
     return dataclasses.replace(part, fetch=fetch, ready=True)
+
+
+# --- rows, where all of an image may not be there ---
+
+
+class SomeRows(Protocol):
+    """Rows for a slice, of an array with that shape and type."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, at: Any) -> np.ndarray: ...
+
+
+class MadeRows:
+    """Rows that are made whenever they are asked for.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows first.
+    dtype : dtype
+    make : callable
+        (first, last) -> those rows, (last - first, ...).
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, make: Callable[[int, int], np.ndarray]):
+        self.shape, self.dtype, self._make = shape, np.dtype(dtype), make
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        first, last, _ = rows.indices(self.shape[0])
+        return self._make(first, last).astype(self.dtype, copy=False)
+
+
+def first_channels(rows: SomeRows, count: int) -> SomeRows:
+    """The same with no more channels than that."""
+    if isinstance(rows, np.ndarray) or rows.shape[2] == count:
+        return rows[..., :count] if isinstance(rows, np.ndarray) else rows
+    return MadeRows((*rows.shape[:2], count), rows.dtype, lambda first, last: rows[first:last][..., :count])
+
+
+def rows_of(part: Part) -> MadeRows:
+    """Those of a part, in its own type."""
+    whole = part.window
+
+    def read(first: int, last: int) -> np.ndarray:
+        return part.read(Window(whole.left, whole.top + first, whole.right, whole.top + last))
+
+    shape = part.spec.height, part.spec.width, part.spec.nchannels
+    return MadeRows(shape, dtype_of(part.spec), read)
 
 
 # --- random access ---

@@ -18,9 +18,9 @@ from ..errors import ImageError, one_line
 from .window import Window
 
 if TYPE_CHECKING:
-    from .rows import SomeRows
+    from .demand import SomeRows
 
-_RESIZED_BYTES = 16 << 20  # of the rows that are resized at once
+_RESIZED_BYTES = 8 << 20  # of the rows that are resized at once
 _STALE = ("oiio:SHA-1", "oiio:ConstantColor", "oiio:AverageColor", "textureformat", "wrapmodes")
 _NUMPY = {
     "uint8": "uint8", "int8": "int8", "uint16": "uint16", "int16": "int16", "uint": "uint32", "int": "int32",

@@ -10,9 +10,9 @@ from typing import Any
 
 from ..deferred import np, oiio
 from ..errors import ImageError
+from .demand import SomeRows, rows_of
 from .image import Part, derived_spec, spec_beside
 from .op import Kind, Output
-from .rows import SomeRows, rows_of
 from .window import Window
 
 COPIED = "pixels copied from the photo, all channels together, in its own colour space and type"

@@ -7,8 +7,8 @@ import functools
 from collections.abc import Callable
 
 from ..color.config import as_float
+from ..core.demand import MadeRows, rows_of
 from ..core.image import Part, resized
-from ..core.rows import MadeRows, rows_of
 from ..core.source_map import SourceMap
 from ..deferred import np
 from ..session import Session

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import ClassVar, TypeVar
 
 from ..color.lab import working_values
+from ..core.demand import SomeRows, first_channels
 from ..core.image import Image
 from ..core.label_map import label_maps
 from ..core.op import Op, Space
 from ..core.parameters import image, param
-from ..core.rows import SomeRows, first_channels
 from ..core.source_map import STMAP
 from ..deferred import np
 from ..errors import ImageError, ParameterError

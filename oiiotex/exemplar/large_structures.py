@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from ..color.lab_grid import FINE_STEPS
 from ..color.lab_reduced import LabPixels
-from ..core.rows import SomeRows
+from ..core.demand import SomeRows
 from ..deferred import np
 from ..patchmatch.constraints import coarse_image, coarse_mask
 from ..patchmatch.use_prices import deviation, flat_bound

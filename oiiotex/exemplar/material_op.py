@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..core.demand import SomeRows
 from ..core.image import Image
 from ..core.parameters import Numbers, Words, image, param
-from ..core.rows import SomeRows
 from ..deferred import np
 from ..errors import ParameterError
 from ..session import Session

@@ -7,10 +7,10 @@ import logging
 
 from ..color.config import as_float
 from ..color.lab import working_values
+from ..core.demand import SomeRows, first_channels
 from ..core.image import Image, channels_of
 from ..core.op import Space
 from ..core.parameters import Numbers, Words
-from ..core.rows import SomeRows, first_channels
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.row_store import AT_ONCE, empty_rows

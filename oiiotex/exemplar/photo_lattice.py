@@ -7,9 +7,9 @@ import logging
 import math
 from dataclasses import dataclass
 
+from ..core.demand import SomeRows
 from ..core.op import Op
 from ..core.parameters import Size, param
-from ..core.rows import SomeRows
 from ..core.window import Domain
 from ..deferred import np
 from ..patchmatch.field import hash_at

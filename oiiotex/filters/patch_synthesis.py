@@ -12,11 +12,10 @@ from typing import ClassVar
 from ..color.config import as_float
 from ..core.access import InBands
 from ..core.attributes import mark_as_data
-from ..core.demand import materialized
+from ..core.demand import first_channels, materialized
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, image, param
-from ..core.rows import first_channels
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
@@ -116,6 +115,8 @@ class PatchSynthesis(MaterialOp, InBands):
             marked = None if self.within is None else marked_pixels(self.within, self.exemplar)
             weight = None if self.weight is None else weights_of(self.weight, self.exemplar)
         seen = self.read(session, None if marked is None else ~marked, None if weight is None else weight > 0)
+        if not self.holds_photo(session):
+            session.cache.forget()  # all of it has been read
         lattice = None
         if self.kept_structure > 0:
             with session.stats.time("lattice"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..core.rows import SomeRows
+from ..core.demand import SomeRows
 from ..deferred import np
 from ..io.row_store import AT_ONCE, RowStore
 from .buffers import Buffers, Download

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..color.lab_grid import to_grid
+from ..core.demand import MadeRows, SomeRows
 from ..core.image import resized
-from ..core.rows import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..deferred import np
 from ..errors import ImageError

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..core.rows import MadeRows, SomeRows
+from ..core.demand import MadeRows, SomeRows
 from ..deferred import np
 from ..io.row_store import AT_ONCE, RowStore
 from ..opencl.buffers import Buffers

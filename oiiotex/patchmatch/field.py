@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..color.lab_grid import steps_for
-from ..core.rows import SomeRows
+from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
@@ -97,7 +97,7 @@ def variance_of(image: SomeRows, usable: np.ndarray | None) -> float:
     """
     count, channels = 0, image.shape[2]
     sums, squares = np.zeros(channels, np.int64), np.zeros(channels, np.int64)
-    for band in bands_of(len(image)):
+    for band in bands_of(len(image), BAND // 4):  # of eight bytes a value
         pixels = image[band].reshape(-1, channels) if usable is None else image[band][usable[band]]
         pixels = pixels.astype(np.int64)
         count, sums, squares = count + len(pixels), sums + pixels.sum(0), squares + (pixels * pixels).sum(0)

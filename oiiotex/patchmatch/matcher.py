@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
 from ..color.lab_grid import to_grid
-from ..core.rows import SomeRows
+from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np

@@ -18,12 +18,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ..color.lab_grid import to_grid
-from ..core.rows import MadeRows, SomeRows
+from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..io.checkpoint import Checkpoint
-from ..io.row_store import RowStore, empty_rows
+from ..io.row_store import AT_ONCE, RowStore, empty_rows
 from ..opencl.buffers import Buffers, require_room
 from ..opencl.device import Device
 from ..opencl.rows import Rows
@@ -343,7 +343,7 @@ def grid_image(exemplar: SomeRows, allowed: np.ndarray | None, geometry: Geometr
     """The exemplar on a level's grid: (exemplar_height, exemplar_width, channels) int16, an array if in memory."""
     g, shape = geometry, (geometry.exemplar_height, geometry.exemplar_width, geometry.channels)
     image = empty_rows(shape, np.int16, in_memory)
-    for band in bands_of(g.exemplar_height):
+    for band in bands_of(g.exemplar_height, max(1, AT_ONCE // (4 * g.channels * g.exemplar_width))):
         coarse = coarse_image(exemplar, allowed, g.exemplar_width, g.exemplar_height, band)
         image[band] = to_grid(coarse, g.steps)
     return image

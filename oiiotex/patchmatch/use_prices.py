@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..core.rows import SomeRows
+from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..deferred import np
 from ..io.row_store import empty_rows
@@ -31,6 +31,7 @@ SLACK = 0.02  # share of patches by which the tile may be flatter
 REPEATS = 2.5  # uses of a region that are free
 FAIR = 1.25  # the same, times its share of the target
 GROWTH = 1.0  # what one use more costs, in patch variances
+_PIXELS_AT_ONCE = 1 << 18  # of which deviations are made
 _HANDED_ON = "kind_duals", "kind_steps"
 
 
@@ -94,7 +95,7 @@ def deviation(image: np.ndarray, side: int) -> np.ndarray:
     """
     rows, columns, n = image.shape[0] - side + 1, image.shape[1] - side + 1, side * side
     deviations = np.empty((rows, columns), np.float32)
-    for rows_of in bands_of(rows):  # bands keep the temporaries small
+    for rows_of in bands_of(rows, max(16, _PIXELS_AT_ONCE // image.shape[1])):  # bands keep the temporaries small
         band = image[rows_of.start : rows_of.stop + side - 1].astype(np.int64)
         planes = (band[..., c] for c in range(image.shape[2]))
         squared = (n * box_sums(plane * plane, side) - box_sums(plane, side) ** 2 for plane in planes)

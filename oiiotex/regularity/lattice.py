@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ..core.demand import MadeRows, SomeRows
 from ..core.image import resized
-from ..core.rows import MadeRows, SomeRows
 from ..core.window import Domain
 from ..deferred import np
 from .autocorrelation import Autocorrelation, autocorrelation, high_passed
