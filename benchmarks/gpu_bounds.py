@@ -115,7 +115,7 @@ BYTES: dict[str, Callable[[Launch], float]] = {
 WORK: dict[str, tuple[str, Callable[[Launch], float]]] = {
     "patchmatch_score": ("patch distances", lambda a: a.columns * a.rows),
     "patchmatch_propagate": ("patch distances", lambda a: 4 * a.columns * _rows(a, "from", "to")),
-    "patchmatch_search": ("patch distances", lambda a: a.searches * a.columns * _rows(a, "from", "to")),
+    "patchmatch_search": ("patch distances", lambda a: (a.end - a.begin) * a.columns * _rows(a, "from", "to")),
     "patchmatch_vote": ("votes", lambda a: a.PATCH**2 * a.width * _rows(a, "top", "bottom")),
     "patchmatch_pick": ("votes", lambda a: a.PATCH**2 * a.width * _rows(a, "top", "bottom")),
     "candidates_start": ("distances", lambda a: 16 * 4**a.side),

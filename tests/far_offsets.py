@@ -18,9 +18,10 @@ from tests.kernel_options import TABLES
 
 
 def patchmatch(far: Far) -> None:
-    macros = {"PATCH": 5, "CHANNELS": 3, "LATTICE": 0}
+    macros = {"PATCH": 5, "CHANNELS": 3, "LATTICE": 0, "PIECES": 0}
     size, field_size = (WIDTH, HEIGHT), (WIDTH, HEIGHT)
     e_size = (SIDE - 4, SIDE - 4, SIDE)
+    all_rows = (0, SIDE - 4)
 
     def run(name, at, *arguments):
         print("patchmatch", name, flush=True)
@@ -49,28 +50,28 @@ def patchmatch(far: Far) -> None:
     target = padded
     target[Y, X], exemplar[E, E] = (7, 0, 0), (4, 0, 0)
     field[Y, X] = AT_E
-    run("score", (X, Y), target, exemplar, field, distance, *field_size, WIDTH + 4, SIDE)
+    run("score", (X, Y), target, exemplar, field, distance, *field_size, WIDTH + 4, SIDE, *all_rows)
     assert distance[Y, X] == 9
     exemplar[E, E] = 7, 0, 0
     field[Y, X], distance[Y, X], penalty[E, E] = 0, 1000, 5
     field[Y, X + 1] = AT_E + 1  # the neighbour's match, shifted back, fits but for its penalty
     both = target, exemplar, penalty
-    numbers, rows = (*field_size, WIDTH + 4, *e_size), (0, HEIGHT, 0, HEIGHT)  # made, at the start, in all
+    numbers, rows = (*field_size, WIDTH + 4, *e_size, *all_rows), (0, HEIGHT, 0, HEIGHT)  # made, at the start, in all
     run("propagate", (X, Y), *both, field, distance, following, nearer, *numbers, 1, 1, 1, *rows)
     assert (following[Y, X], nearer[Y, X]) == (AT_E, 0)
     penalty[E, E] = 500
     run("propagate", (X, Y), *both, field, distance, following, nearer, *numbers, 1, 1, 1, *rows)
     assert nearer[Y, X] == 49
     field[Y, X] = AT_E + 3
-    numbers = (WIDTH, WIDTH + 4, *e_size, np.array([1], np.int32), 1, np.uint32(1), np.uint32(2), 0, HEIGHT, 0)
-    run("search", (X, Y), *both, field, distance, *numbers)
-    y, x = np.divmod(int(field[Y, X]), 1 << 16)
-    assert distance[Y, X] == 49
+    numbers = (WIDTH, WIDTH + 4, *e_size, *all_rows, np.array([1], np.int32), 0, 1, np.uint32(1), np.uint32(2))
+    run("search", (X, Y), *both, field, distance, following, nearer, *numbers, 0, HEIGHT, 0)
+    y, x = np.divmod(int(following[Y, X]), 1 << 16)
+    assert nearer[Y, X] == 49
     assert 0 < abs(y - E) + abs(x - E - 3) <= 2
 
     count, uses = penalty, far.zeros(np.int32, SIDE - 4, SIDE - 4)
     count[E, E], field[Y, X] = 4, AT_E
-    run("count", (X, Y), field, count, *field_size, SIDE - 4)
+    run("count", (X, Y), field, count, *field_size, SIDE - 4, *all_rows)
     assert count[E, E] == 5
     run("uses_rows", (E, E), count, uses, SIDE - 4, SIDE - 4, 0)
     assert uses[E, E] == 25
@@ -79,7 +80,7 @@ def patchmatch(far: Far) -> None:
     assert uses[E, E] == (1 << 31) - 1
     price = far.zeros(np.float32, SIDE - 4, SIDE - 4)
     price[E, E] = 1
-    run("penalty", (E, E), uses, price, penalty, SIDE - 4, SIDE - 4, 1, 1e-6)
+    run("penalty", (E, E), uses, price, penalty, SIDE - 4, SIDE - 4, SIDE - 4, 0, 1, 1e-6)
     assert abs(int(penalty[E, E]) - 10737) <= 1
 
     exemplar[E, E] = 11, 22, 33
@@ -87,7 +88,20 @@ def patchmatch(far: Far) -> None:
         for dx in range(5):
             field[Y - dy, X - dx] = (E - dy) << 16 | (E - dx)
     band = 0, HEIGHT, 0
-    run("vote", (X if far.lanes == 1 else X // 64, Y), exemplar, field, image, *field_size, WIDTH, SIDE, 1, 1, *band)
+    run(
+        "vote",
+        (X if far.lanes == 1 else X // 64, Y),
+        exemplar,
+        field,
+        image,
+        *field_size,
+        WIDTH,
+        SIDE,
+        1,
+        1,
+        *band,
+        *all_rows,
+    )
     assert image[Y, X].tolist() == [11, 22, 33]
     run("pick", (X, Y), field, np.ones(25, np.int32), following, *field_size, WIDTH, 1, 1, *band)
     assert following[Y, X] == AT_E

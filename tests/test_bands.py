@@ -135,6 +135,12 @@ def test_bands_do_not_show(device, case, monkeypatch):
         assert banded.lost == whole.lost
 
 
+def test_pieces_do_not_show_in_single_lanes(device, narrow_device, monkeypatch):
+    whole = made(device, "what ties", monkeypatch, (None, None, 0))
+    pieces = made(narrow_device, "what ties", monkeypatch, PLANS["pieces"])
+    np.testing.assert_array_equal(pieces.source.packed, whole.source.packed)
+
+
 @pytest.mark.parametrize("case", ["tile=xy", "prices of offsets", "pixels that stay", "a map of sigmas", "weights"])
 @pytest.mark.parametrize("stop", [1, 3, 5])  # iterations: 2 and 3
 def test_a_synthesis_goes_on_after_its_last_finished_level(device, case, stop, monkeypatch, tmp_path):
@@ -146,7 +152,8 @@ def test_a_synthesis_goes_on_after_its_last_finished_level(device, case, stop, m
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        made(device, case, monkeypatch, PLANS["few rows"], stopped, Checkpoint(tmp_path / "out.exr"))
+        plan = PLANS["pieces" if case == "weights" else "few rows"]
+        made(device, case, monkeypatch, plan, stopped, Checkpoint(tmp_path / "out.exr"))
     passes = []
     improve = Matcher.improve
     monkeypatch.setattr(Matcher, "improve", lambda self, *given: (passes.append(given), improve(self, *given)))

@@ -162,8 +162,8 @@ def test_the_table_has_all_that_the_source_builds():
 
 
 def test_options_that_the_table_does_not_have_are_refused():
-    require_known("patchmatch", {"PATCH": 11, "CHANNELS": 3, "LATTICE": 1})
-    wrong = {"PATCH": 11, "CHANNELS": 99, "LATTICE": 0}
+    require_known("patchmatch", {"PATCH": 11, "CHANNELS": 3, "LATTICE": 1, "PIECES": 0})
+    wrong = {"PATCH": 11, "CHANNELS": 99, "LATTICE": 0, "PIECES": 0}
     for stem, macros in (("abacus", {}), ("quilting", {"RUN": 1}), ("patchmatch", wrong)):
         with pytest.raises(AssertionError, match=r"tests/kernel_options\.py"):
             require_known(stem, macros)

@@ -59,11 +59,11 @@ def test_a_kernel_that_cannot_be_built_is_an_error_of_ours(device):
 
 
 def test_programs_are_built_once(device):
-    assert device.program("patchmatch", PATCH=7, CHANNELS=3, LATTICE=0) is device.program(
-        "patchmatch", PATCH=7, CHANNELS=3, LATTICE=0
+    assert device.program("patchmatch", PATCH=7, CHANNELS=3, LATTICE=0, PIECES=0) is device.program(
+        "patchmatch", PATCH=7, CHANNELS=3, LATTICE=0, PIECES=0
     )
-    assert device.program("patchmatch", PATCH=7, CHANNELS=3, LATTICE=0) is not device.program(
-        "patchmatch", PATCH=9, CHANNELS=3, LATTICE=0
+    assert device.program("patchmatch", PATCH=7, CHANNELS=3, LATTICE=0, PIECES=0) is not device.program(
+        "patchmatch", PATCH=9, CHANNELS=3, LATTICE=0, PIECES=0
     )
 
 
@@ -72,7 +72,7 @@ def test_kernels_are_timed_by_name():
     opened.record = True
     with Buffers(opened, {"image": 6 * 12, "padded": 6 * 100}, 1 << 20, "a test") as buffers:
         opened.write(buffers["image"], np.zeros((3, 4, 3), np.int16))
-        opened.program("patchmatch", PATCH=5, CHANNELS=3, LATTICE=0)(
+        opened.program("patchmatch", PATCH=5, CHANNELS=3, LATTICE=0, PIECES=0)(
             "pad", (8, 7), buffers["image"], buffers["padded"], 4, 3, 7
         )
         stats = Stats()

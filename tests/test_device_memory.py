@@ -211,7 +211,9 @@ def test_a_small_sigma_over_a_large_tile_is_held_in_bands(device, measure, gigab
     assert sum(whole.values()) >> 30 == gigabytes
 
     def planned(budget: int) -> memory.Plan:
-        return memory.plan_memory(device, shape, recipe, geometries, scales, Constraints(), budget)
+        return memory.plan_memory(
+            device, shape, recipe, geometries, scales, Constraints(), budget, memory.ExemplarHeld()
+        )
 
     small, large = planned(600 << 20), planned(3 << 30)
     for plan, budget in ((small, 600 << 20), (large, 3 << 30)):
@@ -229,7 +231,7 @@ def test_what_takes_much_says_it(caplog, monkeypatch, device):
 
 
 def test_what_does_not_fit_an_int_is_an_error_and_does_not_wrap(device):
-    run = device.program("patchmatch", PATCH=11, CHANNELS=3, LATTICE=0)
+    run = device.program("patchmatch", PATCH=11, CHANNELS=3, LATTICE=0, PIECES=0)
     for shape, numbers in (((8, 1 << 31), (8, 8)), ((8, 8), (8, 1 << 31)), ((8, 8), (8, -(1 << 31) - 1))):
         with pytest.raises(DeviceError, match=r"patchmatch_hold would count to -?2147483\d+, beyond 2\^31"):
             run("hold", shape, None, None, *numbers)

@@ -112,7 +112,7 @@ def test_what_cannot_be_spread_is_one_line(folder, monkeypatch, words, text):
 
 
 def test_what_needs_the_whole_image_is_not_cut(folder):
-    with pytest.raises(errors.Error, match=r"--texpatchmatch holds its exemplar.*: such lines are spread by --frames"):
+    with pytest.raises(errors.Error, match=r"--texpatchmatch passes through.*: such lines are spread by --frames"):
         run(["a.png", "--texpatchmatch", "-o", "out.exr", "--farm", "openjd=job.json"])
     with pytest.raises(errors.Error, match="a MIP-mapped texture is made whole"):
         run([*LINE, "-otex", "out.tx", "--share", "1/2"])

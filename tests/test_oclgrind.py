@@ -48,6 +48,14 @@ from oiiotex.regularity.offset_prices import InStep
 lattice = Lattice(np.array([[0.2, 0.05], [-0.03, 0.3]]), 9.0, np.eye(64))
 recipe = replace(recipe, in_step=InStep(lattice, lattice.frequencies, 0.5))
 synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
+from oiiotex.patchmatch import exemplar_rows, memory, optimization, use_prices
+exemplar_rows.REGION = use_prices.REGION = 3
+def in_pieces(device, shape, recipe, geometries, scales, constraints, budget, held):
+    grids = memory.grids_of(recipe, geometries, scales, constraints)
+    layout = memory.layout(recipe, geometries, grids, constraints, None, None, 3 + exemplar_rows.piece_halo(5))
+    return memory.Plan(layout, 0, 0, False)
+optimization.plan_memory = in_pieces
+synthesize(opened, exemplar, None, recipe, 1 << 30, lambda done, total: None)
 """,
     "moments steerable": """
 from oiiotex.patchmatch.optimization import synthesize

@@ -23,7 +23,7 @@ from oiiotex.patchmatch.constraints import (
 )
 from oiiotex.patchmatch.field import allowed_patches, random_field
 from oiiotex.patchmatch.matcher import Matcher
-from oiiotex.patchmatch.memory import plan_memory
+from oiiotex.patchmatch.memory import ExemplarHeld, plan_memory
 from oiiotex.patchmatch.recipe import Recipe, geometry_at, level_scales
 from oiiotex.projections.histograms import OUTSIDE, matching_table
 from tests import pictures
@@ -80,7 +80,9 @@ def test_pixels_outside_are_in_no_histogram(device):
     given = recipe(width=64, height=64, sigma=8.0, patch=5)
     geometry = geometry_at(given, exemplar.shape, 1.0)
     patches = allowed_patches(mask, geometry)
-    layout = plan_memory(device, exemplar.shape, given, [geometry], [1.0], Constraints(), 1 << 30).layout
+    layout = plan_memory(
+        device, exemplar.shape, given, [geometry], [1.0], Constraints(), 1 << 30, ExemplarHeld()
+    ).layout
     with Buffers(device, layout, 1 << 30, "test") as buffers:
         field = random_field(geometry, patches, 0)
         matcher = Matcher(device, buffers, geometry, exemplar, patches, field, 0.0, 0, usable=mask)
@@ -102,7 +104,7 @@ def test_a_histogram_matched_beside_pixels_that_stay_is_not_shifted(device):
     stays = np.indices((64, 80))[1] < 4
     fixed = FixedPixels(stays, np.zeros((64, 80), np.uint32))
     constraints, image = Constraints(fixed=fixed), np.where(stays[..., None], exemplar[:64, :80], OUTSIDE)
-    layout = plan_memory(device, exemplar.shape, given, [geometry], [1.0], constraints, 1 << 30).layout
+    layout = plan_memory(device, exemplar.shape, given, [geometry], [1.0], constraints, 1 << 30, ExemplarHeld()).layout
     with Buffers(device, layout, 1 << 30, "test") as buffers:
         matcher = Matcher(device, buffers, geometry, exemplar, patches, random_field(geometry, patches, 0), 0.0, 0)
         level = st._Level(device, buffers, matcher, exemplar, None, given, 1.0, constraints, image)

@@ -109,6 +109,9 @@ class Whole(Op):
 
 @dataclass(frozen=True, kw_only=True)
 class InBands(Op):
-    """It holds its images; its result is made over and over, in bands of rows, and lies beyond the budget in a file."""
+    """It looks at its images and makes its result over and over, in bands of rows; beyond the budget they lie in files.
 
-    reach: ClassVar[str] = "holds its exemplar; the result lies in memory or a file, and passes in bands"
+    Masks and maps of weights are held, and what still does not fit says before it starts how much it needs.
+    """
+
+    reach: ClassVar[str] = "passes through its exemplar and its result in bands, from memory or from files"
