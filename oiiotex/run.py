@@ -372,14 +372,18 @@ def _names(parts: Sequence[Part], main: str) -> tuple[str, ...]:
     return (main or names[0], *names[1:]) if main not in names[1:] else tuple(names)
 
 
-def _picture(name: str, pixels: np.ndarray) -> Part:
+def _picture(name: str, picture: np.ndarray | Part) -> Part:
     """sRGB for screens."""
-    if pixels.dtype != np.uint8:
-        pixels = np.rint(np.clip(pixels, 0, 1) * 255).astype(np.uint8)
-    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
-    spec.attribute(TAG, "srgb_rec709_scene")
-    spec.attribute("oiio:subimagename", name)
-    return from_pixels(name, pixels, spec, spec.format)
+    if not isinstance(picture, Part):
+        pixels = picture if picture.dtype == np.uint8 else np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
+        spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
+        picture = from_pixels(name, pixels, spec, spec.format)
+
+    def mark(spec: oiio.ImageSpec) -> None:
+        spec.attribute(TAG, "srgb_rec709_scene")
+        spec.attribute("oiio:subimagename", name)
+
+    return replace(picture.respecced(mark), name=name, stored=picture.spec.format)
 
 
 def _write_json(facts: Any, path: Path) -> None:

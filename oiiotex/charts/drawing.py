@@ -96,6 +96,11 @@ class Sheet:
         return self._buffer.get_pixels(oiio.FLOAT)
 
 
+def eight_bits(picture: np.ndarray) -> np.ndarray:
+    """sRGB of floats in 0 .. 1 as screens take it, uint8."""
+    return np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
+
+
 def sampled(part: Part, step: int) -> np.ndarray:
     """Every `step`th pixel of every `step`th row, read row by row."""
     window = part.window

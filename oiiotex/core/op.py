@@ -271,11 +271,11 @@ class Op:
         """The outputs by name; a tuple of such mappings where it makes several images.
 
         What is an image comes as an `image.Part`, of which nothing need be computed before it is read; a picture as
-        (height, width, 3) sRGB values, floats in 0 .. 1 or 8 bits; a table as what JSON can hold, arrays by their
-        names, a movie as (frames of 8-bit sRGB, frames a second), paints as a list of `io.paint_palette.Paint`,
-        a mesh as text, Cryptomatte as its label maps. Instead of an output its maker may come, a callable without
-        arguments: it is called where the output is asked for. An `image.Image` alone is the op's image with all its
-        parts.
+        (height, width, 3) sRGB values, floats in 0 .. 1 or 8 bits, or as a part of 8 bits; a table as what JSON can
+        hold, arrays by their names, a movie as (frames of 8-bit sRGB, frames a second), paints as a list of
+        `io.paint_palette.Paint`, a mesh as text, Cryptomatte as its label maps. Instead of an output its maker may
+        come, a callable without arguments: it is called where the output is asked for. An `image.Image` alone is the
+        op's image with all its parts.
         `session` is a `session.Session`.
 
         A line is looked through before it is run: there, what asks for pixels or for the device raises `Unseen`, and
