@@ -19,7 +19,8 @@ from .content_table import window_keys
 
 _STEP = 256  # columns of windows that a thread looks at, at least
 _DENSE = 1 << 22  # pairs of labels that are counted in a table
-_STRIP_BYTES, _PIECE_BYTES = 56, 24  # of a pixel of a strip, and of a thread's piece of it; measured
+_STRIP_PIXELS = BAND_BYTES // 8
+_STRIP_BYTES, _PIECE_BYTES = 30, 24  # of a pixel of a strip, and of what a thread looks at meanwhile; measured
 _KEY_BITS = 32  # k1 << _KEY_BITS | k2
 
 
@@ -69,9 +70,9 @@ def add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
 
 def scan_bytes(width: int, height: int, side: int, session: Session) -> int:
     """Memory of `key_strips`, whatever the map's height."""
-    rows = min(height, _rows(width, side) + side)
-    piece = (min(width, _columns(side) + side) * min(height, rows)) * (session.threads or usable_threads())
-    return _STRIP_BYTES * width * rows + _PIECE_BYTES * piece
+    across = _columns(side) + side
+    pieces = (session.threads or usable_threads()) * min(width, across) * min(height, across)
+    return _STRIP_BYTES * width * min(height, _rows(width, side) + side) + _PIECE_BYTES * pieces
 
 
 def key_strips(labels: Part, side: int, session: Session, advance: Callable[[], object]) -> Iterator[Strip]:
@@ -110,8 +111,8 @@ def strip_count(labels: Part, side: int) -> int:
 
 
 def _rows(width: int, side: int) -> int:
-    """Of windows in a strip: as many as a band holds pixels, but no few, whose halo would be all the work."""
-    return max(side // 2, BAND_BYTES // (4 * width) - side)
+    """Of windows in a strip: as many as it holds pixels, but no few, whose halo would be all the work."""
+    return max(side // 2, _STRIP_PIXELS // width - side)
 
 
 def _columns(side: int) -> int:
