@@ -63,11 +63,8 @@ def plane_in_perspective(tile: np.ndarray, width: int, height: int) -> np.ndarra
     -------
     (height, width, channels) float64
     """
-    horizon = round(height * HORIZON)
-    below = np.arange(height - horizon + 1, dtype=np.float64)  # the borders of rows, px below the horizon
-    near = TILES_ACROSS * tile.shape[1]  # focal length `width`: at this distance so many tiles are seen across
-    eye = below[-1] * near / width  # height of the camera above the plane, in the tile's pixels
-    away = width * eye / np.maximum(below, _NEAREST_HORIZON)
+    eye, away = eye_and_away(tile.shape[1], width, height)
+    horizon = height - len(away) + 1
     rows = area_means(tile, away[1:], away[:-1])
     picture = np.zeros((height, width, tile.shape[2]))
     borders = np.arange(width + 1) - width / 2
@@ -75,6 +72,22 @@ def plane_in_perspective(tile: np.ndarray, width: int, height: int) -> np.ndarra
         across = borders * eye / (y + 0.5)
         picture[horizon + y] = area_means(row, across[:-1], across[1:])
     return picture
+
+
+def eye_and_away(tile: int, width: int, height: int) -> tuple[float, np.ndarray]:
+    """Height of the camera above the plane, and how far away borders of rows are, the horizon first.
+
+    Parameters
+    ----------
+    tile : int
+        Its width, px: the unit of both.
+    width, height : int
+        Of the picture, px.
+    """
+    below = np.arange(height - round(height * HORIZON) + 1, dtype=np.float64)  # the borders, px below the horizon
+    near = TILES_ACROSS * tile  # focal length `width`: at this distance so many tiles are seen across
+    eye = float(below[-1]) * near / width
+    return eye, width * eye / np.maximum(below, _NEAREST_HORIZON)
 
 
 def made_seamless(photo: np.ndarray) -> np.ndarray:
@@ -93,7 +106,11 @@ def made_seamless(photo: np.ndarray) -> np.ndarray:
     (height, width, channels) float64
     """
     v, u = (np.abs(2 * (np.arange(n) + 0.5) / n - 1) for n in photo.shape[:2])
+    return blended(photo, np.roll(photo, (photo.shape[0] // 2, photo.shape[1] // 2), (0, 1)), v, u)
+
+
+def blended(photo: np.ndarray, shifted: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Some rows of it, from those of the photo and of its shifted copy, and their v and u."""
     both, neither = v[:, None] * u[None, :], (1 - v)[:, None] * (1 - u)[None, :]
     share = (both / (both + neither))[..., None]
-    shifted = np.roll(photo, (photo.shape[0] // 2, photo.shape[1] // 2), (0, 1))
     return (1 - share) * photo + share * shifted

@@ -7,26 +7,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.tile_preview import made_seamless, plane_in_perspective, repeated
-from ..color.config import as_float
-from ..color.lab import count_broken, in_type
-from ..core.access import Whole
-from ..core.image import Image, Part, derived_spec, dtype_of, from_pixels, resized
+from ..charts.laid_out import AT_ONCE, Panel, laid, look_through, plane, reduced
+from ..color.lab import in_type
+from ..core.access import Gather
+from ..core.demand import materialized
+from ..core.image import Image, Part, derived_spec, dtype_of
 from ..core.op import Kind, Output, Space
 from ..core.parameters import Words, image, param
+from ..core.window import Window
 from ..deferred import np
-from ..errors import BrokenValues, ImageError, ParameterError
+from ..errors import ImageError, ParameterError
 from ..session import Session
 
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
 _OF_EXEMPLAR = ("exemplar", "seamless")
 _GAP = 8  # px between panels
-_PANEL_BYTES = 14  # bytes a value of the panels and their sheet; measured, as the next
-_SUM_BYTES = 24  # bytes a value while the widest panel is summed up in doubles
+_BYTES = 120  # of a value, while some rows are worked on; measured
 
 
 @dataclass(frozen=True, kw_only=True)
-class Preview(Whole):
+class Preview(Gather):
     """Lay a tile out as it will be seen: 2 x 2, 3 x 3, and on a plane in perspective to the horizon.
 
     The plane is the stress test of MJH17 (section 5.2): all repetition shows there. With `exemplar` the photo stands
@@ -50,42 +50,55 @@ class Preview(Whole):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """One image of all panels."""
-        names = self._names()
-        part = self.tile.first
-        task = f"a preview of a tile of {part.spec.width}x{part.spec.height}, {self.height} px high,"
-        session.require(self._memory(names), task, "take a smaller height")
+        names, tile = self._names(), self.tile.first
+        photo = None if self.exemplar is None else self.exemplar.first
+        channels = tile.spec.nchannels
+        if photo is not None and photo.spec.nchannels != channels:
+            raise ImageError(f"exemplar has {photo.spec.nchannels} channels, the tile {channels}: they must be alike")
+        widest = max(part.spec.width for part in (tile, photo or tile))
+        task = f"a preview of rows of {widest} px, {self.height} px high,"
+        shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
+        sheet = sum(self.height * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
+        values = channels * max(widest, round(sheet))  # of a row of an image, and of the sheet
+        session.require(_BYTES * max(AT_ONCE, values), task, "take a smaller height")
+        if photo is not None and not photo.ready:
+            photo = materialized(photo, session.budget)
+        panels = self._panels(names, tile, photo, session.budget)
         with session.stats.time("read"):
-            tile = _values(self.tile)
-            photo = None if self.exemplar is None else _values(self.exemplar)
-        if photo is not None and photo.shape[2] != tile.shape[2]:
-            raise ImageError(f"exemplar has {photo.shape[2]} channels, the tile {tile.shape[2]}: they must be alike")
-        makers: dict[str, Callable[[], np.ndarray]] = {
-            "exemplar": lambda: _at_height(photo, self.height),
-            "seamless": lambda: repeated(made_seamless(photo), 2, self.height),
-            "2x2": lambda: repeated(tile, 2, self.height),
-            "3x3": lambda: repeated(tile, 3, self.height),
-            "plane": lambda: plane_in_perspective(tile, self.height * 3 // 2, self.height),
-        }
-        panels = [makers[name]() for name in names]
-        gap = np.zeros((self.height, _GAP, tile.shape[2]))
-        sheet = np.concatenate([piece for panel in panels for piece in (gap, panel)][1:], axis=1)
-        spec = derived_spec(part.spec, sheet.shape[1], self.height)
-        pixels = in_type(sheet.astype(np.float32), np.dtype(dtype_of(part.spec)))
-        return {"preview": from_pixels(part.name, pixels, spec, part.stored)}
+            look_through(tile, [panels[name] for name in names if name not in _OF_EXEMPLAR], self.tile.source)
+            if photo is not None:
+                seamless = [panels[name] for name in names if name == "seamless"]
+                look_through(photo, seamless, self.exemplar.source, seamless=True)
+        return {"preview": self._sheet(tile, [panels[name] for name in names])}
 
-    def _memory(self, names: list[str]) -> int:
-        """Bytes: the images, the panels and their sheet, and what the widest of them is summed up in."""
-        images = [self.tile.first.spec, *([] if self.exemplar is None else [self.exemplar.first.spec])]
-        across = {name: (images[-1] if name in _OF_EXEMPLAR else images[0]) for name in names}
-        widths = [
-            self.height * 3 // 2 if name == "plane" else self.height * spec.width // spec.height + 1
-            for name, spec in across.items()
-        ]
-        inputs = 24 * sum(spec.width * spec.height for spec in images)
-        summed = max(*widths, *(spec.width for spec in images))
-        return images[0].nchannels * (
-            inputs + _PANEL_BYTES * self.height * sum(widths) + _SUM_BYTES * self.height * summed
-        )
+    def _panels(self, names: list[str], tile: Part, photo: Part | None, budget: int) -> dict[str, Panel]:
+        """Those that are asked for, to be filled in."""
+        across, channels = self.height * 3 // 2, tile.spec.nchannels
+        kept = 8 * channels * (self.height + 1)  # bytes of a column's sums
+        need = sum(kept * (photo if name in _OF_EXEMPLAR else tile).spec.width for name in names)
+        here = need <= budget // 4
+        makers: dict[str, Callable[[], Panel]] = {
+            "exemplar": lambda: reduced(photo, self.height),
+            "seamless": lambda: laid(photo.window.size, channels, 2, self.height, here),
+            "2x2": lambda: laid(tile.window.size, channels, 2, self.height, here),
+            "3x3": lambda: laid(tile.window.size, channels, 3, self.height, here),
+            "plane": lambda: plane(tile.window.size, channels, across, self.height, here),
+        }
+        return {name: makers[name]() for name in names}
+
+    def _sheet(self, tile: Part, panels: list[Panel]) -> Part:
+        """All panels side by side, not yet drawn."""
+        width = sum(panel.width for panel in panels) + _GAP * (len(panels) - 1)
+        spec = derived_spec(tile.spec, width, self.height)
+        dtype, channels = np.dtype(dtype_of(tile.spec)), tile.spec.nchannels
+
+        def fetch(window: Window) -> np.ndarray:
+            gap = np.zeros((window.height, _GAP, channels))
+            drawn = [piece for panel in panels for piece in (gap, panel.rows(window.top, window.bottom))][1:]
+            sheet = np.concatenate([piece.astype(np.float32) for piece in drawn], axis=1)
+            return in_type(sheet[:, window.left : window.right], dtype)
+
+        return Part(tile.name, spec, fetch, tile.stored)
 
     def _names(self) -> list[str]:
         if self.panels is None:
@@ -97,16 +110,3 @@ class Preview(Whole):
         if self.exemplar is None and missing:
             raise ParameterError(f"panels={self.panels}: {missing[0]} needs exemplar=")
         return names
-
-
-def _values(image: Image) -> np.ndarray:
-    """All channels; one broken value would spoil every mean, so there must be none."""
-    values = as_float(image.first.pixels())
-    counts = count_broken(values)
-    if counts.any():
-        raise BrokenValues(image.source, counts)
-    return values
-
-
-def _at_height(photo: np.ndarray, height: int) -> np.ndarray:
-    return resized(photo, max(1, round(height * photo.shape[1] / photo.shape[0])), height)
