@@ -82,7 +82,7 @@ def test_what_is_wrong_is_said(given, said):
 
 def test_a_tile_that_does_not_fit_the_budget_is_refused_with_the_figure():
     with pytest.raises(
-        errors.ImageError, match=r"a preview of a tile of 64x48, 512 px high, needs 71 MB .* the budget is 0 MB"
+        errors.ImageError, match=r"a preview of rows of 64 px, 512 px high, needs 30 MB .* the budget is 0 MB"
     ):
         filters.preview(buffer(TILE), session=Session(budget=1000))
 

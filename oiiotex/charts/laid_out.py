@@ -22,7 +22,13 @@ from ..io.row_store import RowStore
 from .tile_preview import area_means, blended, eye_and_away
 
 AT_ONCE = BAND_BYTES // 32  # values of a band, and of rows of a panel: they are doubles, and there are several of them
+_BYTES = 120  # of each of them; measured
 Rows = Callable[[int, int], "np.ndarray"]  # from which row to which -> (rows, width, channels)
+
+
+def bytes_needed(values: int) -> int:
+    """Memory of panels, where a row of an image or of all of them has so many values."""
+    return _BYTES * max(AT_ONCE, values)
 
 
 class RowIntegrals:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.laid_out import AT_ONCE, Panel, laid, look_through, plane, reduced
+from ..charts.laid_out import Panel, bytes_needed, laid, look_through, plane, reduced
 from ..color.lab import in_type
 from ..core.access import Gather
 from ..core.demand import materialized
@@ -22,7 +22,6 @@ from ..session import Session
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
 _OF_EXEMPLAR = ("exemplar", "seamless")
 _GAP = 8  # px between panels
-_BYTES = 120  # of a value, while some rows are worked on; measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ class Preview(Gather):
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
         sheet = sum(self.height * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
         values = channels * max(widest, round(sheet))  # of a row of an image, and of the sheet
-        session.require(_BYTES * max(AT_ONCE, values), task, "take a smaller height")
+        session.require(bytes_needed(values), task, "take a smaller height")
         if photo is not None and not photo.ready:
             photo = materialized(photo, session.budget)
         panels = self._panels(names, tile, photo, session.budget)

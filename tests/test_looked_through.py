@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was held whole and is looked through in bands: memory does not grow with the image, and bands do not show."""
+
+from __future__ import annotations
+
+import sys
+import tracemalloc
+from collections.abc import Callable
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from oiiotex.charts import laid_out
+from oiiotex.core import demand
+from oiiotex.core.image import Image, Part
+from oiiotex.core.op import Op
+from oiiotex.core.window import Window
+from oiiotex.filters.content import Content
+from oiiotex.filters.preview import Preview
+from oiiotex.labels import content_scan
+from oiiotex.run import run
+from oiiotex.session import Session
+
+
+def picture(width: int, height: int) -> Part:
+    """A photo that is not held: any window of it."""
+    spec = oiio.ImageSpec(width, height, 3, oiio.UINT8)
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+
+    def fetch(window: Window) -> np.ndarray:
+        y, x = np.ogrid[window.top : window.bottom, window.left : window.right]
+        return np.stack([x * y % 251 + 0 * x, 7 * x % 256 + 0 * y, (x + 3 * y) % 256], -1).astype(np.uint8)
+
+    return Part("photo", spec, fetch)
+
+
+def labels(width: int, height: int) -> Part:
+    """A label map that is not held."""
+    spec = oiio.ImageSpec(width, height, 1, oiio.UINT32)
+
+    def fetch(window: Window) -> np.ndarray:
+        y, x = np.ogrid[window.top : window.bottom, window.left : window.right]
+        return ((y // 37 * 7 + x // 29 * 3) % 9 + 1).astype(np.uint32)[..., None]
+
+    return Part("label.1", spec, fetch)
+
+
+def marked(width: int, height: int, **more: object) -> Op:
+    return Content(source=Image((picture(width, height), labels(width, height))), patch=16, **more)
+
+
+def shown(width: int, height: int, **more: object) -> Op:
+    return Preview(tile=Image((picture(width, height),)), exemplar=Image((picture(width, height),)), height=32, **more)
+
+
+def pixels_of(op: Op, session: Session, rows: int) -> np.ndarray:
+    """The op's image, read in bands of so many rows; its columns in two halves."""
+    part = run(op, session)[0].image.first
+    read = [part.read(window) for window in part.window.cells(-(-part.spec.width // 2), rows)]
+    return np.concatenate([np.concatenate(pair, 1) for pair in zip(read[::2], read[1::2], strict=True)])
+
+
+@pytest.mark.parametrize("op", [marked, shown], ids=["content", "preview"])
+def test_memory_does_not_grow_with_the_height(monkeypatch, op: Callable[..., Op]):
+    """Of one thread, with small bands; what the cache of pieces holds has a limit of its own."""
+    monkeypatch.setattr(demand, "BAND_BYTES", 1 << 18)
+    monkeypatch.setattr(content_scan, "_STRIP_PIXELS", 1 << 15)
+    monkeypatch.setattr(laid_out, "AT_ONCE", 1 << 14)
+
+    def peak(height: int) -> int:
+        session = Session(threads=1, budget=4 << 20)
+        session.cache.limit = 1 << 20
+        tracemalloc.start()
+        try:
+            part = run(op(400, height), session)[0].image.first
+            for window in part.window.cells(part.spec.width, 16):
+                part.read(window)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(900)  # what is loaded once is loaded
+    low, high = peak(900), peak(3600)
+    assert high - low < 600 << 10, f"{low >> 10} and {high >> 10} kB"  # its pixels alone are 3164 kB more
+
+
+@pytest.mark.parametrize("more", [{}, {"table": True}], ids=["marked", "table"])
+def test_strips_do_not_show_in_contents(monkeypatch, more: dict[str, bool]):
+    at_once = pixels_of(marked(150, 190, **more), Session(), 1000)
+    monkeypatch.setattr(content_scan, "_STRIP_PIXELS", 150 * 20)
+    monkeypatch.setattr(content_scan, "_STEP", 32)
+    monkeypatch.setattr(sys.modules[Content.__module__], "_ROWS", 3)
+    monkeypatch.setattr(Session, "require", lambda *_: None)
+    for threads, budget, rows in ((1, 1 << 10, 7), (3, 1 << 20, 50)):  # a bit for each pixel is 3.6 kB
+        seen = pixels_of(marked(150, 190, **more), Session(threads=threads, budget=budget), rows)
+        np.testing.assert_array_equal(seen, at_once)
+
+
+def test_bands_do_not_show_in_previews(monkeypatch):
+    at_once = pixels_of(shown(150, 190), Session(), 1000)
+    monkeypatch.setattr(Session, "require", lambda *_: None)
+    monkeypatch.setattr(laid_out, "AT_ONCE", 150 * 3 * 11)
+    for budget, rows in ((1 << 12, 5), (1 << 30, 13)):
+        np.testing.assert_array_equal(pixels_of(shown(150, 190), Session(budget=budget), rows), at_once)
