@@ -16,6 +16,7 @@ from oiiotex.core.source_map import SourceMap
 from oiiotex.graphcut import placement as gc
 from oiiotex.graphcut import seams
 from oiiotex.graphcut import search as searching
+from oiiotex.graphcut.photo import Photo
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
@@ -116,7 +117,7 @@ def test_seam_costs_are_those_of_the_edges():
 def test_the_search_is_the_plain_sum_of_squares():
     source, random = random_source(18, 23), np.random.default_rng(2)
     allowed = random.random((18, 23)) < 0.8
-    found = searching.Search(source, allowed, 5)
+    found = searching.Search(Photo(source.lab, allowed), 5)
     seen, new = random.random((5, 5)) < 0.6, random.random((5, 5)) < 0.5
     lab = random.integers(-70, 220, (5, 5, 3))
     cost, gain = found._sums(lab, seen, new)
@@ -168,7 +169,8 @@ def test_refinement_never_makes_seams_worse_and_mostly_better():
     gains = []
     for seed in range(3):
         costs = [
-            total_cost(gc.graph_cut(lab, None, layout(passes=n, seed=seed), lambda *_: None), lab) for n in range(4)
+            total_cost(gc.graph_cut(lab, None, layout(passes=n, seed=seed), 1 << 30, lambda *_: None), lab)
+            for n in range(4)
         ]
         assert costs == sorted(costs, reverse=True)
         gains.append(costs[0] - costs[-1])
@@ -177,7 +179,7 @@ def test_refinement_never_makes_seams_worse_and_mostly_better():
 
 def test_seams_cost_less_than_straight_ones():
     lab = (PHOTO * 90 - 10).astype(np.float32)
-    cut = gc.graph_cut(lab, None, layout(), lambda *_: None)
+    cut = gc.graph_cut(lab, None, layout(), 1 << 30, lambda *_: None)
     y, x = np.indices((70, 90))
     corners = np.random.default_rng(0).integers(0, 60, (2, 4, 5))
     butted = SourceMap.of(corners[0][y // 21, x // 21] + y % 21, corners[1][y // 21, x // 21] + x % 21)
@@ -190,7 +192,7 @@ def test_a_torus_has_no_border():
     source = seams.Source(to_grid(lab, FINE_STEPS))
 
     def across(tiling: bool) -> float:
-        places = gc.graph_cut(lab, None, layout(wrap_x=tiling, wrap_y=tiling, seed=3), lambda *_: None)
+        places = gc.graph_cut(lab, None, layout(wrap_x=tiling, wrap_y=tiling, seed=3), 1 << 30, lambda *_: None)
         pair = np.stack(places[:, [-1, 0]].yx)
         return float(seams.seam_costs(source, pair, np.ones(pair.shape[1:], bool))[0].mean())
 
@@ -245,7 +247,7 @@ def test_an_exemplar_smaller_than_a_patch_and_a_tile_smaller_than_one():
 def test_what_is_wrong_is_said(tmp_path):
     save(PHOTO, tmp_path / "photo.png")
     with pytest.raises(errors.ImageError, match=r"cutting 16000x16000 from 112x96 needs \d+ MB"):
-        filters.cut(buffer(PHOTO), size=(16000, 16000), session=Session(budget=1 << 28))
+        filters.cut(buffer(PHOTO), size=(16000, 16000), session=Session(budget=1 << 20))
     with pytest.raises(errors.ImageError, match="is free of transparent pixels"):
         filters.cut(buffer(np.zeros((20, 20, 4)), names=tuple("RGBA")))
     with pytest.raises(errors.ParameterError, match="patch=3"):
@@ -272,18 +274,18 @@ def test_waves_do_not_touch_and_are_what_one_after_the_other_makes(wraps):
             assert max(away) > side or number[m] < number[n]
     lab = (PHOTO * 90 - 10).astype(np.float32)
     with ThreadPoolExecutor(4) as threads:
-        together = gc.graph_cut(lab, None, whole, lambda *_: None, spread=threads.map)
+        together = gc.graph_cut(lab, None, whole, 1 << 30, lambda *_: None, spread=threads.map)
     alone = _in_order(lab, whole)
     np.testing.assert_array_equal(together.packed, alone.packed)
 
 
 def _in_order(lab: np.ndarray, layout: gc.Layout) -> SourceMap:
     """Patches one after the other."""
-    canvas = gc._Canvas(lab, None, layout, None)
+    canvas = gc._Canvas(Photo.of(lab, None, 1 << 30), layout, 1 << 30, None)
     sites = layout.sites()
     for number, (y, x) in enumerate(sites):
         canvas.lay(y, x, layout.patch, number)
     canvas.close_holes()
     for number, (y, x, side) in enumerate(canvas.worst(len(sites)), len(sites)):
         canvas.improve(y, x, side, number)
-    return canvas.laid
+    return SourceMap(canvas.laid)

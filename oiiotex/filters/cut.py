@@ -18,6 +18,8 @@ from ..exemplar.photo_lattice import Structured, fitting_size, least_size
 from ..session import Session
 from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
+_SEEN_BYTES = 40  # of a pixel of the photo, while its colours are looked at
+
 
 @dataclass(frozen=True, kw_only=True)
 class Cut(ExemplarOp, Structured, Whole):
@@ -55,9 +57,9 @@ class Cut(ExemplarOp, Structured, Whole):
         def layout_of(size: Size) -> Layout:
             layout = Layout.tiling(*size, self.tile, patch=patch, passes=self.passes, seed=self.seed)
             threads = session.threads or usable_threads()
-            needed = bytes_needed(layout, (spec.height, spec.width), threads)
+            needed = bytes_needed(layout, (spec.height, spec.width), session.budget, threads)
             session.require(
-                needed + spec.width * spec.height * self.exemplar.first.pixel_bytes,
+                needed + spec.width * spec.height * (_SEEN_BYTES + self.exemplar.first.pixel_bytes),
                 f"cutting {size} from {spec.width}x{spec.height}",
                 "make the result or the photo smaller",
             )
@@ -73,6 +75,8 @@ class Cut(ExemplarOp, Structured, Whole):
         layout = layout_of(fitting_size(self.flag(), lattice, size, self.size is not None, wraps))
         with session.stats.time("cut"):
             in_step = self.in_step(lattice, layout, self.seed)
-            source = graph_cut(seen.values, seen.usable, layout, session.advance, in_step, session.spread)
+            source = graph_cut(
+                seen.values, seen.usable, layout, session.budget, session.advance, in_step, session.spread
+            )
         self.say_what_stays()
         return quality.add_to_copies(source.parts("cut", self.exemplar.first, self.tile))

@@ -131,7 +131,7 @@ class Palette(LabelledExemplar, Whole):
         if patch is None:
             side = min(16, self.side // 2)
             cut = Layout(box.width, box.height, patch=side, passes=0, seed=seed)
-            source = graph_cut(lab, allowed, cut, lambda done, total: None)
+            source = graph_cut(lab, allowed, cut, session.budget, lambda done, total: None)
         else:
             recipe = Recipe(
                 box.width, box.height, sigma=None, patch=patch, iterations=_ITERATIONS, seed=seed, uniformity=0.01,

@@ -12,24 +12,26 @@ offsets that are there already are passed over, because they continue the exempl
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import fft
-from scipy.ndimage import distance_transform_edt
 
-from ..color.lab_grid import FINE_STEPS, to_grid
-from ..core.source_map import SourceMap
+from ..core.source_map import NONE, SourceMap
 from ..core.window import Domain
 from ..patchmatch.field import hash_at
 from ..regularity.offset_prices import InStep
+from .photo import Laid, Photo, held_bytes
 from .seams import Source, cut, seam_costs
 from .search import Search, search_factor
 
 OVERLAP = 3  # patches of a first layer lie 2/3 of their side apart
 TRIES = 2  # placements of a refinement
 MOST_NARROW = 16  # px, side of a refinement's patch
+_LOOKED_AT = 1 << 16  # px whose seams are added up at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,18 +60,19 @@ class Layout(Domain):
         return [(y, columns[(n + i) % len(columns)]) for n, y in enumerate(rows) for i in range(len(columns))]
 
 
-def bytes_needed(layout: Layout, exemplar: tuple[int, ...], threads: int = 1) -> int:
-    """Memory of a synthesis: the result's places and seams; of each thread spectra of a search, arcs of a cut."""
-    pixels = exemplar[0] * exemplar[1]
+def bytes_needed(layout: Layout, exemplar: tuple[int, ...], budget: int, threads: int = 1) -> int:
+    """Memory of a synthesis: photo and result, or caches of them; of each thread spectra of a search, arcs of a cut."""
     factor = search_factor(exemplar)
     side = [fft.next_fast_len(n // factor + layout.patch // factor + 2, True) for n in exemplar[:2]]
-    return 40 * layout.width * layout.height + 60 * pixels + threads * (150 * side[0] * side[1] + 250 * layout.patch**2)
+    held = held_bytes(budget, exemplar[0] * exemplar[1], layout.width * layout.height)
+    return held + threads * (150 * side[0] * side[1] + 250 * layout.patch**2)
 
 
 def graph_cut(
-    exemplar: np.ndarray,
-    allowed: np.ndarray | None,
+    exemplar: Any,
+    allowed: Any,
     layout: Layout,
+    budget: int,
     progress: Callable[[int, int], None],
     in_step: InStep | None = None,
     spread: Callable[..., Iterable] = map,
@@ -81,10 +84,12 @@ def graph_cut(
     Parameters
     ----------
     exemplar : (height, width, 3) float32
-        CIE Lab.
+        CIE Lab: an array, or what gives rows of one for a slice.
     allowed : (height, width) bool or None
         Pixels that may be used, at least one; None: all. What the others look like is not looked at.
     layout : Layout
+    budget : int
+        Bytes; what of photo and result is beyond a quarter of it lies in a file.
     progress : callable
         Called with (patches tried, patches in all); may raise to stop.
     in_step : InStep or None
@@ -97,7 +102,7 @@ def graph_cut(
     SourceMap
         Of (height, width) pixels.
     """
-    canvas = _Canvas(exemplar, allowed, layout, in_step)
+    canvas = _Canvas(Photo.of(exemplar, allowed, budget), layout, budget, in_step)
     sites = layout.sites()
     total, done = len(sites) * (1 + layout.passes), 0
 
@@ -116,7 +121,7 @@ def graph_cut(
         while done < len(sites) * (2 + refined):  # there may be fewer cells than sites
             done += 1
             progress(done, total)
-    return canvas.laid
+    return SourceMap(canvas.laid)
 
 
 def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]]:
@@ -148,22 +153,34 @@ def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]
     return by_wave
 
 
+class _Seen(NamedTuple):
+    """What is there where a patch is to be laid.
+
+    Rows and columns of the result, which may begin anew; where the patch may lie, where something does, and what.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    inside: np.ndarray
+    filled: np.ndarray
+    laid: SourceMap
+
+    @property
+    def places(self) -> np.ndarray:
+        """(2, h, w) rows and columns of the exemplar."""
+        return np.stack(self.laid.yx)
+
+
 class _Canvas:
     """What has been laid so far."""
 
-    def __init__(self, exemplar: np.ndarray, allowed: np.ndarray | None, layout: Layout, in_step: InStep | None):
-        lab = to_grid(exemplar, FINE_STEPS)
-        if allowed is not None:
-            # seams compare what lies beyond a patch's border, too: there the nearest pixel that may be used stands in
-            y, x = distance_transform_edt(~allowed, return_distances=False, return_indices=True)
-            lab = lab[y, x]
-        self._source = Source(lab)
-        self._allowed = np.ones(lab.shape[:2], bool) if allowed is None else allowed
+    def __init__(self, photo: Photo, layout: Layout, budget: int, in_step: InStep | None):
+        self._photo, self._source = photo, Source(photo.lab)
         self._layout = layout
-        self._search = Search(self._source, self._allowed, layout.patch, in_step)
-        self.laid = SourceMap(np.zeros((layout.height, layout.width), np.uint32))
-        self._filled = np.zeros((layout.height, layout.width), bool)
-        self._tried = np.zeros(self._filled.shape, np.uint8)
+        self._search = Search(photo, layout.patch, in_step)
+        self.laid = Laid(layout.height, layout.width, budget)
+        self._cell = max(1, layout.patch // 4)
+        self._tried = np.zeros((-(-layout.height // self._cell), -(-layout.width // self._cell)), np.uint8)
 
     def _window(self, y: int, x: int, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows and columns of the patch at (y, x) with a margin, wrapped; and which of them there are."""
@@ -177,93 +194,102 @@ class _Canvas:
         there_x &= np.arange(side) < margin + g.width if g.wrap_x else True
         return rows % g.height, columns % g.width, there_y[:, None] & there_x[None, :]
 
-    def _seen(self, y: int, x: int, side: int) -> tuple[tuple, np.ndarray, np.ndarray, np.ndarray]:
-        """(indices, inside, filled, places) of the window at (y, x), a pixel wider than the patch."""
+    def _seen(self, y: int, x: int, side: int) -> _Seen:
+        """The window at (y, x), a pixel wider than the patch."""
         rows, columns, there = self._window(y, x, side)
         inside = there.copy()
         inside[[0, -1]] = inside[:, [0, -1]] = False
-        place = np.ix_(rows, columns)
-        return place, inside, self._filled[place] & there, np.stack(self.laid[place].yx)
+        laid = self.laid.window(rows, columns)
+        return _Seen(rows, columns, inside, (laid.packed != NONE) & there, laid)
 
     def _covered(self, offset: tuple[int, int], inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The patch whose corner lies at `offset` of the exemplar: its (y, x), and where it may be taken."""
         y, x = (offset[k] - 1 + np.arange(len(inside)) for k in (0, 1))
-        height, width = self._allowed.shape
+        height, width = self._photo.shape
         ok = ((y >= 0) & (y < height))[:, None] & ((x >= 0) & (x < width))[None, :]
-        ok &= self._allowed[np.ix_(y.clip(0, height - 1), x.clip(0, width - 1))]
+        ok &= self._photo.usable[np.ix_(y.clip(0, height - 1), x.clip(0, width - 1))]
         return np.stack(np.broadcast_arrays(y[:, None], x[None, :])), ok & inside
 
     def lay(self, y: int, x: int, side: int, number: int, offset: tuple[int, int] | None = None) -> None:
         """A first patch at (y, x): it fills what is empty and is cut against what is there."""
-        place, inside, filled, there = self._seen(y, x, side)
-        if not (inside & ~filled).any():
+        seen = self._seen(y, x, side)
+        empty = seen.inside & ~seen.filled
+        if not empty.any():
             return
         if offset is None:
-            offsets = self._search.placements(self._source, there, filled & inside, inside & ~filled, (y, x))
+            offsets = self._search.placements(self._source, seen.places, seen.filled & seen.inside, empty, (y, x))
             offset = offsets[self._chance(0x1A1D, number) % len(offsets)]
-        patch, covers = self._covered(offset, inside)
-        self._put(place, patch, cut(self._source, there, filled, patch, covers))
+        patch, covers = self._covered(offset, seen.inside)
+        self._put(seen, patch, cut(self._source, seen.places, seen.filled, patch, covers))
 
     def close_holes(self) -> None:
         """Patches around pixels that none has covered yet, until there are none."""
         side, number = self._layout.patch, 0x100000
-        half = side // 2
-        while not self._filled.all():
-            y, x = (int(n) for n in np.unravel_index(int(self._filled.argmin()), self._filled.shape))
+        half, hole = side // 2, self.laid.first_hole(0)
+        while hole is not None:
+            y, x = hole
             number += 1
             self.lay(y - half, x - half, side, number)
-            if not self._filled[y, x]:  # no patch that fits has an allowed pixel just there: any that has
-                places = np.flatnonzero(self._allowed)
-                at_y, at_x = divmod(int(places[self._chance(0x401E, number) % len(places)]), self._allowed.shape[1])
+            hole = self.laid.first_hole(y)
+            if hole == (y, x):  # no patch that fits has an allowed pixel just there: any that has
+                at_y, at_x = self._photo.nth_usable(self._chance(0x401E, number))
                 self.lay(y - half, x - half, side, number, (at_y - half, at_x - half))
+                hole = self.laid.first_hole(y)
 
     def improve(self, y: int, x: int, side: int, number: int) -> None:
         """Another patch over (y, x), where it makes the seams cheaper."""
-        place, inside, filled, there = self._seen(y, x, side)
-        before = self._cost(there, filled)
+        seen = self._seen(y, x, side)
+        before = self._cost(seen.places, seen.filled)
         if before == 0:
             return
-        ring = filled & inside
+        ring = seen.filled & seen.inside
         ring[side // 3 : -side // 3, side // 3 : -side // 3] = False  # what lies within is what is to be replaced
-        offsets = self._search.placements(self._source, there, ring, np.zeros_like(inside), (y, x))
+        offsets = self._search.placements(self._source, seen.places, ring, np.zeros_like(ring), (y, x))
         first = self._chance(0x2EF1, number)
         for n in range(min(TRIES, len(offsets))):
-            patch, covers = self._covered(offsets[(first + n) % len(offsets)], inside)
-            taken = cut(self._source, there, filled, patch, covers)
-            if self._cost(np.where(taken, patch, there), filled | taken) < before:
-                self._put(place, patch, taken)
+            patch, covers = self._covered(offsets[(first + n) % len(offsets)], seen.inside)
+            taken = cut(self._source, seen.places, seen.filled, patch, covers)
+            if self._cost(np.where(taken, patch, seen.places), seen.filled | taken) < before:
+                self._put(seen, patch, taken)
                 return
 
     def _cost(self, places: np.ndarray, filled: np.ndarray) -> int:
         return sum(int(c.sum()) for c in seam_costs(self._source, places, filled))
 
-    def _put(self, place: tuple, patch: np.ndarray, taken: np.ndarray) -> None:
-        y, x = np.nonzero(taken)
-        rows, columns = place[0][y, 0], place[1][0, x]
-        self.laid.packed[rows, columns] = SourceMap.of(*patch[:, y, x]).packed
-        self._filled[rows, columns] = True
+    def _put(self, seen: _Seen, patch: np.ndarray, taken: np.ndarray) -> None:
+        """Take some pixels of a patch; of the window only what lies inside is written, and nothing twice."""
+        rows, columns = (np.flatnonzero(seen.inside.any(axis)) for axis in (1, 0))
+        inside = np.ix_(rows, columns)
+        at = patch[(slice(None), *inside)].clip(0)  # a patch may begin outside of the photo
+        packed = np.where(taken[inside], SourceMap.of(*at).packed, seen.laid.packed[inside])
+        self.laid.put(seen.rows[rows], seen.columns[columns], SourceMap(packed))
 
     def _chance(self, step: int, number: int) -> int:
         return int(hash_at(self._layout.seed, step, np.array([number >> 12]), np.array([number & 0xFFF]))[0] >> 8)
 
     def worst(self, count: int) -> Iterator[tuple[int, int, int]]:
         """Corners and sides of patches around the most expensive seams, each smaller the oftener it was tried."""
-        cell = max(1, self._layout.patch // 4)
-        energy = self._energy(cell) / 4.0 ** self._tried[::cell, ::cell]
+        cell = self._cell
+        energy = self._energy() / 4.0**self._tried
         for place in np.argsort(-energy, axis=None, kind="stable")[:count].tolist():
-            y, x = (int(n) * cell for n in divmod(place, energy.shape[1]))
-            side = max(MOST_NARROW, self._layout.patch * 2 // (3 + int(self._tried[y, x])))
-            self._tried[y, x] = min(15, self._tried[y, x] + 1)
+            row, column = divmod(place, energy.shape[1])
+            y, x, tried = row * cell, column * cell, int(self._tried[row, column])
+            side = max(MOST_NARROW, self._layout.patch * 2 // (3 + tried))
+            self._tried[row, column] = min(15, tried + 1)
             yield y + (cell - side) // 2, x + (cell - side) // 2, min(side, self._layout.patch)
 
-    def _energy(self, cell: int) -> np.ndarray:
+    def _energy(self) -> np.ndarray:
         """Seam costs summed over cells."""
-        g = self._layout
-        sums = np.zeros((-(-g.height // cell), -(-g.width // cell)))
-        for top in range(0, g.height, cell):
+        g, cell, sums = self._layout, self._cell, np.zeros(self._tried.shape)
+        across = cell * max(1, _LOOKED_AT // cell**2)
+        for top, left in itertools.product(range(0, g.height, cell), range(0, g.width, across)):
             rows = np.arange(top, min(top + cell + 1, g.height + g.wrap_y)) % g.height
-            columns = np.arange(g.width + g.wrap_x) % g.width
-            places = np.stack(self.laid[np.ix_(rows, columns)].yx)
+            columns = np.arange(left, min(left + across + 1, g.width + g.wrap_x)) % g.width
+            places = np.stack(self.laid.window(rows, columns).yx)
+            inner = across if left + across < g.width else None  # what lies beyond is the next piece's
             for costs in seam_costs(self._source, places, np.ones(places.shape[1:], bool)):
-                sums[top // cell] += np.add.reduceat(costs.sum(0), np.arange(0, g.width, cell)[: sums.shape[1]])
+                along = costs[:, :inner].sum(0)
+                begins = np.arange(0, min(len(along), g.width - left), cell)
+                first = left // cell
+                sums[top // cell, first : first + len(begins)] += np.add.reduceat(along, begins)
         return sums

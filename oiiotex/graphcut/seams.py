@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..deferred import np
+from .photo import Tiles
 
 COST_STEPS = 64  # whole numbers per unit of KSE03 eq. 2, a ratio of differences to gradients
 MOST_COST = 1 << 13  # of one edge; sums over a patch of 512 x 512 stay below 2^31
@@ -29,9 +30,9 @@ def lengths(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Source:
-    """An exemplar as seams see it: (height, width, 3) int16 Lab in grid steps."""
+    """An exemplar as seams see it: (height, width, 3) int16 Lab in grid steps, an array or in tiles."""
 
-    lab: np.ndarray
+    lab: np.ndarray | Tiles
 
     def at(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Its colours; beyond the border those of the nearest pixel."""

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import fft
 
 from ..regularity.offset_prices import InStep, Prices
+from .photo import Photo
 from .seams import Source
 
 CHOICES = 4  # the best placements among which the hash chooses
@@ -32,14 +33,10 @@ class Search:
     Departure: where the exemplar has a lattice, offsets that are out of step with it cost, in the exemplar's variance.
     """
 
-    def __init__(self, source: Source, allowed: np.ndarray, patch: int, in_step: InStep | None = None):
-        self._patch, self._factor = patch, search_factor(allowed.shape)
-        self._usable = allowed
-        f = self._factor
-        lab = source.lab[f // 2 :: f, f // 2 :: f].astype(np.int64) // _UNIT
-        self._allowed = allowed[f // 2 :: f, f // 2 :: f]
-        if not self._allowed.any():  # a mask finer than the reduced exemplar
-            self._factor, lab, self._allowed = 1, source.lab.astype(np.int64) // _UNIT, allowed
+    def __init__(self, photo: Photo, patch: int, in_step: InStep | None = None):
+        self._patch, self._factor, self._photo = patch, search_factor(photo.shape), photo
+        lab, self._allowed = photo.reduced(self._factor)
+        lab = lab.astype(np.int64) // _UNIT
         self._side = -(-patch // self._factor)
         self._shape = tuple(fft.next_fast_len(n + self._side - 1, True) for n in self._allowed.shape)
         usable = self._allowed.astype(np.float64)
@@ -117,9 +114,9 @@ class Search:
     def _around(self, source: Source, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Colours of the exemplar's pixels from (y, x) on, in doubles, and which may be used, (height * width,)."""
         rows, columns = y + np.arange(height), x + np.arange(width)
-        inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._usable.shape, strict=True)]
-        at = np.ix_(*(at.clip(0, n - 1) for at, n in zip((rows, columns), self._usable.shape, strict=True)))
-        usable = self._usable[at] & inside[0][:, None] & inside[1]
+        inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._photo.shape, strict=True)]
+        at = np.ix_(*(at.clip(0, n - 1) for at, n in zip((rows, columns), self._photo.shape, strict=True)))
+        usable = self._photo.usable[at] & inside[0][:, None] & inside[1]
         return source.lab[at].astype(np.float64), usable.ravel()
 
     def _sums(self, lab: np.ndarray, seen: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An exemplar as graph cuts see it, and what is laid of it: in memory, or in unnamed files that are read by windows."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from ..color.lab_grid import FINE_STEPS, to_grid
+from ..core.demand import PieceCache, write_at
+from ..core.source_map import NONE, SourceMap
+from ..deferred import np
+from ..io.row_store import RowStore
+
+if TYPE_CHECKING:
+    from numpy.typing import DTypeLike
+
+SIDE = 128  # px of a tile
+_PHOTO_BYTES, _RESULT_BYTES = 7, 4  # of a pixel
+_BESIDE = {(0, -1): (0, 1), (-1, 0): (1, 0), (1, 0): (-1, 0), (0, 1): (0, -1)}  # (y, x) to a neighbour, in their order
+_HOLES = 64  # rows that are looked through at once
+
+
+def held_bytes(budget: int, photo: int, result: int) -> int:
+    """Memory that a photo and a result of so many pixels take: as they are, or as caches of files."""
+    return sum(n if n <= budget // 4 else budget // 8 for n in (_PHOTO_BYTES * photo, _RESULT_BYTES * result))
+
+
+class Tiles:
+    """An array in an unnamed file, of which pixels are looked up anywhere.
+
+    Parameters
+    ----------
+    shape : (int, int, ...)
+    dtype : dtype
+    cache : PieceCache
+        Of tiles that were looked at.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, cache: PieceCache):
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        self._across, self._cache = -(-shape[1] // SIDE), cache
+        self._store = RowStore((-(-shape[0] // SIDE) * self._across, SIDE, SIDE, *shape[2:]), dtype, in_memory=False)
+
+    def put(self, top: int, rows: np.ndarray) -> None:
+        """A row of tiles, which begins at a multiple of `SIDE`."""
+        tiles = np.zeros((self._across, SIDE, SIDE, *self.shape[2:]), self.dtype)
+        for n in range(self._across):
+            piece = rows[:, n * SIDE : (n + 1) * SIDE]
+            tiles[n, : piece.shape[0], : piece.shape[1]] = piece
+        first = top // SIDE * self._across
+        self._store[first : first + self._across] = tiles
+
+    def __getitem__(self, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        y, x = np.broadcast_arrays(*at)
+        out = np.empty((*y.shape, *self.shape[2:]), self.dtype)
+        tile = y // SIDE * self._across + x // SIDE
+        for n in np.unique(tile).tolist():
+            here = tile == n
+            pixels = self._cache.get((self, n), functools.partial(self._tile, n))
+            out[here] = pixels[y[here] % SIDE, x[here] % SIDE]
+        return out
+
+    def _tile(self, number: int) -> np.ndarray:
+        return self._store[number : number + 1][0]
+
+
+class Photo:
+    """Colours of an exemplar, and where they may be taken from.
+
+    Parameters
+    ----------
+    lab : (height, width, 3) int16 or Tiles
+        In grid steps.
+    usable : (height, width) bool or Tiles
+    """
+
+    def __init__(self, lab: np.ndarray | Tiles, usable: np.ndarray | Tiles):
+        self.lab, self.usable = lab, usable
+        self.shape: tuple[int, int] = usable.shape[:2]
+
+    @classmethod
+    def of(cls, values: Any, usable: Any, budget: int) -> Photo:
+        """Of CIE Lab as floats.
+
+        Parameters
+        ----------
+        values : (height, width, 3)
+            An array, or what gives rows of one for a slice.
+        usable : (height, width) bool or None
+            Such a one, too; None: everywhere.
+        budget : int
+            Bytes; beyond a quarter of it the photo lies in a file.
+        """
+        shape = values.shape[:2]
+        here = _PHOTO_BYTES * shape[0] * shape[1] <= budget // 4
+        cache = PieceCache(budget // 8)
+        lab, allowed = (
+            np.empty(size, kind) if here else Tiles(size, kind, cache)
+            for size, kind in (((*shape, 3), np.int16), (shape, np.bool_))
+        )
+        for top in range(0, shape[0], SIDE):
+            bottom = min(shape[0], top + SIDE)
+            first, last = max(0, top - 1), min(shape[0], bottom + 1)
+            colours = to_grid(values[first:last], FINE_STEPS)
+            mine = slice(top - first, bottom - first)
+            if usable is None:
+                able = np.ones(colours.shape[:2], bool)
+            else:
+                able = np.asarray(usable[first:last])
+                colours = _with_neighbours(colours, able)
+            for target, rows in ((lab, colours[mine]), (allowed, able[mine])):
+                if here:
+                    target[top:bottom] = rows
+                else:
+                    target.put(top, rows)
+        return cls(lab, allowed)
+
+    def reduced(self, factor: int) -> tuple[np.ndarray, np.ndarray]:
+        """Colours and usable pixels, one of each square of factor x factor: its middle one.
+
+        Of a mask that is so fine that it has none of these, the first usable one of each square.
+        """
+        y, x = (np.arange(factor // 2, n, factor) for n in self.shape)
+        y, x = np.broadcast_arrays(y[:, None], x[None, :])
+        usable = self.usable[y, x]
+        if not usable.any():
+            y, x = self._first_usable(factor)
+            usable = self.usable[y, x]
+        return self.lab[y, x], usable
+
+    def _first_usable(self, factor: int) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the first usable pixel of each square; any where there is none."""
+        rows, columns = (-(-n // factor) for n in self.shape)
+        first = np.zeros((rows, columns), np.int64)
+        for row in range(rows):
+            there = np.zeros((factor, columns * factor), bool)
+            pixels = self._usable_rows(row * factor, min(self.shape[0], (row + 1) * factor))
+            there[: len(pixels), : self.shape[1]] = pixels
+            squares = there.reshape(factor, columns, factor).swapaxes(0, 1).reshape(columns, -1)
+            first[row] = squares.argmax(1)
+        y, x = np.arange(rows)[:, None] * factor + first // factor, np.arange(columns) * factor + first % factor
+        return y, x
+
+    def nth_usable(self, number: int) -> tuple[int, int]:
+        """Row and column of a usable pixel: of them all, in their order, that one, and again from the first."""
+        ends = self._usable_by_row.cumsum()
+        number %= int(ends[-1])
+        row = int(np.searchsorted(ends, number, "right"))
+        before = int(ends[row - 1]) if row else 0
+        return row, int(np.flatnonzero(self._usable_rows(row, row + 1)[0])[number - before])
+
+    @functools.cached_property
+    def _usable_by_row(self) -> np.ndarray:
+        tops = range(0, self.shape[0], SIDE)
+        return np.concatenate([self._usable_rows(top, min(self.shape[0], top + SIDE)).sum(1) for top in tops])
+
+    def _usable_rows(self, first: int, last: int) -> np.ndarray:
+        return self.usable[np.ix_(np.arange(first, last), np.arange(self.shape[1]))]
+
+
+def _with_neighbours(lab: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Colours where pixels next to usable ones look like these: seams compare what lies a pixel beyond a patch, too."""
+    out, done = lab.copy(), usable.copy()
+    height, width = usable.shape
+    around = np.pad(usable, 1)
+    colours = np.pad(lab, ((1, 1), (1, 1), (0, 0)))
+    for y, x in _BESIDE:
+        beside = slice(1 + y, 1 + y + height), slice(1 + x, 1 + x + width)
+        taken = around[beside] & ~done
+        out[taken] = colours[beside][taken]
+        done |= taken
+    return out
+
+
+class Laid(RowStore):
+    """Which pixel of a photo lies where in a result, `NONE` where none does; threads may share it by windows.
+
+    Parameters
+    ----------
+    height, width : int
+    budget : int
+        Bytes; beyond a quarter of it the map lies in a file.
+    """
+
+    def __init__(self, height: int, width: int, budget: int):
+        super().__init__((height, width), np.uint32, in_memory=_RESULT_BYTES * height * width <= budget // 4)
+        for top in range(0, height, _HOLES):
+            rows = min(_HOLES, height - top)
+            self[top : top + rows] = np.full((rows, width), NONE, np.uint32)
+
+    def window(self, rows: np.ndarray, columns: np.ndarray) -> SourceMap:
+        """Of these rows and columns, each one or more runs of neighbours."""
+        if self._array is not None:
+            return SourceMap(self._array[np.ix_(rows, columns)])
+        out = np.empty((len(rows), len(columns)), self.dtype)
+        for into, run in _runs(columns):
+            for n, y in enumerate(rows.tolist()):
+                data = os.pread(self._file.fileno(), len(run) * self.dtype.itemsize, self._offset(y, run))
+                out[n, into] = np.frombuffer(data, self.dtype)
+        return SourceMap(out)
+
+    def put(self, rows: np.ndarray, columns: np.ndarray, values: SourceMap) -> None:
+        """The inverse of `window`, of rows and columns that do not come twice."""
+        if self._array is not None:
+            self._array[np.ix_(rows, columns)] = values.packed
+            return
+        for into, run in _runs(columns):
+            for n, y in enumerate(rows.tolist()):
+                write_at(self._file, np.ascontiguousarray(values.packed[n, into]), self._offset(y, run))
+
+    def first_hole(self, top: int) -> tuple[int, int] | None:
+        """Row and column of the first pixel without a source, from that row on."""
+        for first in range(top, len(self), _HOLES):
+            holes = np.flatnonzero(self[first : first + _HOLES] == NONE)
+            if len(holes):
+                y, x = divmod(int(holes[0]), self.shape[1])
+                return first + y, x
+        return None
+
+    def _offset(self, row: int, columns: range) -> int:
+        return row * self._row_bytes + columns.start * self.dtype.itemsize
+
+
+def _runs(places: np.ndarray) -> Iterator[tuple[slice, range]]:
+    """Where in the array neighbours stand, and which."""
+    begins = np.flatnonzero(np.diff(places, prepend=-2) != 1).tolist()
+    for begin, end in zip(begins, [*begins[1:], len(places)], strict=True):
+        yield slice(begin, end), range(int(places[begin]), int(places[begin]) + end - begin)
