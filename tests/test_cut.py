@@ -4,19 +4,23 @@
 from __future__ import annotations
 
 import itertools
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import OpenImageIO as oiio
 import pytest
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from oiiotex import errors, filters
 from oiiotex.color.lab_grid import FINE_STEPS, to_grid
 from oiiotex.core.source_map import SourceMap
+from oiiotex.graphcut import photo as photo_in_tiles
 from oiiotex.graphcut import placement as gc
 from oiiotex.graphcut import seams
 from oiiotex.graphcut import search as searching
 from oiiotex.graphcut.photo import Photo
+from oiiotex.io.row_store import RowStore
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
@@ -236,6 +240,83 @@ def test_exemplars_that_are_searched_reduced(tmp_path):
     mask[41, 301] = 1  # a single pixel, which the reduced exemplar misses
     made = pixels(filters.cut(buffer(wide), mask=buffer(mask), size=(20, 20), patch=8, passes=1))
     assert (made == wide[41, 301].astype(np.float32)).all()
+
+
+def blobs(height: int, width: int, share: float, seed: int) -> np.ndarray:
+    """A mask of that share of the pixels."""
+    smooth = gaussian_filter(np.random.default_rng(seed).random((height, width)), 1.5)
+    return smooth > np.quantile(smooth, 1 - share)
+
+
+@pytest.mark.parametrize("wraps", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_memory_does_not_show(wraps, monkeypatch):
+    """Photo and result in memory, and in files through a cache that holds no tile; with a mask and holes to close."""
+    monkeypatch.setattr(photo_in_tiles, "SIDE", 32)  # tiles that the photo's size is no multiple of
+    lab = (pictures.pebbles(150, 310, seed=5) * 90 - 10).astype(np.float32)  # it is searched reduced
+    usable, small = blobs(150, 310, 0.3, 1), layout(width=50, height=41, patch=20, passes=1, wrap_x=wraps)
+    rows = RowStore(lab.shape, np.float32, in_memory=False)
+    rows[:] = lab
+    made = [
+        gc.graph_cut(given, usable, small, budget, lambda *_: None) for given, budget in ((lab, 1 << 30), (rows, 64))
+    ]
+    assert isinstance(made[0].packed, RowStore) and usable[made[0].yx].all()
+    np.testing.assert_array_equal(np.asarray(made[0].packed), np.asarray(made[1].packed))
+
+
+def test_what_is_held_does_not_grow_with_photo_and_result(monkeypatch):
+    """Beyond a quarter of the budget both lie in files."""
+    monkeypatch.setattr(photo_in_tiles, "SIDE", 32)
+    tile = (pictures.pebbles(96, 112, seed=4) * 90 - 10).astype(np.float32)
+
+    class Repeated:
+        def __init__(self, times: int):
+            self.shape = (96 * times, 112, 3)
+
+        def __getitem__(self, rows: slice) -> np.ndarray:
+            return tile[np.arange(rows.start, rows.stop) % 96]
+
+    def peak(times: int) -> int:
+        """Of a canvas and some patches on it."""
+        whole = layout(width=80, height=2000 * times, patch=48, wrap_x=False, wrap_y=False)
+        tracemalloc.start()
+        try:
+            canvas = gc._Canvas(Photo.of(Repeated(4 * times), None, 64 << 10), whole, 64 << 10, None)
+            for number in range(5):
+                canvas.lay(number * 400 * times, 8, 48, number, (times * 60 * number, 40))
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    peak(2)  # what is loaded once is loaded
+    low, high = peak(2), peak(8)
+    assert high - low < 300 << 10, f"{low >> 10} and {high >> 10} kB"  # photo and result are 5564 kB more
+
+
+def test_stand_ins_are_the_nearest_usable_pixels():
+    """Next to usable pixels; farther away nothing is looked at."""
+    for seed, share in enumerate((0.03, 0.2, 0.5, 0.8)):
+        usable, lab = blobs(40, 47, share, seed), random_source(40, 47, seed).lab
+        y, x = distance_transform_edt(~usable, return_distances=False, return_indices=True)
+        near = distance_transform_edt(~usable) <= 1
+        np.testing.assert_array_equal(photo_in_tiles._with_neighbours(lab, usable)[near], lab[y, x][near])
+
+
+def test_energy_is_that_of_all_seams_whatever_the_pieces(monkeypatch):
+    """Also where the last cell is a column wide, and nothing wraps."""
+    lab = (PHOTO * 90 - 10).astype(np.float32)
+    photo = Photo.of(lab, None, 1 << 30)
+    for wrap in (False, True):
+        whole = layout(width=49, height=40, patch=24, wrap_x=wrap, wrap_y=wrap)
+        canvas = gc._Canvas(photo, whole, 1 << 30, None)
+        for number, (y, x) in enumerate(whole.sites()):
+            canvas.lay(y, x, 24, number)
+        canvas.close_holes()
+        energies = []
+        for looked_at in (1, 1 << 20):
+            monkeypatch.setattr(gc, "_LOOKED_AT", looked_at)
+            energies.append(canvas._energy())
+        np.testing.assert_array_equal(*energies)
+        assert energies[0].shape == (7, 9) and energies[0].sum() >= total_cost(SourceMap(canvas.laid), lab, wrap) > 0
 
 
 def test_an_exemplar_smaller_than_a_patch_and_a_tile_smaller_than_one():
