@@ -186,7 +186,7 @@ class Laid(RowStore):
     """
 
     def __init__(self, height: int, width: int, budget: int):
-        super().__init__((height, width), np.uint32, in_memory=True)
+        super().__init__((height, width), np.uint32, in_memory=_RESULT_BYTES * height * width <= budget // 4)
         for top in range(0, height, _HOLES):
             rows = min(_HOLES, height - top)
             self[top : top + rows] = np.full((rows, width), NONE, np.uint32)
