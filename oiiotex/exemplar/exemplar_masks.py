@@ -87,6 +87,24 @@ def mask_pixels(part: Part) -> np.ndarray:
     return np.concatenate(inside)
 
 
+def labelled_pixels(labels: LabelMap, label: int) -> np.ndarray:
+    """Where a map has that label: (height, width) bool.
+
+    Raises
+    ------
+    ParameterError
+        It has none.
+    """
+    inside, most = [], 0
+    for window in bands(labels.part):
+        ids = labels.part.read(window)[..., 0]
+        most = max(most, int(ids.max()))
+        inside.append(ids == label)
+    if not any(one.any() for one in inside):
+        raise ParameterError(f"label={label}: {labels.part.name} has no such label; its ids go from 1 to {most}")
+    return np.concatenate(inside)
+
+
 def both(opaque: np.ndarray | None, allowed: np.ndarray | None) -> np.ndarray | None:
     """Where both say yes; None: everywhere."""
     return opaque if allowed is None else allowed if opaque is None else opaque & allowed

@@ -21,7 +21,7 @@ from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.disk_cache import hash_of
 from ..session import Session
-from .exemplar_masks import both, label_map, masked_pixels
+from .exemplar_masks import both, label_map, labelled_pixels, masked_pixels
 
 Found = TypeVar("Found")
 
@@ -110,12 +110,7 @@ class LabelledExemplar(Op):
         allowed = None if self.mask is None else masked_pixels(self.mask, self.exemplar)
         if self.label is not None:
             labels = label_map(self.exemplar, self.labels, self.level)
-            ids = labels.ids
-            if not (ids == self.label).any():
-                raise ParameterError(
-                    f"label={self.label}: {labels.part.name} has no such label; its ids go from 1 to {ids.max()}"
-                )
-            allowed = both(ids == self.label, allowed)
+            allowed = both(labelled_pixels(labels, self.label), allowed)
         if allowed is not None and not allowed.any():
             raise ImageError(f"the mask leaves no pixel of {self.exemplar.source}")
         return allowed

@@ -7,22 +7,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..core.access import Whole
+from ..color.lab import working_values
+from ..core.access import InBands
+from ..core.demand import materialized
 from ..core.machine import usable_threads
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, param
+from ..core.rows import SomeRows
 from ..core.source_map import COPIED, ST, require_addressable
+from ..deferred import np
 from ..errors import ImageError
 from ..exemplar.exemplar_op import ExemplarOp
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
 from ..session import Session
 from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
-_SEEN_BYTES = 40  # of a pixel of the photo, while its colours are looked at
+_MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # of a pixel of the photo: _SEEN_BYTES where it lies in memory
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cut(ExemplarOp, Structured, Whole):
+class Cut(ExemplarOp, Structured, InBands):
     """Lay a texture from large pieces of a photo, cut where it is seen least.
 
     Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): patches that fit
@@ -58,8 +62,9 @@ class Cut(ExemplarOp, Structured, Whole):
             layout = Layout.tiling(*size, self.tile, patch=patch, passes=self.passes, seed=self.seed)
             threads = session.threads or usable_threads()
             needed = bytes_needed(layout, (spec.height, spec.width), session.budget, threads)
+            pixel = _MASK_BYTES + ((_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self._holds_photo(session) else 0)
             session.require(
-                needed + spec.width * spec.height * (_SEEN_BYTES + self.exemplar.first.pixel_bytes),
+                needed + spec.width * spec.height * pixel,
                 f"cutting {size} from {spec.width}x{spec.height}",
                 "make the result or the photo smaller",
             )
@@ -79,4 +84,16 @@ class Cut(ExemplarOp, Structured, Whole):
                 seen.values, seen.usable, layout, session.budget, session.advance, in_step, session.spread
             )
         self.say_what_stays()
-        return quality.add_to_copies(source.parts("cut", self.exemplar.first, self.tile))
+        held, photo = self._holds_photo(session), self.exemplar.first
+        photo = photo if held or photo.ready else materialized(photo, 0)
+        return quality.add_to_copies(source.parts("cut", photo, self.tile, by_rows=not held))
+
+    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
+        """Values of the exemplar, in memory or in a file, and where it is opaque."""
+        return working_values(self.exemplar, session, self.working_space, self._holds_photo(session))
+
+    def _holds_photo(self, session: Session) -> bool:
+        """Whether the photo lies in memory: it takes a quarter of the budget at most."""
+        photo = self.exemplar.first
+        pixel = max(_LAB_BYTES, photo.pixel_bytes)
+        return pixel * photo.spec.width * photo.spec.height <= session.budget // 4

@@ -65,7 +65,7 @@ def bytes_needed(layout: Layout, exemplar: tuple[int, ...], budget: int, threads
     factor = search_factor(exemplar)
     side = [fft.next_fast_len(n // factor + layout.patch // factor + 2, True) for n in exemplar[:2]]
     held = held_bytes(budget, exemplar[0] * exemplar[1], layout.width * layout.height)
-    return held + threads * (150 * side[0] * side[1] + 250 * layout.patch**2)
+    return held + threads * (150 * side[0] * side[1] + 320 * layout.patch**2)
 
 
 def graph_cut(
