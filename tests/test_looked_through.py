@@ -14,13 +14,19 @@ import pytest
 from oiiotex.charts import laid_out
 from oiiotex.core import demand
 from oiiotex.core.image import Image, Part
+from oiiotex.core.label_map import LabelMap
 from oiiotex.core.op import Op
+from oiiotex.core.parameters import Size
 from oiiotex.core.window import Window
 from oiiotex.filters.content import Content
+from oiiotex.filters.cut import Cut
+from oiiotex.filters.palette import Palette
 from oiiotex.filters.preview import Preview
 from oiiotex.labels import content_scan
 from oiiotex.run import run
 from oiiotex.session import Session
+
+palette_file = sys.modules[Palette.__module__]  # filters.palette is the function
 
 
 def picture(width: int, height: int) -> Part:
@@ -103,3 +109,44 @@ def test_bands_do_not_show_in_previews(monkeypatch):
     monkeypatch.setattr(laid_out, "AT_ONCE", 150 * 3 * 11)
     for budget, rows in ((1 << 12, 5), (1 << 30, 13)):
         np.testing.assert_array_equal(pixels_of(shown(150, 190), Session(budget=budget), rows), at_once)
+
+
+@pytest.mark.parametrize("op", [Cut, Palette], ids=["cut", "palette"])
+def test_photos_in_files_give_the_same(monkeypatch, op: type[Op]):
+    """Pixels, coordinates and tables, of a photo with transparent pixels and labels."""
+    photo, ids = picture(150, 190), labels(150, 190)
+    hidden = np.indices((190, 150)).sum(0) % 41 < 4
+
+    def seen(window: Window) -> np.ndarray:
+        alpha = 255 * ~hidden[window.inside(photo.window)]
+        return np.concatenate([photo.read(window), alpha[..., None]], -1).astype(np.uint8)
+
+    spec = oiio.ImageSpec(150, 190, 4, oiio.UINT8)
+    spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    given = Image((Part("photo", spec, seen), ids))
+    values = {"label": 3, "size": Size(40, 30), "patch": 12} if op is Cut else {"side": 16, "rows": 3, "level": 1}
+    monkeypatch.setattr(palette_file, "_REACH", 64)
+    made = []
+    for held in (True, False):
+        monkeypatch.setattr(op, "_holds_photo", lambda *_, held=held: held)
+        parts = run(op(exemplar=given, stmap=True, **values), Session())[0].image.parts
+        made.append([part.pixels() for part in parts])
+    for one, other in zip(*made, strict=True):
+        np.testing.assert_array_equal(one, other)
+    at = np.floor(made[0][1] * (150, 190)).astype(int)
+    assert (made[0][0][..., 3] == 255).all() and not hidden[at[..., 1], at[..., 0]].any()
+    found = ids.pixels()[at[..., 1], at[..., 0], 0]
+    assert (found == 3).all() if op is Cut else [len(np.unique(row)) for row in np.split(found, 3)] == [1, 1, 1]
+
+
+def test_a_swatch_is_made_from_where_most_of_its_label_lies(monkeypatch):
+    ids = np.ones((700, 500, 1), np.uint32)
+    ids[140:150, 130:140], ids[520:640, 300:390] = 2, 2
+    part = Part("label.1", oiio.ImageSpec(500, 700, 1, oiio.UINT32), lambda w: ids[w.top : w.bottom, w.left : w.right])
+    usable = np.ones((700, 500), bool)
+    found = palette_file._windows(LabelMap(part, 1), usable, [1, 2], 256)
+    assert found[1].size == (256, 256) and found[2] & Window(300, 520, 390, 640) == Window(300, 520, 390, 640)
+    usable[500:] = False  # the smaller one is left
+    assert palette_file._windows(LabelMap(part, 1), usable, [2], 128)[2] == Window(128, 128, 256, 256)
+    areas = palette_file._areas(LabelMap(part, 1), usable)
+    assert areas[2] == 100 and areas.sum() == 700 * 500

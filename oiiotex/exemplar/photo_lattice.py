@@ -7,7 +7,7 @@ import logging
 import math
 from dataclasses import dataclass
 
-from ..core.demand import SomeRows
+from ..core.demand import SomeRows, first_channels
 from ..core.op import Op
 from ..core.parameters import Size, param
 from ..core.window import Domain
@@ -89,7 +89,7 @@ class Structured(Op):
 
     structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
 
-    def lattice_of(self, lab: np.ndarray, usable: np.ndarray | None, session: Session) -> Lattice | None:
+    def lattice_of(self, lab: SomeRows, usable: np.ndarray | None, session: Session) -> Lattice | None:
         """The photo's lattice; None where it has none, or shall not be kept.
 
         Parameters
@@ -101,7 +101,7 @@ class Structured(Op):
         if self.structure == 0:
             return None
         with session.stats.time("lattice"):
-            return photo_lattice(self.flag(), lab[..., :3], usable)
+            return photo_lattice(self.flag(), first_channels(lab, 3), usable)
 
     def in_step(self, lattice: Lattice | None, domain: Domain, seed: int | None = None) -> InStep | None:
         """What a result on that domain keeps of it; where cells begin follows from the seed, where there is one.
