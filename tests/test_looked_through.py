@@ -125,7 +125,8 @@ def test_photos_in_files_give_the_same(monkeypatch, op: type[Op]):
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     given = Image((Part("photo", spec, seen), ids))
     values = {"label": 3, "size": Size(40, 30), "patch": 12} if op is Cut else {"side": 16, "rows": 3, "level": 1}
-    monkeypatch.setattr(palette_file, "_REACH", 64)
+    for name, value in {"_REACH": 64, "_CELL": 32}.items():
+        monkeypatch.setattr(palette_file, name, value)
     made = []
     for held in (True, False):
         monkeypatch.setattr(op, "_holds_photo", lambda *_, held=held: held)
