@@ -8,6 +8,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import ImageError
 from oiiotex.labels import content_table
 
@@ -60,6 +61,19 @@ def test_the_table_holds_every_window_once_under_its_key():
     assert ((table.key_map == content_table.NO_KEY) == (first == 0)).all()
 
 
+def test_what_is_sorted_at_once_does_not_show_in_a_table(monkeypatch):
+    labels = np.random.default_rng(1).integers(0, 5, (8, 9)).repeat(7, 0).repeat(7, 1)
+    tables = []
+    for at_once in (1 << 16, 100):
+        monkeypatch.setattr(content_table, "_SORTED", at_once)
+        tables.append(content_table.content_table(*content_table.window_keys(labels, 6), 6))
+    for name in ("keys", "starts", "offsets", "key_map"):
+        np.testing.assert_array_equal(*(getattr(table, name) for table in tables))
+    for n, offsets in enumerate(np.split(tables[1].offsets, tables[1].starts[1:-1])):  # as they lie, row by row
+        assert (np.diff(offsets.astype(np.int64)) > 0).all()
+        assert (tables[1].key_map[SourceMap(offsets).yx] == n).all()
+
+
 def test_a_key_that_no_window_has_gives_the_nearest():
     first = np.array([[1, 1, 2, 3, 4]])
     second = np.array([[2, 2, 1, 3, 3]])
@@ -90,8 +104,9 @@ def test_the_largest_window_is_found():
     assert content_table.regions(content_table.whole_windows(allowed, 14), 30) == 1
 
 
-def test_a_table_holds_what_is_asked_for_it():
+def test_a_table_holds_what_is_asked_for_it(monkeypatch):
     """At its height, of a map of many small pieces: nearly every window has another key."""
+    monkeypatch.setattr(content_table, "_SORTED", 1 << 11)
     labels = np.random.default_rng(0).integers(1, 60, (40, 40)).repeat(12, 0).repeat(12, 1).astype(np.uint32)
     tracemalloc.start()
     try:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.lab_grid import FINE_STEPS, to_grid
 from ..core.image import Image, Part
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, image, param
@@ -19,6 +18,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..exemplar.exemplar_masks import label_levels
+from ..graphcut.photo import Photo
 from ..graphcut.seam_overlay import TILE, SeamOverlay
 from ..quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
 from ..quilting.label_painting import painted_labels, painting_arrays, read_begun
@@ -86,8 +86,9 @@ class Paint(Quilted):
             guide = Image((_overpainted(base, ids, painted),), self.fine.source)
             over = self._sewing(level - 1, guide, size, table, "fine_", session.budget).quilt(seen, next(stages))
             layers["fine_"] = over
+            lab = Photo.of(seen.values, None, session.budget).lab
             joined = SeamOverlay(
-                to_grid(seen.values, FINE_STEPS), base.sources, lambda w: (painted(w) > 0, over.sources(w)),
+                lab, base.sources, lambda w: (painted(w) > 0, over.sources(w)),
                 Window(0, 0, *size), min(TILE // 4, over.grid.patch // 4),
             )  # fmt: skip
             sources = functools.partial(joined.sources, cache=session.cache)

@@ -15,6 +15,7 @@ from ..core.demand import PieceCache, assembled
 from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
+from .photo import Tiles
 from .seams import Source, cut
 
 TILE = 128  # px
@@ -26,7 +27,7 @@ class SeamOverlay:
 
     Attributes
     ----------
-    lab : (h, w, 3) int16
+    lab : (h, w, 3) int16 or Tiles
         The exemplar in grid steps.
     below : callable
         Window -> its sources.
@@ -37,7 +38,7 @@ class SeamOverlay:
         px from the mask's border to which the cut may stray.
     """
 
-    lab: np.ndarray
+    lab: np.ndarray | Tiles
     below: Callable[[Window], SourceMap]
     above: Callable[[Window], tuple[np.ndarray, SourceMap]]
     whole: Window

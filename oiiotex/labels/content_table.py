@@ -14,7 +14,8 @@ from ..deferred import np
 from ..errors import ImageError
 
 NO_KEY = 0xFFFFFFFF  # in a key map: no window may be taken here
-TABLE_BYTES = 60  # held for every pixel of a label map while its windows are sorted by content, at most
+TABLE_BYTES = 22  # held for every pixel of a label map while its windows are sorted by content, at most
+_SORTED = 1 << 16  # windows that are sorted at once, of 70 bytes each
 _TILE = 256  # offsets looked at together: a small piece holds few labels, and only those are counted
 
 
@@ -195,28 +196,37 @@ def content_table(first: np.ndarray, second: np.ndarray, side: int) -> ContentTa
     ImageError
         There is no window at all.
     """
-    good = np.flatnonzero(first.ravel())
-    if not len(good):
+    if not first.any():
         raise ImageError(f"no {side}x{side} patch of the exemplar has a label throughout")
     most = int(max(first.max(), second.max())) + 1
-    codes = first.ravel()[good].astype(np.int64)  # what is as long as the exemplar is large changes in its place
-    codes *= most
-    codes += second.ravel()[good]
-    present = _distinct(codes, most * most)
-    number = np.searchsorted(present, codes)
-    del codes
-    key_map = np.full(first.size, NO_KEY, np.uint32)
-    key_map[good] = number
-    order = np.argsort(number, kind="stable")
-    number, good = number[order], good[order]
-    del order
-    return ContentTable(
-        side=side,
-        keys=np.stack([present // most, present % most], 1).astype(np.int32),
-        starts=np.searchsorted(number, np.arange(len(present) + 1)),
-        offsets=SourceMap.of(*np.divmod(good, first.shape[1])).packed,
-        key_map=key_map.reshape(first.shape),
-    )
+    width, step = first.shape[1], max(1, _SORTED // first.shape[1])
+
+    def strips() -> Iterable[tuple[int, np.ndarray, np.ndarray]]:
+        """Of some rows: the first, which of their windows have a key, and the keys' codes."""
+        for top in range(0, len(first), step):
+            one, other = (keys[top : top + step].ravel() for keys in (first, second))
+            good = np.flatnonzero(one)
+            yield top, good, one[good].astype(np.int64) * most + other[good]
+
+    found = [_distinct(codes, most * most) for _, _, codes in strips()]
+    present = np.unique(np.concatenate(found))
+    counts = np.zeros(len(present), np.int64)
+    for _, _, codes in strips():
+        counts += np.bincount(np.searchsorted(present, codes), minlength=len(present))
+    starts = np.append(0, counts.cumsum())
+    key_map, offsets = np.full(first.shape, NO_KEY, np.uint32), np.empty(starts[-1], np.uint32)
+    free = starts[:-1].copy()  # where the next offset of each key goes: sorted strip by strip, no index is as large
+    for top, good, codes in strips():
+        number = np.searchsorted(present, codes)
+        key_map[top : top + step].reshape(-1)[good] = number
+        order = np.argsort(number, kind="stable")
+        number, y, x = number[order], *np.divmod(good[order], width)
+        here = np.bincount(number, minlength=len(present))
+        place = np.arange(len(number)) + (free - (here.cumsum() - here))[number]
+        offsets[place] = SourceMap.of(top + y, x).packed
+        free += here
+    keys = np.stack([present // most, present % most], 1).astype(np.int32)
+    return ContentTable(side=side, keys=keys, starts=starts, offsets=offsets, key_map=key_map)
 
 
 def _distinct(codes: np.ndarray, limit: int) -> np.ndarray:

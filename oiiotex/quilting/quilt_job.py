@@ -10,12 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ..color.lab import working_values
 from ..color.lab_grid import COARSE_STEPS, to_grid
 from ..core.access import Gather
-from ..core.image import Image, derived_spec
+from ..core.demand import materialized
+from ..core.image import Image, Part, derived_spec
 from ..core.label_map import LabelMap, label_maps
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
+from ..core.rows import SomeRows
 from ..core.source_map import SourceMap, Sources, require_addressable, tile_spec
 from ..core.window import Window
 from ..deferred import np
@@ -45,7 +48,8 @@ log = logging.getLogger("oiiotex")
 
 CARRIED = Output("label.N", Kind.IDS, "label parts of the photo, made from the same sources", asked_by="keep")
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
-_LAB_BYTES = 12  # of a pixel of the exemplar
+_LAB_BYTES, _VALUE_BYTES = 12, 12  # of a pixel of the exemplar: on the grid, masks, and reduced; as floats
+_GRID_ROWS = 256  # that are put on the grid at once
 _REGIONS = 12  # of the exemplar, from which a guide's label should be had
 
 
@@ -82,11 +86,29 @@ class Quilted(LabelledExemplar, Gather):
         spec = self.exemplar.first.spec
         require_addressable((spec.height, spec.width))
         session.require(
-            (TABLE_BYTES + _LAB_BYTES) * spec.width * spec.height,
+            (TABLE_BYTES + _LAB_BYTES + self.photo_bytes(session)) * spec.width * spec.height,
             f"the content table of {spec.width}x{spec.height}",
             "make the exemplar smaller",
         )
         return super().read(session, *also)
+
+    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
+        """Values of the exemplar, in memory or in a file, and where it is opaque."""
+        return working_values(self.exemplar, session, self.working_space, self._in_memory(session, _VALUE_BYTES))
+
+    def photo_bytes(self, session: Session) -> int:
+        """Memory of a pixel of the photo for its own values and those that it is seen by: where both fit easily."""
+        own = self.exemplar.first.pixel_bytes
+        return sum(size for size in (own, _VALUE_BYTES) if self._in_memory(session, size))
+
+    def copied_by_rows(self, session: Session) -> bool:
+        """Whether its own pixels are read by rows, in the order of the result, and not held."""
+        return not self._in_memory(session, self.exemplar.first.pixel_bytes)
+
+    def _in_memory(self, session: Session, size: int) -> bool:
+        """Whether so many bytes a pixel of the photo are a quarter of the budget at most."""
+        spec = self.exemplar.first.spec
+        return size * spec.width * spec.height <= session.budget // 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +152,9 @@ class Sewing:
         """
         source = self.op.exemplar.first
         width, height = source.spec.width, source.spec.height
-        lab, allowed = to_grid(seen.values, COARSE_STEPS), seen.usable
+        lab, allowed = np.empty((height, width, 3), np.int16), seen.usable
+        for top in range(0, height, _GRID_ROWS):
+            lab[top : top + _GRID_ROWS] = to_grid(seen.values[top : top + _GRID_ROWS], COARSE_STEPS)
         lattice = None if self.structured is None else self.structured.lattice_of(seen.values, seen.usable, session)
         with session.stats.time("content"):
             labels = self._label_map()
@@ -147,7 +171,7 @@ class Sewing:
         )
         return Quilt(
             session.device, exemplar, grid, demand, self._rules(grid.patch), session.budget,
-            held=width * height * source.pixel_bytes,
+            held=width * height * self.op.photo_bytes(session),
             plan=None if self.begun is None else self.begun.kept(grid, demand, self.op.flag()),
             in_step=None if self.structured is None else self.structured.in_step(lattice, grid, self.op.seed),
             report=session.advance,
@@ -173,8 +197,10 @@ class Sewing:
             size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
         grid = Grid.tiling(*size, self.op.tile, patch=patch, overlap=min(self._overlap(patch), patch // 3))
         session.require(cell_memory(grid, self.guide is not None), _task(grid))
-        held = source.spec.width * source.spec.height * source.pixel_bytes
-        require_room(session.device, plan_bytes(grid, AT_ONCE), session.budget, _task(grid), held)
+        held = source.spec.width * source.spec.height * self.op.photo_bytes(session)
+        windows = (source.spec.width - patch + 1) * (source.spec.height - patch + 1)
+        photo = {"exemplar": 6 * source.spec.width * source.spec.height, "key_map": 4 * windows}  # what is certain
+        require_room(session.device, photo | plan_bytes(grid, AT_ONCE), session.budget, _task(grid), held)
 
     def _label_map(self) -> LabelMap | None:
         """The label map of the level, where anything speaks of labels."""
@@ -304,14 +330,19 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, ses
     source, size = op.exemplar.first, (grid.width, grid.height)
     # all parts are asked for the same windows
     spec = tile_spec(source.spec, "x" * grid.wrap_x + "y" * grid.wrap_y, size)
-    sources = Sources(functools.lru_cache(1)(read), spec, session.spread)
-    sewn: dict[str, Any] = sources.parts(op.main().name, source)
+    by_rows = op.copied_by_rows(session)
+    sources = Sources(functools.lru_cache(1)(read), spec, session.spread, by_rows=by_rows)
+
+    def in_any_order(part: Part) -> Part:
+        return materialized(part, 0) if by_rows and not part.ready else part
+
+    sewn: dict[str, Any] = sources.parts(op.main().name, in_any_order(source))
     labels = {one.part.name for one in label_maps(op.exemplar).values()}
     for part in op.exemplar.parts[1:]:
         alike = (part.spec.width, part.spec.height) == (source.spec.width, source.spec.height)
         if part.name in labels:
             like = derived_spec(part.spec, *size)
-            sewn |= {part.name: functools.partial(sources.copied, part, like)} if alike else {}
+            sewn |= {part.name: functools.partial(sources.copied, in_any_order(part), like)} if alike else {}
         else:
             log.warning("%s: part '%s' of %s is not carried along", op.name, part.name, op.exemplar.source)
     return sewn
