@@ -80,8 +80,9 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     files = op.files()
     _require_free(op, files, written)
     facts = _facts(op)
+    computed = op.compute(session)  # first: what it refuses, it refuses before the photo is read for its hash
     sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
-    results = _Runner(op, session, files, provenance).results(op.compute(session), sources)
+    results = _Runner(op, session, files, provenance).results(computed, sources)
     written.update(os.path.realpath(path) for path in files.values())
     return results
 

@@ -20,7 +20,8 @@ from .content_table import window_keys
 _STEP = 256  # columns of windows that a thread looks at, at least
 _DENSE = 1 << 22  # pairs of labels that are counted in a table
 _STRIP_PIXELS = BAND_BYTES // 8
-_STRIP_BYTES, _PIECE_BYTES = 30, 24  # of a pixel of a strip, and of what a thread looks at meanwhile; measured
+_ID_BYTES, _KEY_BYTES = 12, 30  # of a pixel and of a window of a strip; measured, as the next
+_PIECE_BYTES = 24  # of a pixel that a thread looks at meanwhile
 _KEY_BITS = 32  # k1 << _KEY_BITS | k2
 
 
@@ -72,7 +73,9 @@ def scan_bytes(width: int, height: int, side: int, session: Session) -> int:
     """Memory of `key_strips`, whatever the map's height."""
     across = _columns(side) + side
     pieces = (session.threads or usable_threads()) * min(width, across) * min(height, across)
-    return _STRIP_BYTES * width * min(height, _rows(width, side) + side) + _PIECE_BYTES * pieces
+    rows = min(height, _rows(width, side))
+    strip = _ID_BYTES * min(height, rows + side) + _KEY_BYTES * rows
+    return strip * width + _PIECE_BYTES * pieces
 
 
 def key_strips(labels: Part, side: int, session: Session, advance: Callable[[], object]) -> Iterator[Strip]:

@@ -48,7 +48,7 @@ log = logging.getLogger("oiiotex")
 
 CARRIED = Output("label.N", Kind.IDS, "label parts of the photo, made from the same sources", asked_by="keep")
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
-_LAB_BYTES, _VALUE_BYTES = 12, 12  # of a pixel of the exemplar: on the grid, masks, and reduced; as floats
+_LAB_BYTES, _VALUE_BYTES = 14, 12  # of a pixel of the exemplar: on the grid, masks, and reduced; as floats
 _GRID_ROWS = 256  # that are put on the grid at once
 _REGIONS = 12  # of the exemplar, from which a guide's label should be had
 
