@@ -18,10 +18,12 @@ from ..core.parameters import Size, image, param
 from ..deferred import np
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.photo_lattice import photo_lattice
-from ..patchmatch.sigma_scale import Scale, SigmaTiles, perceived_scale, variation
+from ..patchmatch.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from ..session import Session
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .stationarize import Stationarize
+
+_BYTES = 30  # of a pixel of the photo, while it is reduced
 
 log = logging.getLogger("oiiotex")
 
@@ -72,9 +74,11 @@ class Sigmas(Whole):
         spec = self.exemplar.first.spec
         width, height = self.size or Size(spec.width, spec.height)
         order_of(self.measure, self.order)
+        how = Stationarize(exemplar=self.exemplar, measure=self.measure, order=self.order, seed=self.seed)
+        session.require(_BYTES * spec.width * spec.height, f"looking at {spec.width}x{spec.height}")
+        require_tiles(session.device, how.recipe(width, height), (spec.height, spec.width), session.budget)
         with session.stats.time("read and colour"):
             lab, opaque = working_values(self.exemplar, session, self.working_space)
-        how = Stationarize(exemplar=self.exemplar, measure=self.measure, order=self.order, seed=self.seed)
         lattice = photo_lattice(self.flag(), lab[..., :3], opaque)
         seen = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
         recipe = how.controlled(how.recipe(width, height), seen, lattice, session)

@@ -22,7 +22,8 @@ from ..deferred import np
 from ..io.disk_cache import cached_arrays, hash_of
 from ..opencl.device import Device
 from .constraints import coarse_image, coarse_mask
-from .optimization import synthesize
+from .memory import ExemplarHeld
+from .optimization import require_memory, synthesize
 from .recipe import Recipe
 
 DEFAULT_COUNT = 9  # sigmas of a scale where nobody says how many
@@ -82,6 +83,23 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(a.astype(np.float64) - b).mean(0).sum())
 
 
+def _reduction(recipe: Recipe, photo: tuple[int, ...]) -> tuple[float, tuple[int, int, int, int]]:
+    """The factor of small tiles; width and height of a tile, and of the photo, (height, width, ...)."""
+    shorter = min(recipe.width, recipe.height, *photo[:2])
+    factor = min(1.0, max(SIDE / max(recipe.width, recipe.height), 2 * recipe.patch / shorter))
+    width, height, e_width, e_height = (
+        max(1, round(n * factor)) for n in (recipe.width, recipe.height, photo[1], photo[0])
+    )
+    return factor, (width, height, e_width, e_height)
+
+
+def require_tiles(device: Device, recipe: Recipe, photo: tuple[int, int], budget: int) -> None:
+    """Refuse what sizes alone show `SigmaTiles` not to fit: of a photo, (height, width), that is not read."""
+    width, height, e_width, e_height = _reduction(recipe, photo)[1]
+    small = replace(recipe, width=width, height=height, sigma=None)
+    require_memory(device, small, (e_height, e_width, 3), budget, ExemplarHeld())
+
+
 class SigmaTiles:
     """Small tiles of a photo at any sigma.
 
@@ -104,11 +122,7 @@ class SigmaTiles:
         ruled_out: str,
     ):  # fmt: skip
         self._device, self._budget, self._ruled_out = device, budget, ruled_out
-        shorter = min(recipe.width, recipe.height, *values.shape[:2])
-        self._factor = min(1.0, max(SIDE / max(recipe.width, recipe.height), 2 * recipe.patch / shorter))
-        width, height, e_width, e_height = (
-            max(1, round(n * self._factor)) for n in (recipe.width, recipe.height, *values.shape[1::-1])
-        )
+        self._factor, (width, height, e_width, e_height) = _reduction(recipe, values.shape)
         iterations = min(recipe.iterations, _ITERATIONS)
         self.recipe, self._full = replace(recipe, width=width, height=height, iterations=iterations), recipe
         self.usable = coarse_mask(usable, e_width, e_height)
