@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import tracemalloc
 from collections.abc import Callable
@@ -13,16 +14,20 @@ import pytest
 
 from oiiotex.charts import laid_out
 from oiiotex.core import demand
-from oiiotex.core.image import Image, Part
+from oiiotex.core.image import Image, Part, from_pixels
 from oiiotex.core.label_map import LabelMap
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import Size
 from oiiotex.core.window import Window
 from oiiotex.filters.content import Content
 from oiiotex.filters.cut import Cut
+from oiiotex.filters.paint import Paint
 from oiiotex.filters.palette import Palette
 from oiiotex.filters.preview import Preview
+from oiiotex.filters.quilt import Quilting
+from oiiotex.graphcut import photo as photo_in_tiles
 from oiiotex.labels import content_scan
+from oiiotex.quilting.quilt_job import Quilted
 from oiiotex.run import run
 from oiiotex.session import Session
 
@@ -138,6 +143,31 @@ def test_photos_in_files_give_the_same(monkeypatch, op: type[Op]):
     assert (made[0][0][..., 3] == 255).all() and not hidden[at[..., 1], at[..., 0]].any()
     found = ids.pixels()[at[..., 1], at[..., 0], 0]
     assert (found == 3).all() if op is Cut else [len(np.unique(row)) for row in np.split(found, 3)] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("op", [Quilting, Paint], ids=["quilt", "paint"])
+def test_quilts_of_photos_in_files_are_the_same(monkeypatch, op: type[Quilted]):
+    """Pixels, coordinates, labels; colours, own pixels and what seams compare lie in files."""
+    ids = labels(150, 190)
+    finer = Part("label.1", ids.spec, lambda window: ids.fetch(window) * 2 + 1)
+    coarse = dataclasses.replace(ids, name="label.2")
+    given = Image((picture(150, 190), finer, coarse))
+    painted = Part("painting", oiio.ImageSpec(60, 50, 1, oiio.UINT32), coarse.fetch)
+    fine = np.zeros((50, 60, 1), np.uint32)
+    fine[20:40, 15:45] = 7
+    more = {"painting": Image((painted,)), "fine": Image((from_pixels("fine", fine, painted.spec),))}
+    made = []
+    for held in (True, False):
+        monkeypatch.setattr(Quilted, "_in_memory", lambda *_, held=held: held)
+        if not held:
+            monkeypatch.setattr(photo_in_tiles, "_PHOTO_BYTES", 1 << 30)
+        use = op(exemplar=given, stmap=True, keep=True, patch=16, **more if op is Paint else {"size": Size(120, 90)})
+        made.append([part.pixels() for part in run(use, Session())[0].image.parts])
+    assert len(made[0]) == 4
+    for one, other in zip(*made, strict=True):
+        np.testing.assert_array_equal(one, other)
+    at = np.floor(made[0][1] * (150, 190)).astype(int)
+    np.testing.assert_array_equal(made[0][0], given.first.pixels()[at[..., 1], at[..., 0]])
 
 
 def test_a_swatch_is_made_from_where_most_of_its_label_lies(monkeypatch):
