@@ -30,7 +30,7 @@ READS = {
     "checkmaterial": "bands, and sums",
 }
 # of a megapixel, and what they found only then
-LATE = {"superpixel": "how many runs of rows there are depends on pixels", "atlas": "how many faces its mesh has"}
+LATE = {"superpixel": "how many runs of rows there are depends on pixels"}
 
 
 class Reads:

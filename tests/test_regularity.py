@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import logging
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from oiiotex.core.window import Domain
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.regularity.autocorrelation import autocorrelation, high_passed, wrapped_autocorrelation
-from oiiotex.regularity.lattice import Lattice, find_lattice
+from oiiotex.regularity.lattice import Lattice, bytes_needed, find_lattice
 from oiiotex.regularity.offset_prices import InStep
 from oiiotex.regularity.regularity import peaks_over_floor
 from oiiotex.session import Session
@@ -183,3 +184,16 @@ def test_the_size_follows_the_lattice_or_is_warned_of(caplog):
     caplog.clear()
     filters.stationarize(photo, seed=2, iterations=2, size=(116, 135), session=Session())
     assert not [r for r in caplog.records if r.levelno == logging.WARNING]
+
+
+def test_what_a_look_for_a_lattice_holds_is_what_is_said():
+    random = np.random.default_rng(0).random((48, 40, 3)).astype(np.float32)
+    photo = np.tile(90 * random, (14, 14, 1))
+    find_lattice(photo)  # what is loaded once is loaded
+    tracemalloc.start()
+    try:
+        assert find_lattice(photo) is not None
+        held = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert 0.7 * bytes_needed(*photo.shape[:2]) < held <= bytes_needed(*photo.shape[:2])

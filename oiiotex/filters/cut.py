@@ -19,6 +19,7 @@ from ..deferred import np
 from ..errors import ImageError
 from ..exemplar.exemplar_op import ExemplarOp
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
+from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..session import Session
 from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
@@ -62,6 +63,7 @@ class Cut(ExemplarOp, Structured, InBands):
             layout = Layout.tiling(*size, self.tile, patch=patch, passes=self.passes, seed=self.seed)
             threads = session.threads or usable_threads()
             needed = bytes_needed(layout, (spec.height, spec.width), session.budget, threads)
+            needed = max(needed, lattice_bytes(spec.height, spec.width) if self.structure else 0)
             pixel = _MASK_BYTES + ((_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self._holds_photo(session) else 0)
             session.require(
                 needed + spec.width * spec.height * pixel,

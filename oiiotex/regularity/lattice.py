@@ -21,6 +21,7 @@ from .autocorrelation import Autocorrelation, autocorrelation, high_passed
 from .order_test import order_of
 
 SIDE, LARGEST_SIDE = 256, 1024  # px; longer side that a photo is looked at with: half its own, between these
+_BYTES = 355  # of a pixel at that size, held while it is looked at; measured
 SMALLEST = 4.0  # px at that size: a lattice finer than that is inside of every patch
 CELLS = 2.5  # a period fits into the photo so often at least
 SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank: of rank 2 along every direction
@@ -105,6 +106,19 @@ class Lattice:
         return f"{'stripes of' if self.rank == 1 else 'a lattice of'} {steps} px"
 
 
+def bytes_needed(height: int, width: int) -> int:
+    """Memory in which `find_lattice` looks at a photo, whatever lies elsewhere of it."""
+    small = _looked_at(height, width)
+    return _BYTES * small[0] * small[1]
+
+
+def _looked_at(height: int, width: int) -> tuple[int, int]:
+    """Width and height at which a photo is looked at."""
+    longer = max(height, width)
+    factor = min(1.0, min(LARGEST_SIDE, max(SIDE, longer / 2)) / longer)
+    return round(width * factor), round(height * factor)
+
+
 def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice | None:
     """The lattice of a photo; None where it shows none.
 
@@ -116,9 +130,7 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice 
         Pixels that count; None: all.
     """
     height, width = values.shape[:2]
-    longer = max(height, width)
-    factor = min(1.0, min(LARGEST_SIDE, max(SIDE, longer / 2)) / longer)
-    small = round(width * factor), round(height * factor)
+    small = _looked_at(height, width)
     if min(small) < 4 * SMALLEST:
         return None
     counted = np.ones(small[::-1], bool)
