@@ -20,6 +20,7 @@ from .quilt_plan import Grid
 
 GROWTH = 0.3  # price of a patch that is shown once too often, in exemplar variances of the overlaps' pixels
 UNITS = 256  # of a use, as shares are counted: cl/quilting.cl
+_AT_ONCE = 1 << 18  # offsets that are counted
 _SQUARES = 6  # along the side of what a patch shows, at least
 
 
@@ -56,8 +57,12 @@ class Squares:
 
     def shown(self, offsets: np.ndarray) -> np.ndarray:
         """How many of the patches at these offsets, packed, show each square: (rows, columns) int32."""
-        y, x = ((n + self.before + self.side // 2) // self.side for n in SourceMap(offsets).yx)
-        return _spread(np.bincount(y * self.columns + x, minlength=self.rows * self.columns), self)
+        corners = np.zeros(self.rows * self.columns, np.int64)
+        for first in range(0, len(offsets), _AT_ONCE):
+            some = SourceMap(offsets[first : first + _AT_ONCE]).yx
+            y, x = ((n + self.before + self.side // 2) // self.side for n in some)
+            corners += np.bincount(y * self.columns + x, minlength=len(corners))
+        return _spread(corners, self)
 
     def shares(self, table: ContentTable, keys: np.ndarray, reuse: float) -> np.ndarray:
         """How often each square is due when cells with these keys are laid, `reuse` times: (rows, columns) int32.
