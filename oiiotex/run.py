@@ -378,13 +378,9 @@ def _picture(name: str, picture: np.ndarray | Part) -> Part:
     if not isinstance(picture, Part):
         pixels = picture if picture.dtype == np.uint8 else np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
         spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.TypeDesc(_TYPES[Kind.PICTURE]))
-        picture = from_pixels(name, pixels, spec, spec.format)
-
-    def mark(spec: oiio.ImageSpec) -> None:
-        spec.attribute(TAG, "srgb_rec709_scene")
-        spec.attribute("oiio:subimagename", name)
-
-    return replace(picture.respecced(mark), name=name, stored=picture.spec.format)
+        picture = from_pixels(name, pixels, spec)
+    facts = {TAG: "srgb_rec709_scene", "oiio:subimagename": name}
+    return replace(_saying(picture, facts), name=name, stored=picture.spec.format)
 
 
 def _write_json(facts: Any, path: Path) -> None:

@@ -1,13 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A tile as it is seen when it is used: repeated, and on a plane in perspective to the horizon (MJH17 section 5.2)."""
+"""A tile as it is seen when it is used: repeated, and on a plane in perspective to the horizon (MJH17 section 5.2).
+
+Of arrays, and, as panels that are drawn by rows, of tiles of any size: such a tile is looked through once. Of each
+border between two rows of a panel is kept what its columns have summed up there, in memory or in an unnamed file; a
+panel's rows are differences of these.
+"""
 
 from __future__ import annotations
 
-from ..deferred import np
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from ..color.config import as_float
+from ..color.lab import count_broken
+from ..core.demand import BAND_BYTES, bands, on_a_torus, stream
+from ..core.image import Part
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..errors import BrokenValues
+from ..io.row_store import RowStore
 
 TILES_ACROSS = 2.0  # at the near edge of the plane
 HORIZON = 1.0 / 8.0  # of the picture's height, from above
 _NEAREST_HORIZON = 1e-3  # px below it, where a row ends that reaches it
+AT_ONCE = BAND_BYTES // 32  # values of a band, and of rows of a panel: they are doubles, and there are several of them
+_BYTES = 120  # of each of them; measured
+Rows = Callable[[int, int], "np.ndarray"]  # from which row to which -> (rows, width, channels)
 
 
 def area_means(image: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
@@ -114,3 +133,166 @@ def blended(photo: np.ndarray, shifted: np.ndarray, v: np.ndarray, u: np.ndarray
     both, neither = v[:, None] * u[None, :], (1 - v)[:, None] * (1 - u)[None, :]
     share = (both / (both + neither))[..., None]
     return (1 - share) * photo + share * shifted
+
+
+# --- of tiles of any size ---
+
+
+def bytes_needed(values: int) -> int:
+    """Memory of panels, where a row of an image or of all of them has so many values."""
+    return _BYTES * max(AT_ONCE, values)
+
+
+class RowIntegrals:
+    """Integrals of a periodic image's columns from 0 to borders between rows, filled in while rows pass by.
+
+    Parameters
+    ----------
+    borders : (m,) float
+        px, anywhere.
+    shape : (int, int, int)
+        Of the image: rows, columns, channels.
+    in_memory : bool
+    """
+
+    def __init__(self, borders: np.ndarray, shape: tuple[int, int, int], in_memory: bool):
+        self._turns = np.floor(borders / shape[0])
+        inside = borders - self._turns * shape[0]
+        self._row = np.minimum(inside.astype(np.int64), shape[0] - 1)
+        self._share = inside - self._row
+        self._order = np.argsort(self._row, kind="stable")
+        self._store = RowStore((len(borders), *shape[1:]), np.float64, in_memory)
+        self._whole = np.zeros(shape[1:])
+
+    def add(self, first: int, rows: np.ndarray, sums: np.ndarray) -> None:
+        """Some rows, in their order, and the sums of all before each of them and behind the last."""
+        begin, end = np.searchsorted(self._row[self._order], (first, first + len(rows)))
+        for n in self._order[begin:end].tolist():
+            at = int(self._row[n]) - first
+            self._store[n : n + 1] = (sums[at] + self._share[n] * rows[at])[None]
+        self._whole = sums[-1]
+
+    def between(self, first: int, last: int) -> np.ndarray:
+        """Those of borders first to last, both: (last - first + 1, columns, channels) float64."""
+        return self._store[first : last + 1] + self._turns[first : last + 1, None, None] * self._whole
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel: its width in px, and the rows of it."""
+
+    width: int
+    rows: Rows
+    integrals: RowIntegrals | None = None
+
+
+def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memory: bool) -> Panel:
+    """An image of (width, height) laid out `times` x `times`, as `repeated` has it."""
+    width = max(1, round(height * size[0] / size[1]))
+    down, right = np.linspace(0, times * size[1], height + 1), np.linspace(0, times * size[0], width + 1)
+    integrals = RowIntegrals(down, (size[1], size[0], channels), in_memory)
+
+    def rows(first: int, last: int) -> np.ndarray:
+        means = np.diff(integrals.between(first, last), axis=0)
+        means /= np.diff(down[first : last + 1])[:, None, None]
+        return area_means(means.swapaxes(0, 1), right[:-1], right[1:]).swapaxes(0, 1)
+
+    return Panel(width, _few_at_once(rows, size[0] * channels), integrals)
+
+
+def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memory: bool) -> Panel:
+    """A plane covered with it, as `plane_in_perspective` has it."""
+    eye, away = eye_and_away(size[0], width, height)
+    horizon, across = height - len(away) + 1, np.arange(width + 1) - width / 2
+    integrals = RowIntegrals(away, (size[1], size[0], channels), in_memory)
+
+    def rows(first: int, last: int) -> np.ndarray:
+        picture = np.zeros((last - first, width, channels))
+        begin, end = max(0, first - horizon), max(0, last - horizon)
+        if begin < end:
+            means = -np.diff(integrals.between(begin, end), axis=0)
+            means /= -np.diff(away[begin : end + 1])[:, None, None]
+            for y, mean in enumerate(means, begin):
+                borders = across * eye / (y + 0.5)
+                picture[horizon + y - first] = area_means(mean, borders[:-1], borders[1:])
+        return picture
+
+    return Panel(width, _few_at_once(rows, size[0] * channels), integrals)
+
+
+def reduced(photo: Part, height: int) -> Panel:
+    """A photo at a height, as `core.image.resized` has it."""
+    whole, channels = photo.window, photo.spec.nchannels
+    width = max(1, round(height * whole.width / whole.height))
+    scale = whole.width / width, whole.height / height
+    reach = [math.ceil(max(1.0, n)) + 3 for n in scale]  # of a triangle filter
+
+    def cell(window: Window) -> np.ndarray:
+        (left, right), (top, bottom) = (
+            (max(0, math.floor(first * n) - far), min(size, math.ceil(last * n) + far))
+            for first, last, n, far, size in zip(window[:2], window[2:], scale, reach, whole.size, strict=True)
+        )
+        seen = Window(left, top, right, bottom)
+        given, wanted = (oiio.ImageSpec(*size, channels, oiio.FLOAT) for size in (whole.size, (width, height)))
+        source = oiio.ImageBuf(seen.apply_to(given))
+        pixels = as_float(photo.read(seen.shifted(whole.left, whole.top)))
+        source.set_pixels(source.roi, np.ascontiguousarray(pixels, np.float32))
+        small = oiio.ImageBuf(window.apply_to(wanted))
+        oiio.ImageBufAlgo.resize(small, source, "triangle")
+        return small.get_pixels(oiio.FLOAT, small.roi)
+
+    def rows(first: int, last: int) -> np.ndarray:
+        if (width, height) == whole.size:
+            return as_float(photo.read(Window(whole.left, whole.top + first, whole.right, whole.top + last)))
+        high = (last - first) * scale[1] + 2 * reach[1]
+        across = max(1, int(AT_ONCE / (channels * high) - 2 * reach[0]) // math.ceil(scale[0]))
+        cells = Window(0, first, width, last).cells(across, last - first)
+        return np.concatenate([cell(window) for window in cells], 1)
+
+    return Panel(width, _few_at_once(rows, round(whole.width * channels * max(1.0, scale[1]))))
+
+
+def look_through(tile: Part, panels: Iterable[Panel], name: str, seamless: bool = False) -> None:
+    """Fill in the integrals of all panels of a tile, in one look.
+
+    Parameters
+    ----------
+    tile : Part
+    panels : iterable of Panel
+    name : str
+        The tile's, for messages.
+    seamless : bool
+        The panels show what a paint program's 'make seamless' makes of it, `made_seamless`.
+
+    Raises
+    ------
+    BrokenValues
+        NaN or Inf in any channel: all are counted.
+    """
+    whole, filled = tile.window, [panel.integrals for panel in panels if panel.integrals is not None]
+    broken, sums = np.zeros(2, np.int64), np.zeros((1, whole.width, tile.spec.nchannels))
+    v, u = (np.abs(2 * (np.arange(n) + 0.5) / n - 1) for n in (whole.height, whole.width))
+    for band, pixels in stream(tile, bands(tile, 4 * AT_ONCE)):
+        rows = as_float(pixels)
+        broken += count_broken(rows)
+        if broken.any() or not filled:
+            continue
+        first = band.top - whole.top
+        if seamless:
+            shifted = as_float(on_a_torus(tile, band.shifted(0, -(whole.height // 2))))
+            rows = blended(rows, np.roll(shifted, whole.width // 2, 1), v[first : first + band.height], u)
+        sums = np.cumsum(np.concatenate([sums[-1:], rows]), axis=0)
+        for one in filled:
+            one.add(first, rows, sums)
+    if broken.any():
+        raise BrokenValues(name, broken)
+
+
+def _few_at_once(rows: Rows, values: int) -> Rows:
+    """The same in pieces, where a row is made of so many values."""
+    count = max(1, AT_ONCE // values)
+
+    def in_pieces(first: int, last: int) -> np.ndarray:
+        return np.concatenate([rows(y, min(y + count, last)) for y in range(first, last, count)])
+
+    return in_pieces

@@ -18,7 +18,6 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..exemplar.exemplar_masks import label_levels
-from ..graphcut.photo import Photo
 from ..graphcut.seam_overlay import TILE, SeamOverlay
 from ..quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
 from ..quilting.label_painting import painted_labels, painting_arrays, read_begun
@@ -86,6 +85,8 @@ class Paint(Quilted):
             guide = Image((_overpainted(base, ids, painted),), self.fine.source)
             over = self._sewing(level - 1, guide, size, table, "fine_", session.budget).quilt(seen, next(stages))
             layers["fine_"] = over
+            from ..graphcut.photo import Photo
+
             lab = Photo.of(seen.values, None, session.budget).lab
             joined = SeamOverlay(
                 lab, base.sources, lambda w: (painted(w) > 0, over.sources(w)),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.laid_out import Panel, bytes_needed, laid, look_through, plane, reduced
+from ..charts.tile_preview import Panel, bytes_needed, laid, look_through, plane, reduced
 from ..color.lab import in_type
 from ..core.access import Gather
 from ..core.demand import materialized

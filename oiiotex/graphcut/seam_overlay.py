@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..core.demand import PieceCache, assembled
 from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
-from .photo import Tiles
 from .seams import Source, cut
+
+if TYPE_CHECKING:
+    from .photo import Tiles
 
 TILE = 128  # px
 

@@ -12,9 +12,12 @@ two pixels that arcs can hold without a node of their own.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..deferred import np
-from .photo import Tiles
+
+if TYPE_CHECKING:
+    from .photo import Tiles
 
 COST_STEPS = 64  # whole numbers per unit of KSE03 eq. 2, a ratio of differences to gradients
 MOST_COST = 1 << 13  # of one edge; sums over a patch of 512 x 512 stay below 2^31
