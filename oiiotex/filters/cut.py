@@ -9,11 +9,10 @@ from typing import Any, ClassVar
 
 from ..color.lab import working_values
 from ..core.access import InBands
-from ..core.demand import materialized
+from ..core.demand import SomeRows, materialized
 from ..core.machine import usable_threads
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, param
-from ..core.rows import SomeRows
 from ..core.source_map import COPIED, ST, require_addressable
 from ..deferred import np
 from ..errors import ImageError

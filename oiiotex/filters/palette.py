@@ -13,11 +13,10 @@ from typing import Any, ClassVar
 from ..charts.paint_chips import paint_chips
 from ..color.lab import working_values
 from ..core.access import InBands
-from ..core.demand import materialized, stream
+from ..core.demand import SomeRows, materialized, stream
 from ..core.label_map import LabelMap
 from ..core.op import Kind, Output
 from ..core.parameters import param
-from ..core.rows import SomeRows
 from ..core.source_map import ST, SourceMap
 from ..core.window import Window
 from ..deferred import np

@@ -13,12 +13,11 @@ from typing import Any
 from ..color.lab import working_values
 from ..color.lab_grid import COARSE_STEPS, to_grid
 from ..core.access import Gather
-from ..core.demand import materialized
+from ..core.demand import SomeRows, materialized
 from ..core.image import Image, Part, derived_spec
 from ..core.label_map import LabelMap, label_maps
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
-from ..core.rows import SomeRows
 from ..core.source_map import SourceMap, Sources, require_addressable, tile_spec
 from ..core.window import Window
 from ..deferred import np
