@@ -1,44 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which superpixels look alike: a sparse graph of similarities, and the random walk on it.
+"""Which superpixels look alike: a sparse graph of similarities.
 
-LSA16 section 4.1 and 4.4: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction
-for Texture Synthesis, SIGGRAPH 2016. Departures from the paper:
+LSA16 section 4.1: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
+Texture Synthesis, SIGGRAPH 2016. Departures from the paper:
 
 1. The walk's matrix is made from a symmetric one, W = (K + K^T) / 2, so the chain is reversible: its spectrum is
    real, and a power of it is a product of two thin matrices.
-2. Nearest neighbours are exact. Points lie on a grid of 1 / 1024, where squared distances are exact in float64: the
-   same graph on every machine, for any number of threads and whatever the order of summation.
+2. Nearest neighbours are exact. Points lie on a grid on which a squared distance is a whole number of 31 bits: the same
+   graph on every device.
 3. Points that are equal are one node with a multiplicity, so that flat pictures have neighbours that differ.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
-import scipy.sparse.linalg
-from scipy.sparse.csgraph import connected_components
+
+from ..core.elementary import exponential
+from ..opencl.buffers import Buffers
+from ..session import Session
+from .products import TASK, Sparse
 
 NEIGHBOURS = 256  # of a node in the graph: LSA16 section 4.1
-PERSISTENCE = 0.95  # what is left of the largest eigenvalue below 1 after the steps: LSA16 section 4.4
-EIGENVALUES = 40  # of D that are looked at: 64 move no score by .01
 LOCAL = 6  # which neighbour's distance is the local scale: LSA16 eq. 4
-_GRID = 1024.0
+_FINEST_GRID = 1024.0
+_FARTHEST = 46340.0  # grid steps: its square fits 31 bits
 _FINEST = 0.1  # of a local scale: differences that no eye sees are not blown up
 _LARGEST_R = 6.0  # of eq. 5's r: what lies 20 local scales apart stays apart, even where nothing lies between
-_BLOCK = 1 << 20  # distances that a thread holds at once
-_DENSE = 400  # nodes up to which a full eigendecomposition costs no more than a partial one
-_ONE = 0.9999  # eigenvalues above count as 1: LSA16 section 4.4
-_MOST_STEPS = 2000
-SLOWEST = 0.98  # a faster walk is taken for one of this eigenvalue: LSA16's rule would stop it before it mixes at all
-_DROPPED = 1e-3  # eigenvalues of D^s below are left out
+_BLOCK = 32  # points that kernels look at together
+_SCRATCH = 1 << 22  # distances that are held at once
+_BINS_PER_OCTAVE_BITS = 7  # of relative distances, when r is looked for
 
 
-Spread = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""(work, pieces) -> what `work` makes of each piece, in order: `map`, or `Session.spread`."""
+class Nearest(NamedTuple):
+    """Neighbours of n points.
+
+    Attributes
+    ----------
+    index : (n, k) int32
+        In rising order.
+    squared : (n, k) int32
+        Squared distances to them.
+    scales : (n,) int32
+        Squared distance to the sixth closest point, copies counted; 0 where more than so many are equal.
+    """
+
+    index: np.ndarray
+    squared: np.ndarray
+    scales: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -47,8 +59,11 @@ class AffinityGraph:
 
     Attributes
     ----------
-    weights : (n, n) sparse, symmetric
-        Similarities between nodes, counted for all the points that they stand for.
+    scaled : Sparse
+        T^-1/2 W T^-1/2, (n, n), symmetric: W holds similarities between nodes, counted for all the points that they
+        stand for, T its column sums.
+    mass : (n,) float64
+        Those sums: what the walk tends to, but for a factor.
     node : (m,) int64
         The node of every point.
     counts : (n,) int64
@@ -57,184 +72,155 @@ class AffinityGraph:
         The global normalisation of LSA16 eq. 5.
     """
 
-    weights: sparse.csr_array
+    scaled: Sparse
+    mass: np.ndarray
     node: np.ndarray
     counts: np.ndarray
     r: float
 
 
-def similarity_graph(points: np.ndarray, neighbours: int = NEIGHBOURS, spread: Spread = map) -> AffinityGraph:
-    """LSA16 eq. 4 and 5 over the nearest neighbours of m points in d dimensions, (m, d) float.
-
-    `spread` does pieces of work on several threads, as `Session.spread` does.
-    """
-    rounded = np.rint((points - points.mean(0)) * _GRID) / _GRID
-    nodes, node, counts = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
+def similarity_graph(points: np.ndarray, neighbours: int, session: Session) -> AffinityGraph:
+    """LSA16 eq. 4 and 5 over the nearest neighbours of m points in d dimensions, (m, d) float."""
+    steps, unit = on_grid(points)
+    nodes, node, counts = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
     node, n = node.reshape(-1), len(nodes)
     counts = counts.astype(np.int64)
     if n == 1:
-        return AffinityGraph(sparse.csr_array(np.array([[float(counts[0]) ** 2]])), node, counts, 0.0)
-    index, squared = nearest(nodes, min(neighbours, n - 1), spread)
-    scale = _local_scales(squared, counts, index)
-    relative = squared / (scale[:, None] * scale[index])
-    shares = counts[:, None] * counts[index].astype(np.float64)
-    r = _global_scale(relative, shares, float((counts.astype(np.float64) ** 2).sum()))
-    similar = np.exp(-relative * np.exp(-r)) * shares  # LSA16 eq. 4
-    starts = np.arange(0, index.size + 1, index.shape[1])
-    directed = sparse.csr_array((similar.ravel(), index.ravel(), starts), shape=(n, n))
-    own = sparse.diags_array(counts.astype(np.float64) ** 2)
-    return AffinityGraph(sparse.csr_array((directed + directed.T) * 0.5 + own), node, counts, r)
+        one = Sparse(np.array([0, 1], np.int32), np.zeros(1, np.int32), np.ones(1, np.float32))
+        return AffinityGraph(one, counts.astype(np.float64) ** 2, node, counts, 0.0)
+    near = nearest(nodes, min(neighbours, n - 1), session, counts)
+    scale = np.sqrt(near.scales.astype(np.float64))
+    scale = np.maximum(scale, max(_FINEST * unit, 1e-3 * float(scale.max())))
+    r = _global_scale(near, scale, counts)
+    edges, squared, shares = _symmetric(near, counts, session)
+    scaled, mass = _weighted(edges, squared, shares, 1.0 / scale, r, session)
+    return AffinityGraph(scaled, mass, node, counts, r)
 
 
-def nearest(points: np.ndarray, count: int, spread: Spread = map) -> tuple[np.ndarray, np.ndarray]:
-    """The `count` nearest others of every point, nearest first: (index (n, count) int32, squared distances).
+def on_grid(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Points as whole steps from their mean, (m, d) int16, and how many steps are 1.
 
-    Among equally far points, those of lower index come first: distance and index are one whole number, the key by
-    which is chosen. In 15 dimensions a k-d tree looks at nearly all points; blocked matrix products look at all of
-    them faster. Distances beyond what a key holds beside the index, of values no Lab has, are rounded in it.
+    The grid is as fine as the farthest one allows.
     """
-    n = len(points)
-    squares = (points**2).sum(1)
-    bits = n.bit_length()
-    unit = min(_GRID**2, 2.0 ** (62 - bits) / (4.0 * float(squares.max()) + 1.0))  # of a distance in a key
-    rows = max(1, _BLOCK // n)
-
-    def block(first: int) -> tuple[np.ndarray, np.ndarray]:
-        here = slice(first, min(n, first + rows))
-        apart = points[here] @ points.T
-        apart *= -2.0
-        apart += squares
-        apart += squares[here, None]
-        keys = (apart * unit).astype(np.int64)
-        keys <<= bits
-        keys |= np.arange(n)
-        keys[np.arange(len(keys)), np.arange(here.start, here.stop)] = np.iinfo(np.int64).max
-        keys.partition(count - 1, axis=1)
-        chosen = np.sort(keys[:, :count], axis=1) & ((1 << bits) - 1)
-        return chosen.astype(np.int32), np.maximum(np.take_along_axis(apart, chosen, 1), 0.0)
-
-    blocks = list(spread(block, range(0, n, rows)))
-    return np.concatenate([index for index, _ in blocks]), np.concatenate([squared for _, squared in blocks])
+    away = points - points.mean(0)
+    reach = 2.0 * math.sqrt(float((away**2).sum(1).max())) + 1e-9
+    slack = math.sqrt(points.shape[1])  # rounding
+    unit = min(_FINEST_GRID, 2.0 ** (math.frexp((_FARTHEST - slack) / reach)[1] - 1))
+    return np.rint(away * unit).astype(np.int16), unit
 
 
-def _local_scales(squared: np.ndarray, counts: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Distance from every node to the sixth closest point, its own copies counted, (n,)."""
-    seen = counts[:, None] - 1 + np.cumsum(counts[index], axis=1)
-    place = np.minimum((seen < LOCAL).sum(1), squared.shape[1] - 1)
-    scale = np.sqrt(squared[np.arange(len(place)), place])
-    scale[counts > LOCAL] = 0.0
-    return np.maximum(scale, max(_FINEST, 1e-3 * float(scale.max())))
+def nearest(points: np.ndarray, count: int, session: Session, copies: np.ndarray | None = None) -> Nearest:
+    """The `count` nearest others of every point; among equally far ones those of lower index.
+
+    In 15 dimensions and more a tree looks at nearly all points: so does this, two coordinates to a multiplication.
+
+    Parameters
+    ----------
+    points : (n, d) int16
+        No two of them farther apart than 46340.
+    count : int
+        Below n.
+    session : Session
+    copies : (n,) int, optional
+        How many points each stands for; 1 when left out.
+    """
+    device, (n, d) = session.device, points.shape
+    width, pairs = -(-n // _BLOCK) * _BLOCK, -(-d // 2)
+    paired = np.zeros((pairs, width, 2), np.int16)
+    even = np.pad(points, ((0, 0), (0, d % 2))).reshape(n, pairs, 2)
+    paired[:, :n] = even.transpose(1, 0, 2)
+    copies = np.ones(n, np.int32) if copies is None else copies.astype(np.int32)
+    rows = min(n, max(1, _SCRATCH // width))
+    layout = {"distances": 4 * rows * width, "index": 4 * n * count, "squared": 4 * n * count, "scales": 4 * n}
+    run = device.program("affinity")
+    with Buffers(device, layout, session.budget, TASK, tables={"points": paired, "copies": copies}) as buffers:
+        tables = [buffers[name] for name in ("points", "copies", *layout)]
+        for first in range(0, n, rows):
+            run("nearest", (rows,), *tables, n, width, pairs, count, first, rows, group=8)
+        index, squared = (device.read(buffers[name], (n, count), np.int32) for name in ("index", "squared"))
+        return Nearest(index, squared, device.read(buffers["scales"], (n,), np.int32))
 
 
-def _global_scale(relative: np.ndarray, shares: np.ndarray, diagonal: float) -> float:
-    """The r at which the sum of similarities grows fastest: LSA16 eq. 5."""
+def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float:
+    """The r at which the sum of similarities grows fastest: LSA16 eq. 5.
+
+    Relative distances are counted in bins of 1/128 octave, which a shift of their bits gives.
+    """
+    relative = near.squared / (scale[:, None] * scale[near.index])
+    shares = counts[:, None] * counts[near.index].astype(np.float64)
+    diagonal = float((counts.astype(np.float64) ** 2).sum())
+    shift = 52 - _BINS_PER_OCTAVE_BITS
+    bins = relative.ravel().view(np.int64) >> shift
+    least = int(bins.min())
+    totals = np.bincount(bins - least, shares.ravel())  # whole numbers
+    found = np.flatnonzero(totals)
+    middle = ((found + least << shift) + (1 << shift - 1)).astype(np.int64).view(np.float64)
+    totals = totals[found]
 
     def slope(r: float) -> float:
-        scaled = relative * np.exp(-r)
-        similar = np.exp(-scaled) * shares
+        scaled = middle * float(exponential(np.array(-r)))
+        similar = exponential(-scaled) * totals
         return -float((scaled * similar).sum() / (diagonal + similar.sum()))
 
     r = min(np.arange(-6.0, _LARGEST_R, 0.5).tolist(), key=slope)
     for step in (0.5, 0.1, 0.02):  # the vertex of a parabola through three places
-        low, middle, high = slope(r - step), slope(r), slope(r + step)
-        bend = low - 2.0 * middle + high
+        low, middle_slope, high = slope(r - step), slope(r), slope(r + step)
+        bend = low - 2.0 * middle_slope + high
         if bend > 0:
             r += float(np.clip(0.5 * (low - high) / bend, -1.0, 1.0)) * step
     return min(r, _LARGEST_R)
 
 
-class Walk:
-    """Steps of the random walk on a graph: D^s of LSA16 eq. 6 as A B^T, never formed.
+def _symmetric(near: Nearest, counts: np.ndarray, session: Session) -> tuple[Sparse, np.ndarray, np.ndarray]:
+    """Edges to whom a node is near or who is near to it, itself the first: no weights yet; squared distances, shares.
 
-    Attributes
-    ----------
-    mass : (n,)
-        Column sums of the weights; what the walk tends to, but for a factor.
-    steps : int
-        s.
-    eigenvalues : (q,)
-        Of D, largest first.
-    left, right : (n, k)
-        A and B.
-    norm : float
-        |D^s|^2, Frobenius.
+    A share is what an edge weighs where nothing lies between: half where only one is near to the other.
     """
-
-    def __init__(self, weights: sparse.csr_array, persistence: float, slowest: float = SLOWEST):
-        self.mass = np.asarray(weights.sum(axis=0)).ravel()
-        self.n = weights.shape[0]
-        root = np.sqrt(self.mass)
-        scaled = sparse.diags_array(1.0 / root)
-        self._transition = sparse.csr_array(weights @ sparse.diags_array(1.0 / self.mass))  # LSA16 eq. 6
-        self.eigenvalues, vectors = _spectrum(sparse.csr_array(scaled @ weights @ scaled), root, weights)
-        self.steps = steps_of(self.eigenvalues, persistence, slowest)
-        powers = np.sign(self.eigenvalues) ** self.steps * np.abs(self.eigenvalues) ** self.steps
-        kept = max(1, int((np.abs(powers) > _DROPPED).sum()))
-        self.left = root[:, None] * vectors[:, :kept] * powers[:kept]
-        self.right = vectors[:, :kept] / root[:, None]
-        self.norm = float(((self.left.T @ self.left) * (self.right.T @ self.right)).sum())
-
-    def step(self, start: np.ndarray) -> np.ndarray:
-        """D p: where the walk is one step after p, (n,) or (n, k)."""
-        return self._transition @ start
-
-    def walk(self, start: np.ndarray) -> np.ndarray:
-        """D^s p."""
-        return self.left @ (self.right.T @ start)
-
-    def back(self, end: np.ndarray) -> np.ndarray:
-        """(D^s)^T p."""
-        return self.right @ (self.left.T @ end)
-
-    def column(self, node: int) -> np.ndarray:
-        """D^s from one node: a map of how similar all are to it, a distribution, (n,)."""
-        column = np.maximum(self.left @ self.right[node], 0.0)
-        return column / column.sum()
+    n, k = near.index.shape
+    mutual = _mutual(near.index, session)
+    row, place = np.nonzero(~mutual)
+    others = near.index[row, place].astype(np.int64)
+    order = np.argsort(others * n + row)  # all differ: any way of sorting gives the same
+    row, place, others = row[order], place[order], others[order]
+    lengths = 1 + k + np.bincount(others, minlength=n)
+    starts = np.concatenate([[0], lengths.cumsum()]).astype(np.int32)
+    columns, squared = np.empty(starts[-1], np.int32), np.zeros(starts[-1], np.int32)
+    shares = np.ones(starts[-1], np.float32)
+    own = starts[:-1]
+    forward = own[:, None] + np.arange(1, k + 1, dtype=np.int32)
+    backward = own[others] + 1 + k + (np.arange(len(others)) - np.searchsorted(others, np.arange(n))[others])
+    columns[own], columns[forward], columns[backward] = np.arange(n), near.index, row
+    squared[forward], squared[backward] = near.squared, near.squared[row, place]
+    shares[forward], shares[backward] = np.where(mutual, np.float32(1), np.float32(0.5)), 0.5
+    if int(counts.max()) > 1:
+        shares *= np.repeat(counts, lengths).astype(np.float32) * counts[columns].astype(np.float32)
+    return Sparse(starts, columns, shares), squared, shares
 
 
-def steps_of(eigenvalues: np.ndarray, persistence: float, slowest: float) -> int:
-    """How long to walk: until that share of the largest eigenvalue below 1 is left. LSA16 section 4.4.
-
-    An eigenvalue below `slowest` is taken for it; 0: the paper.
-    """
-    below = eigenvalues[(eigenvalues < _ONE) & (eigenvalues > 0)]
-    if not below.size:
-        return 1
-    largest = max(float(below.max()), slowest)
-    return int(np.clip(np.floor(np.log(persistence * largest) / np.log(largest)), 1, _MOST_STEPS))
+def _mutual(index: np.ndarray, session: Session) -> np.ndarray:
+    """Whether a node is among the nearest of those that are nearest to it, (n, k) bool."""
+    device, (n, k) = session.device, index.shape
+    with Buffers(device, {"mutual": n * k}, session.budget, TASK, tables={"index": index}) as buffers:
+        device.program("affinity")("mutual", (k, n), buffers["index"], buffers["mutual"], n, k)
+        return device.read(buffers["mutual"], (n, k), np.uint8).astype(bool)
 
 
-def _spectrum(scaled: sparse.csr_array, root: np.ndarray, weights: sparse.csr_array) -> tuple[np.ndarray, np.ndarray]:
-    """The largest eigenvalues of T^-1/2 W T^-1/2 and their vectors.
-
-    A piece of the graph that nothing joins to the rest has an eigenvalue 1, whose vector is known. These are taken
-    out first: iterations from one start would find one of several equal eigenvalues.
-    """
-    n = scaled.shape[0]
-    if n <= _DENSE:
-        values, vectors = np.linalg.eigh(scaled.toarray())
-        return values[::-1], _oriented(vectors[:, ::-1])
-    pieces, piece = connected_components(weights, directed=False)
-    known = np.zeros((n, pieces))
-    known[np.arange(n), piece] = root
-    known /= np.sqrt((known**2).sum(0))
-    if pieces >= EIGENVALUES:
-        return np.ones(pieces), known
-
-    def rest(x: np.ndarray) -> np.ndarray:
-        return scaled @ x - known @ (known.T @ x)
-
-    operator = scipy.sparse.linalg.LinearOperator((n, n), matvec=rest, matmat=rest, dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(n)
-    more = EIGENVALUES - pieces
-    values, vectors = scipy.sparse.linalg.eigsh(
-        operator, more, which="LA", v0=start, tol=1e-4, ncv=min(n, 2 * more + 1)
-    )
-    values = np.concatenate([np.ones(pieces), values[::-1]])
-    return values, np.concatenate([known, _oriented(vectors[:, ::-1])], axis=1)
-
-
-def _oriented(vectors: np.ndarray) -> np.ndarray:
-    """Eigenvectors whose largest entry is positive: the sign that a solver gives is arbitrary."""
-    largest = np.abs(vectors).argmax(0)
-    return vectors * np.where(vectors[largest, np.arange(vectors.shape[1])] < 0, -1.0, 1.0)
+def _weighted(
+    edges: Sparse, squared: np.ndarray, shares: np.ndarray, near: np.ndarray, r: float, session: Session
+) -> tuple[Sparse, np.ndarray]:
+    """LSA16 eq. 4 for all edges, made symmetric by the sums of its columns; and these sums."""
+    device, n = session.device, edges.rows
+    run = device.program("affinity")
+    tables = {
+        "starts": edges.starts, "columns": edges.columns, "squared": squared, "shares": shares,
+        "near": near.astype(np.float32),
+    }  # fmt: skip
+    layout = {"weights": shares.nbytes, "mass": 4 * n}
+    with Buffers(device, layout, session.budget, TASK, tables=tables) as buffers:
+        sharpness = float(exponential(np.array(-r)))
+        run("similar", (n,), *(buffers[name] for name in (*tables, *layout)), n, sharpness)
+        mass = device.read(buffers["mass"], (n,), np.float32).astype(np.float64)
+        less = device.upload((1.0 / np.sqrt(mass)).astype(np.float32))
+        run("scaled", (n,), buffers["starts"], buffers["columns"], less, buffers["weights"], n)
+        weights = device.read(buffers["weights"], shares.shape, np.float32)
+    return Sparse(edges.starts, edges.columns, weights), mass

@@ -39,8 +39,9 @@ from ..session import Session
 from ..superpixels.hierarchy import Hierarchy, hierarchy
 from ..superpixels.slic import SeedGrid
 from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
-from .affinity_graph import NEIGHBOURS, PERSISTENCE, SLOWEST, Spread, Walk, similarity_graph
+from .affinity_graph import NEIGHBOURS, similarity_graph
 from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
+from .random_walk import PERSISTENCE, SLOWEST, Walk
 from .stochastic_nmf import Factors, factored
 
 MOST = 20000  # superpixels up to which all are nodes of the graph
@@ -165,7 +166,7 @@ def label_maps(
         session.advance(total - 1, total)
         top = (lambda _: None) if coarsest is None else functools.partial(coarsest, finest, small)
         with session.beside(top) as coarse, session.stats.time("label superpixels"):
-            levels = label_levels(tree(), described, settings, finest.edges, coarse, session.spread)
+            levels = label_levels(tree(), described, settings, finest.edges, session, coarse)
     session.advance(total, total)
     return LabelMaps(finest, levels)
 
@@ -182,8 +183,8 @@ def label_levels(
     features: Features,
     settings: LabelSettings,
     edges: np.ndarray,
+    session: Session,
     coarsest: Callable[[], np.ndarray | None] = lambda: None,
-    spread: Spread = map,
 ) -> tuple[LabelLevel, ...]:
     """The levels of labels, finest first, as a tree.
 
@@ -195,12 +196,11 @@ def label_levels(
     settings : LabelSettings
     edges : (m, 2) int
         Pairs of finest superpixels that touch.
+    session : Session
     coarsest : callable
         Gives a level above all when the others are there: (n,) int64, labels from 0 on; or None.
-    spread : callable
-        Does pieces of work on several threads.
     """
-    levels = _bottom_up(hierarchy, features, settings, edges, spread)
+    levels = _bottom_up(hierarchy, features, settings, edges, session)
     top = coarsest()
     if top is not None:
         levels.append(_given(hierarchy, features, top))
@@ -210,7 +210,7 @@ def label_levels(
 # --- one scale ---
 
 
-def labelled(points: np.ndarray, settings: LabelSettings, level: int, spread: Spread = map) -> Factors:
+def labelled(points: np.ndarray, settings: LabelSettings, level: int, session: Session) -> Factors:
     """Labels of m points, (m, d), found at that level (0: the finest). Every label has a point.
 
     Raises
@@ -220,16 +220,16 @@ def labelled(points: np.ndarray, settings: LabelSettings, level: int, spread: Sp
     """
     m = len(points)
     if m > MOST:
-        return _labelled_by_sample(points, settings, level, spread)
+        return _labelled_by_sample(points, settings, level, session)
     neighbours, persistence, slowest = settings.neighbours, settings.persistence, SLOWEST
     if settings.literal:
         slowest = 0.0
     else:
         neighbours = min(neighbours, max(_FEWEST_NEIGHBOURS, m // _NODES_PER_NEIGHBOUR))
         persistence = persistence ** (level + 1)
-    graph = similarity_graph(points, neighbours, spread)
-    walk = Walk(graph.weights, persistence=persistence, slowest=slowest)
-    factors = factored(walk, settings.seed, settings.tries)
+    graph = similarity_graph(points, neighbours, session)
+    walk = Walk(graph, session, persistence=persistence, slowest=slowest)
+    factors = factored(walk, session, settings.seed, settings.tries)
     F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
     if settings.cluster != "nmf" and F.shape[1] > 1:
         labels = _by_scikit_learn(settings, points, graph.weights, F.shape[1], graph.node)
@@ -266,10 +266,10 @@ def _by_scikit_learn(
     return np.unique(model.fit(by_rows).labels_, return_inverse=True)[1][node]
 
 
-def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, spread: Spread) -> Factors:
+def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, session: Session) -> Factors:
     random = np.random.default_rng(settings.seed)
     chosen = np.sort(random.choice(len(points), MOST, replace=False))
-    small = labelled(points[chosen], settings, level, spread)
+    small = labelled(points[chosen], settings, level, session)
     _, near = cKDTree(points[chosen]).query(points, _NEAREST)
     G = small.G[:, near].mean(2)
     F = small.F[near].mean(1)
@@ -281,13 +281,13 @@ def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int,
 
 
 def _bottom_up(
-    hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, spread: Spread
+    hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, session: Session
 ) -> list[LabelLevel]:
     """Levels labelled each for itself, finest first; neither parents nor intersections yet."""
     levels: list[LabelLevel] = []
     at = 0
     while True:
-        levels.append(_level(hierarchy, features, settings, edges, at, len(levels), spread))
+        levels.append(_level(hierarchy, features, settings, edges, at, len(levels), session))
         following = _next_scale(hierarchy, levels[-1].labels, at, settings.share)
         if following is None:
             return levels
@@ -301,11 +301,11 @@ def _level(
     edges: np.ndarray,
     at: int,
     level: int,
-    spread: Spread,
+    session: Session,
 ) -> LabelLevel:
     groups = hierarchy.partition(at)
     values = features(groups)
-    factors = labelled(values, settings, level, spread)
+    factors = labelled(values, settings, level, session)
     count, likely = len(factors.G), factors.G[:, groups]
     labels = likely.argmax(0) if settings.literal else settled(likely.T, edges)
     scale, parents = float(hierarchy.sigmas[at]), np.zeros(count, np.int64)

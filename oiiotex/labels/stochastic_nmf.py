@@ -4,55 +4,60 @@
 F, (n, r): column c says where the walk goes from label c; G, (r, n): column j says how likely node j belongs to each
 label. How the paper solves eq. 8 is in its supplement, which is not public; what is built here:
 
-- start: heat spreads from an uncovered node of the largest mass; all nodes that it still flows into from outside
+- start: heat spreads from an uncovered node of the largest mass; all nodes that give more of it away than they get
   are the same source, and covered (probe cover). Without restarts it is deterministic.
-- descent: F and G in turn, each a least-squares problem on the simplex (FISTA with restarts, Newton for the threshold
-  of the projection).
+- descent: F and G in turn, each a least-squares problem on the simplex (FISTA, Newton's iteration for the threshold of
+  the projection). G's columns are problems of their own, and restart by themselves.
 - boosting (`tries` > 0): the starts of several runs, probed in random order, are stacked, and the walk between their
   labels is factored in turn.
+
+What is large is done by kernels in single precision, sums in one order; what is left on the host are matrices of labels.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from ..opencl.buffers import Buffers
+from ..session import Session
+from .products import TASK, gram, padded, product, wide_of
+
 _ROUNDS = 30  # of F and G in turn
 _INNER = 8  # steps of either within a round
 _FIRST = 100  # steps of the first G
-_SORTED = 64  # longest row that is sorted
 _GAIN = 1e-2  # of the error, relative: less ends the descent; a tenth of it moves no score by .01
+_SETTLED = 1e-6  # of a membership: moves less than that
+_FAR = -1e37  # of padding, which no projection keeps
+_BOUNDS = 20  # rounds of the bound of a norm
 
 
 class Power(Protocol):
-    """What is factored: a left-stochastic matrix, seen through its products (`affinity_graph.Walk` is one)."""
+    """What is factored: a left-stochastic matrix left right^T (`random_walk.Walk` is one)."""
 
     n: int
     norm: float
     mass: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
 
     def step(self, start: np.ndarray) -> np.ndarray:
         """One step of the walk."""
 
-    def walk(self, start: np.ndarray) -> np.ndarray:
-        """The matrix times `start`."""
-
-    def back(self, end: np.ndarray) -> np.ndarray:
-        """Its transpose times `end`."""
-
     def column(self, node: int) -> np.ndarray:
-        """One column."""
+        """One column of the matrix."""
 
 
 @dataclass(frozen=True)
 class Factors:
     """Attributes.
 
-    F : (n, r)
+    F : (n, r) float64
         Where the walk goes from a label; columns add up to 1.
-    G : (r, n)
+    G : (r, n) float64
         Which label a node belongs to; columns add up to 1.
     error : float
         |D^s - F G|^2 / |D^s|^2.
@@ -63,27 +68,29 @@ class Factors:
     error: float
 
 
-def factored(walk: Power, seed: int = 0, tries: int = 0) -> Factors:
+def factored(walk: Power, session: Session, seed: int = 0, tries: int = 0) -> Factors:
     """The stochastic factorization of LSA16 eq. 8.
 
     Parameters
     ----------
     walk : Power
+    session : Session
     seed : int
         Of the random starts.
     tries : int
         0: one deterministic start; else so many random ones, joined by boosting.
     """
-    factors = _descended(walk, probe_cover(walk))
+    factors = _descended(walk, session, probe_cover(walk))
     if tries == 0:
         return factors
     random = np.random.default_rng(seed)
-    runs = [factors] + [_descended(walk, probe_cover(walk, random)) for _ in range(tries)]
+    runs = [factors] + [_descended(walk, session, probe_cover(walk, random)) for _ in range(tries)]
     stacked_F = np.concatenate([run.F for run in runs], axis=1)
     stacked_G = np.concatenate([run.G for run in runs]) / len(runs)
-    between = _Dense(stacked_G @ stacked_F)
-    joined = min((_descended(between, probe_cover(between, random)) for _ in range(5)), key=lambda f: f.error)
-    return _descended(walk, stacked_F @ joined.F, joined.G @ stacked_G)
+    between = _Dense(product(stacked_G, stacked_F, session), session)
+    joined = min((_descended(between, session, probe_cover(between, random)) for _ in range(5)), key=lambda f: f.error)
+    F, G = product(stacked_F, joined.F, session), product(joined.G, stacked_G, session)
+    return _descended(walk, session, F, G)
 
 
 def probe_cover(walk: Power, random: np.random.Generator | None = None) -> np.ndarray:
@@ -106,98 +113,139 @@ def probe_cover(walk: Power, random: np.random.Generator | None = None) -> np.nd
     return np.stack(columns, axis=1)
 
 
-def _descended(walk: Power, F: np.ndarray, G: np.ndarray | None = None) -> Factors:
+def _descended(walk: Power, session: Session, F: np.ndarray, G: np.ndarray | None = None) -> Factors:
     """Both in turn, until the error falls no more."""
     r = F.shape[1]
-    Ft = np.ascontiguousarray(F.T)  # rows on the simplex
-    start = np.full((walk.n, r), 1.0 / r) if G is None else np.ascontiguousarray(G.T)
-    Gt = _least_squares(start, Ft @ F, walk.back(F), _FIRST)
-    previous = np.inf
+    F = np.asarray(F, np.float32)
+    memberships = np.full((walk.n, r), 1.0 / r, np.float32) if G is None else np.ascontiguousarray(G.T, np.float32)
+    right = np.ascontiguousarray(walk.left.T)
+    inverse = (1.0 / np.maximum(np.arange(max(walk.n, r) + 8), 1)).astype(np.float32)
+    from_labels, overlap = gram(walk.left, F, session), gram(F, F, session)
+    previous, steps = np.inf, _FIRST
     for _ in range(_ROUNDS):
-        forward = walk.walk(Gt)  # D^s G^T
-        error = _error(walk, Ft, Gt, forward)
+        linear = product(walk.right, from_labels, session)  # (D^s)^T F
+        memberships = memberships_of(memberships, overlap, linear, inverse, steps, session)
+        to_labels, shared = gram(walk.right, memberships, session), gram(memberships, memberships, session)
+        error = _error(walk, from_labels, to_labels, overlap, shared)
         if previous - error < _GAIN * previous:
             break
-        previous = error
-        Ft = _least_squares(Ft, Gt.T @ Gt, forward.T, _INNER, across=True)
-        Gt = _least_squares(Gt, Ft @ Ft.T, walk.back(Ft.T), _INNER)
-    return Factors(Ft.T, Gt.T, _error(walk, Ft, Gt, walk.walk(Gt)))
+        previous, steps = error, _INNER
+        linear = product(np.ascontiguousarray(to_labels.T), right, session)  # (D^s G^T)^T
+        F = distributions(F, shared, linear, inverse, session)
+        from_labels, overlap = gram(walk.left, F, session), gram(F, F, session)
+    wide_F, wide_G = F.astype(np.float64), memberships.T.astype(np.float64)
+    return Factors(wide_F / wide_F.sum(0), wide_G / wide_G.sum(0), error)
 
 
-def _error(walk: Power, Ft: np.ndarray, Gt: np.ndarray, forward: np.ndarray) -> float:
+def _error(
+    walk: Power, from_labels: np.ndarray, to_labels: np.ndarray, overlap: np.ndarray, shared: np.ndarray
+) -> float:
     """|D^s - F G|^2 / |D^s|^2 from products of thin matrices."""
-    squared = walk.norm + float(((Ft @ Ft.T) * (Gt.T @ Gt)).sum() - 2.0 * (Ft.T * forward).sum())
-    return max(squared, 0.0) / walk.norm
+    both = (overlap.astype(np.float64) * shared).sum() - 2.0 * (from_labels.astype(np.float64) * to_labels).sum()
+    return max(walk.norm + float(both), 0.0) / walk.norm
 
 
-def _least_squares(
-    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, steps: int, across: bool = False
+def memberships_of(
+    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, steps: int, session: Session
 ) -> np.ndarray:
-    """Rows on the simplex that minimise tr(X Q X^T) / 2 - tr(X C^T); `across`: tr(X^T Q X) / 2 - tr(X^T C).
+    """Rows x on the simplex that minimise x Q x^T / 2 - x c^T, (n, r) float32.
 
-    FISTA (Beck and Teboulle 2009) with the adaptive restart of O'Donoghue and Candes (2015).
+    Parameters
+    ----------
+    start : (n, r) float32
+        On the simplex.
+    quadratic : (r, r) float32
+        Q, of no negative numbers.
+    linear : (n, r) float32
+        A c for every row.
+    inverse : (r + 8,) float32
+        1 / 0 (any number), 1 / 1, 1 / 2, ...
+    steps : int
+        At most.
+    session : Session
     """
-    step = 1.0 / (np.linalg.norm(quadratic, 2) + 1e-300)
-    at = ahead = start
-    momentum = 1.0
+    device, (n, r) = session.device, start.shape
+    at, tables = padded(start), {"quadratic": padded(quadratic), "linear": padded(linear, _FAR)}
+    tables |= {"inverse": inverse, "momentum": _momentum(steps)}
+    width = at.shape[1]
+    with Buffers(device, {"at": at.nbytes, "ahead": 2 * at.nbytes}, session.budget, TASK, tables=tables) as buffers:
+        device.write(buffers["at"], at)
+        arguments = [buffers[name] for name in (*tables, "at", "ahead")]
+        numbers = n, r, width, steps, 1.0 / _largest(quadratic), _SETTLED
+        device.program("factorization")("memberships", (n,), *arguments, *numbers, group=16)
+        return device.read(buffers["at"], at.shape, np.float32)[:, :r]
+
+
+def distributions(
+    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, session: Session
+) -> np.ndarray:
+    """Columns on the simplex, F (n, r) float32, that minimise tr(F Q F^T) / 2 - tr(F C), by a few steps.
+
+    Parameters
+    ----------
+    start : (n, r) float32
+    quadratic : (r, r) float32
+        Q, of no negative numbers.
+    linear : (r, n) float32
+        C.
+    inverse : (n + 8,) float32
+        1 / 0 (any number), 1 / 1, 1 / 2, ...
+    session : Session
+    """
+    device, (n, r) = session.device, start.shape
+    at = padded(start.T)
+    tables = {"quadratic": padded(quadratic), "linear": padded(linear, _FAR), "inverse": inverse}
+    width, run = at.shape[1], device.program("factorization")
+    layout = {"at": at.nbytes, "ahead": at.nbytes, "trial": at.nbytes}
+    step, momentum = 1.0 / _largest(quadratic), _momentum(_INNER).tolist()
+    with Buffers(device, layout, session.budget, TASK, tables=tables) as buffers:
+        for name in ("at", "ahead"):
+            device.write(buffers[name], at)
+        down = [buffers[name] for name in ("quadratic", "linear", "ahead", "trial")]
+        onto = [buffers[name] for name in ("trial", "inverse", "at", "ahead")]
+        for ahead in momentum[1:]:
+            run("advance", (-(-width // wide_of(session)), r), *down, r, tables["quadratic"].shape[1], width, step)
+            run("project", (r,), *onto, r, width, ahead, group=1)
+        return np.ascontiguousarray(device.read(buffers["at"], at.shape, np.float32)[:, :n].T)
+
+
+def _momentum(steps: int) -> np.ndarray:
+    """How far to look ahead after so many steps since a start, (steps + 1,) float32: Beck and Teboulle 2009, eq. 4.2."""
+    factors, t = [0.0], 1.0
     for _ in range(steps):
-        slope = (quadratic @ ahead if across else ahead @ quadratic) - linear
-        new = on_simplex(ahead - step * slope)
-        moved = new - at
-        if np.vdot(ahead - new, moved) > 0:
-            momentum, ahead = 1.0, new
-        else:
-            following = (1.0 + np.sqrt(1.0 + 4.0 * momentum**2)) / 2.0
-            ahead = new + (momentum - 1.0) / following * moved
-            momentum = following
-        at = new
-        if np.abs(moved).max() < 1e-9:
-            break
-    return at
+        following = (1.0 + math.sqrt(1.0 + 4.0 * t * t)) / 2.0
+        factors.append((t - 1.0) / following)
+        t = following
+    return np.array(factors, np.float32)
 
 
-def on_simplex(rows: np.ndarray) -> np.ndarray:
-    """The nearest non-negative rows that add up to 1, (m, n).
-
-    What is taken off every value is found in a short row by sorting (Held, Wolfe, Crowder 1974), in a long one by
-    Newton's iteration (Michelot 1986).
-    """
-    if rows.shape[1] <= _SORTED:
-        falling = -np.sort(-rows, axis=1)
-        thresholds = (np.cumsum(falling, axis=1) - 1.0) / np.arange(1, rows.shape[1] + 1)
-        last = (falling > thresholds).sum(1) - 1
-        threshold = thresholds[np.arange(len(rows)), last]
-    else:
-        threshold = (rows.sum(1) - 1.0) / rows.shape[1]
-        for _ in range(100):
-            above = rows > threshold[:, None]
-            new = (np.where(above, rows, 0.0).sum(1) - 1.0) / above.sum(1)
-            settled = new - threshold <= 1e-12 * np.maximum(1.0, np.abs(new))
-            threshold = new
-            if settled.all():
-                break
-    out = np.maximum(rows - threshold[:, None], 0.0)
-    return out / out.sum(1, keepdims=True)
+def _largest(matrix: np.ndarray) -> float:
+    """Not less than the largest eigenvalue of a symmetric matrix without negative numbers (Collatz 1942)."""
+    matrix = matrix.astype(np.float64) + 1e-30
+    vector = np.ones(len(matrix))
+    for _ in range(_BOUNDS):
+        image = (matrix * vector).sum(1)
+        bound, vector = float((image / vector).max()), image / image.max()
+    return bound
 
 
 class _Dense:
     """The second power of a small left-stochastic matrix."""
 
-    def __init__(self, matrix: np.ndarray):
-        self._once = np.maximum(matrix, 0.0) / np.maximum(matrix, 0.0).sum(0)
-        self._twice = self._once @ self._once
+    def __init__(self, matrix: np.ndarray, session: Session):
+        positive = np.maximum(matrix, 0.0).astype(np.float64)
+        self._once, self._session = (positive / positive.sum(0)).astype(np.float32), session
         self.n = len(matrix)
-        self.norm = float((self._twice**2).sum())
-        self.mass = np.linalg.matrix_power(self._once, 256).mean(1)
+        self.left = product(self._once, self._once, session)
+        self.right = np.eye(self.n, dtype=np.float32)
+        self.norm = float((self.left.astype(np.float64) ** 2).sum())
+        far = self.left
+        for _ in range(7):  # 2^7 times 2 steps
+            far = product(far, far, session)
+        self.mass = far.mean(1, dtype=np.float64)
 
     def step(self, start: np.ndarray) -> np.ndarray:
-        return self._once @ start
-
-    def walk(self, start: np.ndarray) -> np.ndarray:
-        return self._twice @ start
-
-    def back(self, end: np.ndarray) -> np.ndarray:
-        return self._twice.T @ end
+        return product(self._once, start[:, None], self._session)[:, 0]
 
     def column(self, node: int) -> np.ndarray:
-        return self._twice[:, node]
+        return self.left[:, node]

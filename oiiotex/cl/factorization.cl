@@ -1,0 +1,158 @@
+// Products of a walk and the descent of its factors: LSA16 sections 4.2 and 4.4, labels/random_walk.py and
+// labels/stochastic_nmf.py. Matrices lie row by row, their rows padded to 8 columns of what the host says.
+//
+// Sums of floats stand in one fixed order, also those that eight lanes add up: the same bits on every device.
+#pragma OPENCL FP_CONTRACT OFF
+#include "lanes.h"
+#include "offsets.h"
+
+#if LANES > 1
+#define WIDE 8   // columns of an item
+typedef float fv __attribute__((ext_vector_type(8), aligned(4)));
+#else
+#define WIDE 1
+typedef float fv;
+#endif
+#define COLUMNS(matrix, i, j, stride) (*(__global fv *)((matrix) + AT(i, j, stride)))
+#define SEEN(matrix, i, j, stride) (*(const __global fv *)((matrix) + AT(i, j, stride)))
+typedef float f8 __attribute__((ext_vector_type(8), aligned(4)));
+typedef int i8 __attribute__((ext_vector_type(8)));
+#define EIGHT(row, j) (*(__global f8 *)((row) + (j)))
+
+static inline float sum8(f8 v) {
+  float a = v.s0 + v.s4, b = v.s1 + v.s5, c = v.s2 + v.s6, d = v.s3 + v.s7;
+  return (a + c) + (b + d);
+}
+
+// alpha S x + beta x + gamma before, S a sparse matrix by rows.
+__kernel void factorization_spread(const __global int *restrict starts, const __global int *restrict columns,
+                                   const __global float *restrict weights, const __global float *restrict x,
+                                   const __global float *restrict before, __global float *restrict out, int rows,
+                                   int width, float alpha, float beta, float gamma) {
+  int j = get_global_id(0) * WIDE, i = get_global_id(1);
+  if (j >= width || i >= rows) return;
+  fv sum = 0.0f;
+  for (int p = starts[i]; p < starts[i + 1]; p++) sum += weights[p] * SEEN(x, columns[p], j, width);
+  COLUMNS(out, i, j, width) = (alpha * sum + beta * SEEN(x, i, j, width)) + gamma * SEEN(before, i, j, width);
+}
+
+// S x, x a vector.
+__kernel void factorization_step(const __global int *restrict starts, const __global int *restrict columns,
+                                 const __global float *restrict weights, const __global float *restrict x,
+                                 __global float *restrict out, int rows) {
+  int i = get_global_id(0);
+  if (i >= rows) return;
+  f8 sum = 0.0f;
+  int p = starts[i], end = starts[i + 1];
+  for (; p + 8 <= end; p += 8)
+    for (int t = 0; t < 8; t++) sum[t] += weights[p + t] * x[columns[p + t]];
+  for (int t = 0; p + t < end; t++) sum[t] += weights[p + t] * x[columns[p + t]];
+  out[i] = sum8(sum);
+}
+
+// a b, (rows, inner) times (inner, width); a has rows of `stride`.
+__kernel void factorization_product(const __global float *restrict a, const __global float *restrict b,
+                                    __global float *restrict out, int rows, int inner, int stride, int width) {
+  int j = get_global_id(0) * WIDE, i = get_global_id(1);
+  if (j >= width || i >= rows) return;
+  fv sum = 0.0f;
+  for (int k = 0; k < inner; k++) sum += a[AT(i, k, stride)] * SEEN(b, k, j, width);
+  COLUMNS(out, i, j, width) = sum;
+}
+
+// a^T b, (rows, tall)^T times (rows, width).
+__kernel void factorization_gram(const __global float *restrict a, const __global float *restrict b,
+                                 __global float *restrict out, int rows, int tall, int width) {
+  int j = get_global_id(0) * WIDE, k = get_global_id(1) * WIDE;
+  if (j >= width || k >= tall) return;
+  fv sum[WIDE];
+  for (int t = 0; t < WIDE; t++) sum[t] = 0.0f;
+  for (int i = 0; i < rows; i++) {
+    fv right = SEEN(b, i, j, width);
+    for (int t = 0; t < WIDE; t++) sum[t] += a[AT(i, k + t, tall)] * right;
+  }
+  for (int t = 0; t < WIDE; t++) COLUMNS(out, k + t, j, width) = sum[t];
+}
+
+// What is to be taken off every value so that those that stay positive add up to 1 (Michelot 1986); `inverse[n]` is
+// 1 / n. What is below -1e20 pads a row.
+static inline float threshold_of(const __global float *row, const __global float *restrict inverse, int width) {
+  float threshold = -1e20f;
+  for (int before = width + 1, now = 0;; before = now) {   // fewer and fewer
+    f8 sum = 0.0f;
+    i8 above = 0;
+    for (int j = 0; j < width; j += 8) {
+      f8 v = *(const __global f8 *)(row + j);
+      sum += v > threshold ? v : (f8)0.0f;
+      above -= v > threshold;
+    }
+    now = ((above.s0 + above.s4) + (above.s2 + above.s6)) + ((above.s1 + above.s5) + (above.s3 + above.s7));
+    if (now >= before || now == 0) return threshold;
+    threshold = (sum8(sum) - 1.0f) * inverse[now];
+  }
+}
+
+// Every row x of `at`, on the simplex, goes to where x Q x^T / 2 - x c^T is least, c its row of `linear`: FISTA (Beck and
+// Teboulle 2009) with a restart of its own (O'Donoghue and Candes 2015). `ahead` has room for two rows of each.
+__kernel void factorization_memberships(const __global float *restrict quadratic, const __global float *restrict linear,
+                                        const __global float *restrict inverse, const __global float *restrict momentum,
+                                        __global float *restrict at, __global float *restrict scratch, int rows,
+                                        int labels, int width, int steps, float step, float settled) {
+  int i = get_global_id(0);
+  if (i >= rows) return;
+  __global float *x = at + AT(i, 0, width), *ahead = scratch + AT(2 * i, 0, width), *trial = ahead + width;
+  const __global float *c = linear + AT(i, 0, width);
+  for (int j = 0; j < width; j += 8) EIGHT(ahead, j) = EIGHT(x, j);
+  for (int n = 0, age = 0; n < steps; n++) {
+    for (int j = 0; j < width; j += 8) EIGHT(trial, j) = 0.0f;
+    for (int k = 0; k < labels; k++) {
+      float share = ahead[k];
+      if (share != 0.0f)   // most are
+        for (int j = 0; j < width; j += 8)
+          EIGHT(trial, j) += share * *(const __global f8 *)(quadratic + AT(k, j, width));
+    }
+    for (int j = 0; j < width; j += 8)
+      EIGHT(trial, j) = EIGHT(ahead, j) - step * (EIGHT(trial, j) - *(const __global f8 *)(c + j));
+    float threshold = threshold_of(trial, inverse, width);
+    f8 turned = 0.0f, most = 0.0f;
+    for (int j = 0; j < width; j += 8) {
+      f8 over = EIGHT(trial, j) - threshold, to = over > 0.0f ? over : (f8)0.0f, moved = to - EIGHT(x, j);
+      f8 far = moved < 0.0f ? -moved : moved;
+      turned += (EIGHT(ahead, j) - to) * moved;
+      most = far > most ? far : most;
+      EIGHT(x, j) = to;
+      EIGHT(trial, j) = moved;
+    }
+    age = sum8(turned) > 0.0f ? 0 : age + 1;
+    for (int j = 0; j < width; j += 8) EIGHT(ahead, j) = EIGHT(x, j) + momentum[age] * EIGHT(trial, j);
+    int still = 1;
+    for (int t = 0; t < 8; t++) still &= most[t] < settled;
+    if (still) return;
+  }
+}
+
+// A step down the slope of tr(X^T Q X) / 2 - tr(X^T C), X (labels, width).
+__kernel void factorization_advance(const __global float *restrict quadratic, const __global float *restrict linear,
+                                    const __global float *restrict ahead, __global float *restrict trial, int labels,
+                                    int stride, int width, float step) {
+  int j = get_global_id(0) * WIDE, i = get_global_id(1);
+  if (j >= width || i >= labels) return;
+  fv slope = 0.0f;
+  for (int k = 0; k < labels; k++) slope += quadratic[AT(i, k, stride)] * SEEN(ahead, k, j, width);
+  COLUMNS(trial, i, j, width) = SEEN(ahead, i, j, width) - step * (slope - SEEN(linear, i, j, width));
+}
+
+// Each row of `trial` onto the simplex, and a look ahead from where it was before.
+__kernel void factorization_project(__global float *restrict trial, const __global float *restrict inverse,
+                                    __global float *restrict at, __global float *restrict ahead, int labels, int width,
+                                    float momentum) {
+  int i = get_global_id(0);
+  if (i >= labels) return;
+  __global float *row = trial + AT(i, 0, width), *x = at + AT(i, 0, width), *next = ahead + AT(i, 0, width);
+  float threshold = threshold_of(row, inverse, width);
+  for (int j = 0; j < width; j += 8) {
+    f8 over = EIGHT(row, j) - threshold, to = over > 0.0f ? over : (f8)0.0f;
+    EIGHT(next, j) = to + momentum * (to - EIGHT(x, j));
+    EIGHT(x, j) = to;
+  }
+}

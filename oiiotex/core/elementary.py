@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Exponentials, logarithms and roots by + - * / alone.
+
+IEEE 754 says every bit of these four, not of exp and log: numpy's differ in the last one between processors, and so do
+those of C libraries. Where decisions follow, as labels do from spectra, a last bit is sent far.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..deferred import np
+
+_LOG2_E = 1.4426950408889634
+_LN2_HIGH = 0.693147180369123816490  # 32 bits: its product with any exponent is exact
+_LN2_LOW = 1.90821492927058770002e-10
+_DEGREE = 13  # of the exponential's polynomial within half an octave
+_TERMS = 11  # of the logarithm's
+_LARGEST = 700.0
+
+
+def exponential(x: np.ndarray) -> np.ndarray:
+    """e^x to 1e-15 of itself, float64; x is held within 700 of 0."""
+    x = np.clip(np.asarray(x, np.float64), -_LARGEST, _LARGEST)
+    octave = np.rint(x * _LOG2_E)
+    rest = (x - octave * _LN2_HIGH) - octave * _LN2_LOW
+    value = np.full_like(rest, 1.0 / math.factorial(_DEGREE))
+    for k in range(_DEGREE - 1, -1, -1):
+        value *= rest
+        value += 1.0 / math.factorial(k)
+    return np.ldexp(value, octave.astype(np.int32))
+
+
+def logarithm(x: np.ndarray) -> np.ndarray:
+    """The natural logarithm of x > 0 to 1e-15, float64."""
+    share, octave = np.frexp(np.asarray(x, np.float64))
+    low = share < math.sqrt(0.5)
+    share, octave = np.where(low, 2.0 * share, share), octave - low
+    ratio = (share - 1.0) / (share + 1.0)  # log of what lies between the roots of 1/2 and 2 is 2 artanh of it
+    square, value = ratio * ratio, np.full_like(ratio, 1.0 / (2 * _TERMS + 1))
+    for k in range(_TERMS - 1, -1, -1):
+        value *= square
+        value += 1.0 / (2 * k + 1)
+    return octave * _LN2_HIGH + (octave * _LN2_LOW + 2.0 * ratio * value)
+
+
+def root(x: np.ndarray, k: int) -> np.ndarray:
+    """The kth root of x >= 0 to 1e-14 of itself, float64."""
+    x = np.asarray(x, np.float64)
+    above = np.maximum(x, 1e-300)
+    return np.where(x > 0, exponential(logarithm(above) / k), 0.0)

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The random walk on a graph: D^s of LSA16 eq. 6, never formed.
+
+With S = T^-1/2 W T^-1/2, D^s = T^1/2 S^s T^-1/2. S^s is V (V^T S V)^s V^T in the subspace V of its largest eigenvalues,
+which is found by subspace iteration with Chebyshev polynomials (Zhou, Saad, Tiago, Chelikowsky, Journal of
+Computational Physics 219, 2006). Products with S are kernels, what is left are matrices of 48 x 48: no eigenvector is
+asked for, as those of equal eigenvalues are arbitrary, and no library's order of adding shows.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..core.elementary import logarithm
+from ..session import Session
+from .affinity_graph import AffinityGraph
+from .products import Spread, gram, product
+
+PERSISTENCE = 0.95  # what is left of the largest eigenvalue below 1 after the steps: LSA16 section 4.4
+SLOWEST = 0.98  # a faster walk is taken for one of this eigenvalue: LSA16's rule would stop it before it mixes at all
+DIMENSIONS = 48  # of the subspace: 64 move no score by .01
+_ONE = 0.9999  # eigenvalues above count as 1: LSA16 section 4.4
+_MOST_STEPS = 2000
+_POWERS, _DEGREES = 4, (6, 6, 6)  # of S at first, of the polynomials then
+_BISECTIONS = 20  # of an interval of eigenvalues
+_LOST = 1e-6  # of a column's length that is left after those before it are taken out: it is one of them
+
+
+class Walk:
+    """Steps of the random walk on a graph.
+
+    Attributes
+    ----------
+    n : int
+        Nodes.
+    mass : (n,) float64
+        What the walk tends to, but for a factor.
+    steps : int
+        s.
+    left, right : (n, k) float32
+        D^s is left right^T.
+    norm : float
+        |D^s|^2, Frobenius.
+    """
+
+    def __init__(self, graph: AffinityGraph, session: Session, persistence: float, slowest: float = SLOWEST):
+        self.mass, self.n = graph.mass, len(graph.mass)
+        self._root = np.sqrt(self.mass).astype(np.float32)
+        self._spread = Spread(graph.scaled, DIMENSIONS, session)
+        basis, inside = _subspace(self._spread, self._root, session)
+        self.steps = steps_of(_largest_below_one(inside, slowest), persistence, slowest)
+        self.left = self._root[:, None] * product(basis, _power(inside, self.steps).astype(np.float32), session)
+        self.right = basis / self._root[:, None]
+        squares = gram(self.left, self.left, session).astype(np.float64) * gram(self.right, self.right, session)
+        self.norm = float(squares.sum())
+
+    def step(self, start: np.ndarray) -> np.ndarray:
+        """D p: where the walk is one step after p, (n,) float32."""
+        return self._root * self._spread.once(start / self._root)
+
+    def column(self, node: int) -> np.ndarray:
+        """D^s from one node: a map of how similar all are to it, a distribution, (n,) float32."""
+        column = np.maximum((self.left * self.right[node]).sum(1), np.float32(0))
+        total = column.sum(dtype=np.float64)
+        if total <= 0:  # what the subspace knows nothing of stays where it is
+            return (np.arange(self.n) == node).astype(np.float32)
+        return column / np.float32(total)
+
+
+def steps_of(largest: float, persistence: float, slowest: float) -> int:
+    """How long to walk: until that share of the largest eigenvalue below 1 is left. LSA16 section 4.4.
+
+    One below `slowest` is taken for it, 0: the paper; none, 0, is walked one step.
+    """
+    largest = max(largest, slowest)
+    if largest <= 0:
+        return 1
+    share = float(logarithm(np.array(persistence * largest)) / logarithm(np.array(largest)))
+    return int(min(max(math.floor(share), 1), _MOST_STEPS))
+
+
+def _subspace(spread: Spread, root: np.ndarray, session: Session) -> tuple[np.ndarray, np.ndarray]:
+    """Of S's largest eigenvalues: V (n, 48) float32, orthonormal, and V^T S V (48, 48) float64."""
+    n = len(root)
+    bits = np.random.Philox(key=0).random_raw(n)[:, None] >> np.arange(DIMENSIONS, dtype=np.uint64)
+    start = np.where(bits & np.uint64(1), 1.0, -1.0)
+    start[:, 0] = root  # that of eigenvalue 1
+    start /= np.sqrt((start**2).sum(0))
+
+    def inside(basis: np.ndarray) -> np.ndarray:
+        spread.start(basis)
+        spread.step(1.0, 0.0, 0.0)
+        return _symmetric(gram(basis, spread.now(), session))
+
+    spread.start(start.astype(np.float32))
+    for _ in range(_POWERS):
+        spread.step(1.0, 0.0, 0.0)
+    basis = _orthonormal(spread.now(), session)
+    for degree in _DEGREES:
+        edge = _smallest(inside(basis))
+        spread.start(basis)
+        _filtered(spread, degree, edge)
+        basis = _orthonormal(spread.now(), session)
+    return basis, inside(basis)
+
+
+def _filtered(spread: Spread, degree: int, edge: float) -> None:
+    """The Chebyshev polynomial of S that is small from -1 to `edge` and 1 at 1."""
+    middle, half = (edge - 1.0) / 2.0, (edge + 1.0) / 2.0
+    first = sigma = half / (1.0 - middle)
+    spread.step(sigma / half, -middle * sigma / half, 0.0)
+    for _ in range(degree - 1):
+        following = 1.0 / (2.0 / first - sigma)
+        spread.step(2.0 * following / half, -2.0 * following * middle / half, -sigma * following)
+        sigma = following
+
+
+def _orthonormal(columns: np.ndarray, session: Session) -> np.ndarray:
+    """An orthonormal basis of what columns span, (n, k) float32; 0 for columns that others make.
+
+    By Cholesky's factor of their products, twice, as the first is of single precision.
+    """
+    for _ in range(2):
+        products = _symmetric(gram(columns, columns, session))
+        length = np.sqrt(np.maximum(np.diagonal(products), 0.0))
+        inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
+        turned = _inverse_of_factor(products * inverse[:, None] * inverse) * inverse[:, None]
+        columns = product(columns, turned, session)
+    return columns
+
+
+def _inverse_of_factor(products: np.ndarray) -> np.ndarray:
+    """R^-1 where R^T R = products, upper; columns of 0 where one is made of those before it. The diagonal is 1."""
+    n = len(products)
+    left, inverse = products.copy(), np.eye(n)
+    for k in range(n):  # elimination; what it does to rows is done to the unit matrix
+        pivot = left[k, k]
+        if pivot <= _LOST:
+            left[k], inverse[k] = 0.0, 0.0
+            continue
+        factors = left[k + 1 :, k] / pivot
+        left[k + 1 :] -= factors[:, None] * left[k]
+        inverse[k + 1 :] -= factors[:, None] * inverse[k]
+        inverse[k] /= math.sqrt(pivot)
+    return inverse.T
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    return (matrix.astype(np.float64) + matrix.T) / 2.0
+
+
+def _multiplied(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A b of small matrices, added in one order: BLAS has many."""
+    made = np.zeros((len(a), b.shape[1]))
+    for k in range(len(b)):
+        made += a[:, k, None] * b[k]
+    return made
+
+
+def _power(matrix: np.ndarray, exponent: int) -> np.ndarray:
+    """By squares."""
+    result, square = None, matrix
+    while True:
+        if exponent & 1:
+            result = square if result is None else _multiplied(result, square)
+        exponent >>= 1
+        if not exponent:
+            return result
+        square = _multiplied(square, square)
+
+
+# --- eigenvalues of small symmetric matrices ---
+
+
+def _fewer(matrix: np.ndarray, bound: float) -> int:
+    """How many eigenvalues lie below a bound: the negative pivots of elimination (Sylvester's law of inertia)."""
+    left, negative = matrix - bound * np.eye(len(matrix)), 0
+    for k in range(len(left)):
+        pivot = left[k, k] if abs(left[k, k]) > 1e-12 else -1e-12
+        negative += pivot < 0
+        left[k + 1 :, k + 1 :] -= (left[k + 1 :, k, None] / pivot) * left[k, k + 1 :]
+    return negative
+
+
+def _bisected(matrix: np.ndarray, rank: int, low: float, high: float) -> float:
+    """The eigenvalue that `rank` others lie below, of those between low and high."""
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2.0
+        if _fewer(matrix, middle) <= rank:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _smallest(matrix: np.ndarray) -> float:
+    """Not above the smallest eigenvalue by more than bisection leaves; columns of 0 are no part of the matrix."""
+    used = np.flatnonzero(np.diagonal(matrix))
+    return min(max(_bisected(matrix[np.ix_(used, used)], 0, -1.0, 1.0), -0.5), 0.9)
+
+
+def _largest_below_one(matrix: np.ndarray, slowest: float) -> float:
+    """The largest eigenvalue below 1 that is above `slowest`, else 0."""
+    fewer = _fewer(matrix, _ONE)
+    if fewer == 0 or _fewer(matrix, slowest) == fewer:
+        return 0.0
+    return _bisected(matrix, fewer - 1, slowest, _ONE)
