@@ -144,6 +144,7 @@ def main() -> None:
                     described,
                     settings,
                     found.edges,
+                    session,
                     lambda: superpixel_subtextures(found, small, session),  # noqa: B023 - called at once
                 )
                 took = time.perf_counter() - start

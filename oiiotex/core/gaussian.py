@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 
 from ..deferred import np
+from .elementary import exponential
 
 
 def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.ndarray:
@@ -22,5 +23,5 @@ def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.nda
     """
     radius = max(1, math.ceil(reach * sigma))
     radius = radius if most is None else min(radius, most)
-    weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+    weights = exponential(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
     return weights / weights.sum()

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,6 +77,15 @@ class AffinityGraph:
     node: np.ndarray
     counts: np.ndarray
     r: float
+
+    def weights(self) -> Any:
+        """W, a scipy.sparse.csr_array."""
+        import scipy.sparse  # what finds labels has no need of it
+
+        starts, columns, n = self.scaled.starts, self.scaled.columns, len(self.mass)
+        root = np.sqrt(self.mass)
+        values = self.scaled.weights * np.repeat(root, np.diff(starts)) * root[columns]
+        return scipy.sparse.csr_array((values, columns, starts), shape=(n, n))
 
 
 def similarity_graph(points: np.ndarray, neighbours: int, session: Session) -> AffinityGraph:

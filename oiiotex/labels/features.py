@@ -13,11 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.sparse as sparse
-from scipy.spatial import cKDTree
 
 from ..color.lab_grid import mean_lab
+from ..core.elementary import root
 from ..core.window import Window
+from ..opencl.buffers import Buffers
 from ..session import Session
 from ..superpixels.superpixels import Superpixels
 from .filter_bank import WAVES, Texture, gabor_responses, texton_map, texture_of
@@ -26,6 +26,8 @@ KINDS = ("textons", "moments", "gabor", "quadtree")
 WORKING_PIXELS = 3 << 18
 _UNIT = 100.0  # histograms add up to it, squared: their distances are of the order of those of Lab
 _POOLED = 0.5  # scales of a superpixel: how far its neighbours' textons count
+_NEAR = 2.5  # sigmas, where they end
+_PLACE_STEPS = 64  # of a sigma, to which places are rounded
 
 Features = Callable[[np.ndarray], np.ndarray]
 """(n,) int: the group of every finest superpixel, 0 .. m - 1 -> (m, d) float64: the groups' features."""
@@ -67,10 +69,13 @@ def moments(power_sums: np.ndarray, sizes: np.ndarray, groups: np.ndarray) -> np
     raw = grouped(power_sums, groups) / grouped(sizes.astype(np.float64), groups)[:, None, None]  # (m, 3, 5)
     mean = raw[..., 0]
     raw = np.concatenate([np.ones_like(raw[..., :1]), raw], axis=-1)
+    powers = [np.ones_like(mean)]
+    for _ in range(5):
+        powers.append(powers[-1] * -mean)
     columns = [mean]
     for k in range(2, 6):
-        central = sum(math.comb(k, j) * raw[..., j] * (-mean) ** (k - j) for j in range(k + 1))
-        columns.append(np.sign(central) * np.abs(central) ** (1.0 / k) / math.factorial(k))
+        central = sum(math.comb(k, j) * raw[..., j] * powers[k - j] for j in range(k + 1))
+        columns.append(np.sign(central) * root(np.abs(central), k) / math.factorial(k))
     return np.concatenate(columns, axis=1)
 
 
@@ -187,10 +192,10 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, session: Sessi
     count = int(textons.max()) + 1
     ids = small.ids.ravel().astype(np.int64)
     table = np.bincount(ids * count + textons.ravel(), minlength=(small.count + 1) * count)
-    counts = table.reshape(small.count + 1, count)[1:].astype(np.float64)
+    counts = table.reshape(small.count + 1, count)[1:]
     missed = np.flatnonzero(counts.sum(1) == 0)
-    counts[missed, textons[small.places[missed, 0], small.places[missed, 1]]] = 1.0
-    counts = _neighbourly(superpixels.positions, _POOLED * superpixels.sigma) @ counts
+    counts[missed, textons[small.places[missed, 0], small.places[missed, 1]]] = 1
+    counts = pooled(counts, superpixels.positions, _POOLED * superpixels.sigma, session)
 
     def features(groups: np.ndarray) -> np.ndarray:
         sums = grouped(counts, groups)
@@ -199,12 +204,39 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, session: Sessi
     return features
 
 
-def _neighbourly(positions: np.ndarray, sigma: float) -> sparse.csr_array:
-    """Gaussian weights between places that are near each other, (n, n); 1 for each itself."""
-    pairs = cKDTree(positions).sparse_distance_matrix(cKDTree(positions), 2.5 * sigma, output_type="coo_matrix")
-    weights = np.exp(-(pairs.data**2) / (2.0 * sigma**2))
-    apart = pairs.row != pairs.col
-    n = len(positions)
-    near = sparse.csr_array((weights[apart], (pairs.row[apart], pairs.col[apart])), shape=(n, n))
-    near.sort_indices()  # sums in one order
-    return near + sparse.eye_array(n, format="csr")
+def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, session: Session) -> np.ndarray:
+    """Counts with those of what is near, by Gaussian weights in steps of 1/4096, of itself 1.
+
+    Parameters
+    ----------
+    counts : (n, k) int
+    positions : (n, 2) float64
+        px.
+    sigma : float
+        px.
+    session : Session
+
+    Returns
+    -------
+    (n, k) int64
+        In those steps.
+    """
+    unit = _PLACE_STEPS / sigma
+    places = np.rint(positions * unit).astype(np.int32)
+    if np.ptp(places[:, 1]) > np.ptp(places[:, 0]):
+        places = places[:, ::-1]
+    order = np.argsort(places[:, 0], kind="stable")
+    along, reach = places[order, 0], int(_NEAR * _PLACE_STEPS)
+    tables = {
+        "places": np.ascontiguousarray(places[order]),
+        "first": np.searchsorted(along, along - reach).astype(np.int32),
+        "last": np.searchsorted(along, along + reach, "right").astype(np.int32),
+        "counts": np.pad(counts[order].astype(np.int32), ((0, 0), (0, -counts.shape[1] % 4))),
+    }
+    n, width = tables["counts"].shape
+    with Buffers(session.device, {"pooled": 4 * n * width}, session.budget, "features", tables=tables) as buffers:
+        arguments = [buffers[name] for name in (*tables, "pooled")]
+        session.device.program("features")("pool", (n,), *arguments, n, width, reach, 0.5 / _PLACE_STEPS**2)
+        made = np.empty((n, counts.shape[1]), np.int64)
+        made[order] = session.device.read(buffers["pooled"], (n, width), np.int32)[:, : counts.shape[1]]
+    return made

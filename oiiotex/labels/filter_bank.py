@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
 
+from ..core.elementary import exponential
 from ..core.gaussian import gaussian_taps
 from ..opencl.buffers import Buffers
 from ..session import Session
@@ -35,20 +35,32 @@ def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> 
     inverse transform is complex, its modulus the local energy whatever the phase.
     """
     padded = np.pad(plane - plane.mean(), _PAD, mode="symmetric")
-    shape = [scipy.fft.next_fast_len(s) for s in padded.shape]
-    spectrum = scipy.fft.fft2(padded.astype(np.float32), shape)
-    v, u = (scipy.fft.fftfreq(s) for s in shape)  # exp of doubles, rounded: that of floats differs between processors
+    shape = [_smooth(s) for s in padded.shape]
+    spectrum = np.fft.fft2(padded.astype(np.float32), shape)
+    v, u = (np.fft.fftfreq(s) for s in shape)
     responses = []
     for wave in waves:
         spread = 2.0 * (math.pi * 0.45 * wave) ** 2
         for turn in range(turns):
             angle = math.pi * turn / turns
-            over_x = np.exp(-spread * (u - math.cos(angle) / wave) ** 2)
-            over_y = np.exp(-spread * (v - math.sin(angle) / wave) ** 2)
+            over_x = exponential(-spread * (u - math.cos(angle) / wave) ** 2)
+            over_y = exponential(-spread * (v - math.sin(angle) / wave) ** 2)
             gains = over_y.astype(np.float32)[:, None] * over_x.astype(np.float32)
-            both = scipy.fft.ifft2(spectrum * gains)[_PAD : _PAD + plane.shape[0], _PAD : _PAD + plane.shape[1]]
+            both = np.fft.ifft2(spectrum * gains)[_PAD : _PAD + plane.shape[0], _PAD : _PAD + plane.shape[1]]
             responses.append(np.sqrt(both.real**2 + both.imag**2))
     return responses
+
+
+def _smooth(size: int) -> int:
+    """The least number from `size` on that has no prime factor above 7: transforms of others are slow."""
+    while True:
+        rest = size
+        for prime in (2, 3, 5, 7):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return size
+        size += 1
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ DIMENSIONS = 48  # of the subspace: 64 move no score by .01
 _ONE = 0.9999  # eigenvalues above count as 1: LSA16 section 4.4
 _MOST_STEPS = 2000
 _POWERS, _DEGREES = 4, (6, 6, 6)  # of S at first, of the polynomials then
-_BISECTIONS = 20  # of an interval of eigenvalues
+_BISECTIONS = 16  # of an interval of eigenvalues
+_ROUGH = 6  # of them where a bound is enough
 _LOST = 1e-6  # of a column's length that is left after those before it are taken out: it is one of them
 
 

@@ -27,8 +27,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
-from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
 from ..color.lab import Lens
@@ -39,8 +37,9 @@ from ..session import Session
 from ..superpixels.hierarchy import Hierarchy, hierarchy
 from ..superpixels.slic import SeedGrid
 from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
-from .affinity_graph import NEIGHBOURS, similarity_graph
+from .affinity_graph import NEIGHBOURS, AffinityGraph, similarity_graph
 from .features import WORKING_PIXELS, Features, SmallLab, features_of, small_lab
+from .potts import UNLIKELY, settled
 from .random_walk import PERSISTENCE, SLOWEST, Walk
 from .stochastic_nmf import Factors, factored
 
@@ -49,8 +48,6 @@ _PIXEL_BYTES, _EDGE_BYTES = 300, 80  # held at once, per pixel of the reduced im
 _NEAREST = 6  # sampled superpixels that one which was left out looks at
 _NODES_PER_NEIGHBOUR, _FEWEST_NEIGHBOURS = 13, 8
 _PART = 0.25  # of a label that lies in a coarser one, for it to be a child of that
-_COUPLING, _UPDATES = 4.0, 6  # of a superpixel with its neighbours, nats; and how often
-_UNLIKELY = 1e-3  # of a label that a superpixel does not belong to at all
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +229,7 @@ def labelled(points: np.ndarray, settings: LabelSettings, level: int, session: S
     factors = factored(walk, session, settings.seed, settings.tries)
     F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
     if settings.cluster != "nmf" and F.shape[1] > 1:
-        labels = _by_scikit_learn(settings, points, graph.weights, F.shape[1], graph.node)
+        labels = _by_scikit_learn(settings, points, graph, F.shape[1])
         G = (labels == np.arange(labels.max() + 1)[:, None]).astype(np.float64)
         F = (G / G.sum(1, keepdims=True)).T
     return _without_empty(F, G, factors.error)
@@ -246,9 +243,7 @@ def _without_empty(F: np.ndarray, G: np.ndarray, error: float) -> Factors:
     return Factors(F[:, used], kept, error)
 
 
-def _by_scikit_learn(
-    settings: LabelSettings, points: np.ndarray, weights: object, count: int, node: np.ndarray
-) -> np.ndarray:
+def _by_scikit_learn(settings: LabelSettings, points: np.ndarray, graph: AffinityGraph, count: int) -> np.ndarray:
     """The paper's comparison (figure 3d): as many clusters as our own way finds."""
     try:
         from sklearn.cluster import KMeans, SpectralClustering
@@ -258,15 +253,15 @@ def _by_scikit_learn(
         ) from None
     if settings.cluster == "kmeans":
         return KMeans(count, n_init=10, random_state=settings.seed).fit(points).labels_
-    if weights.shape[0] <= count:  # as many kinds as clusters
-        return node
-    by_rows = weights.tocsr()
-    by_rows.indices, by_rows.indptr = by_rows.indices.astype(np.int32), by_rows.indptr.astype(np.int32)
+    if len(graph.counts) <= count:  # as many kinds as clusters
+        return graph.node
     model = SpectralClustering(count, affinity="precomputed", random_state=settings.seed, assign_labels="kmeans")
-    return np.unique(model.fit(by_rows).labels_, return_inverse=True)[1][node]
+    return np.unique(model.fit(graph.weights()).labels_, return_inverse=True)[1][graph.node]
 
 
 def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, session: Session) -> Factors:
+    from scipy.spatial import cKDTree  # of very long images alone
+
     random = np.random.default_rng(settings.seed)
     chosen = np.sort(random.choice(len(points), MOST, replace=False))
     small = labelled(points[chosen], settings, level, session)
@@ -307,7 +302,7 @@ def _level(
     values = features(groups)
     factors = labelled(values, settings, level, session)
     count, likely = len(factors.G), factors.G[:, groups]
-    labels = likely.argmax(0) if settings.literal else settled(likely.T, edges)
+    labels = likely.argmax(0) if settings.literal else settled(likely, edges, session)
     scale, parents = float(hierarchy.sigmas[at]), np.zeros(count, np.int64)
     return LabelLevel(scale, groups, labels + 1, count, parents, values, factors.F, factors.G)
 
@@ -319,32 +314,6 @@ def _given(hierarchy: Hierarchy, features: Features, labels: np.ndarray) -> Labe
     F = (G / G.sum(1, keepdims=True)).T
     scale, parents = float(hierarchy.sigmas[-1]), np.zeros(count, np.int64)
     return LabelLevel(scale, groups, labels + 1, count, parents, features(groups), F, G)
-
-
-def settled(likely: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Labels of superpixels that mind their neighbours: the mean field of a Potts model.
-
-    Parameters
-    ----------
-    likely : (n, r) float64
-        How likely each is of a label by itself.
-    edges : (m, 2) int
-        Pairs of neighbours.
-
-    Returns
-    -------
-    (n,) int64
-    """
-    n = len(likely)
-    ends = np.concatenate([edges, edges[:, ::-1]])
-    near = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(n, n))
-    near = diags_array(1.0 / np.maximum(near.sum(1), 1.0)) @ near
-    member, alone = likely, np.log(likely + _UNLIKELY)
-    for _ in range(_UPDATES):
-        pull = alone + _COUPLING * (near @ member)
-        member = np.exp(pull - pull.max(1, keepdims=True))
-        member /= member.sum(1, keepdims=True)
-    return member.argmax(1)
 
 
 def _next_scale(hierarchy: Hierarchy, labels: np.ndarray, at: int, share: float) -> int | None:
@@ -394,6 +363,6 @@ def _within(above: np.ndarray, level: LabelLevel) -> np.ndarray:
     childless = np.flatnonzero(~child.any(1))
     child[childless, table[childless].argmax(1)] = True
     outside = np.flatnonzero(~child[above, own])
-    likely = level.G[:, level.groups[outside]].T + 1e-9 * table[above[outside]] + _UNLIKELY
+    likely = level.G[:, level.groups[outside]].T + 1e-9 * table[above[outside]] + UNLIKELY
     own[outside] = np.where(child[above[outside]], likely, 0.0).argmax(1)
     return own

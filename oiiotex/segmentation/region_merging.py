@@ -12,8 +12,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.cluster.vq import kmeans2
-from scipy.ndimage import gaussian_filter
+
+from ..core.elementary import logarithm
+from ..labels.filter_bank import blurred_layers, codebook
+from ..labels.products import gram
+from ..session import Session
 
 _MOST = 20  # regions before any are merged
 _ROOM = 32.0**2  # px: of each, at least, in the mean
@@ -21,13 +24,15 @@ _POOLED = 14.0  # px: the Gaussian whose textons describe a place at first
 _AMONG = 64.0  # px: the Gaussian within which regions lie among each other
 _POOLED_PART, _AMONG_PART = 8, 4  # of the shorter side: no more than that
 _SAMPLE = 4096  # places that the first regions are learned from
-_WEIGHTS = np.array([2.7, -3.6, 0.48])  # of `_Regions.evidence`, nats
+_ROOTS = 2047  # steps of a root of a share: products of two histograms are whole numbers that a float32 holds
+_REACH = 2.5  # of Gaussians, sigmas
+_WEIGHTS = (2.7, -3.6, 0.48)  # of `_Regions.evidence`, nats
 _BIAS = 6.5
 _WIDE = 512.0**2  # px: the unit of areas
 _LEAST = 1e-3  # of a distance between distributions
 
 
-def fine_regions(values: np.ndarray, side: int, least: int = 1) -> np.ndarray:
+def fine_regions(values: np.ndarray, side: int, session: Session, least: int = 1) -> np.ndarray:
     """A segmentation by k-means over roots of pooled textons, which is meant to be too fine.
 
     Parameters
@@ -36,6 +41,7 @@ def fine_regions(values: np.ndarray, side: int, least: int = 1) -> np.ndarray:
         Shares of textons in cells, 0 where nothing is seen.
     side : int
         Of a cell, px.
+    session : Session
     least : int
         So many regions at least, if there are so many kinds of places.
 
@@ -46,21 +52,18 @@ def fine_regions(values: np.ndarray, side: int, least: int = 1) -> np.ndarray:
     """
     height, width = values.shape[:2]
     sigma = min(_POOLED, min(height, width) * side / _POOLED_PART) / side
-    points = np.sqrt(blurred(values, sigma)).reshape(height * width, -1)
+    shares = blurred_layers(np.ascontiguousarray(np.moveaxis(values, -1, 0)), sigma, _REACH, session)
+    points = np.rint(np.sqrt(shares.reshape(len(shares), -1).T) * np.float32(_ROOTS)).astype(np.int16)
     seen = np.flatnonzero(values.any(-1))
     count = max(least, min(_MOST, int(len(seen) * side**2 / _ROOM)))
-    sample = points[seen[:: max(1, len(seen) // _SAMPLE)]].astype(np.float64)
-    distinct = np.unique(np.rint(sample * 1024) / 1024, axis=0)
-    if len(distinct) <= count:
-        centres = distinct
-    else:
-        centres, _ = kmeans2(sample, count, 30, minit="++", rng=np.random.default_rng(0), missing="warn")
-        centres = centres[np.isfinite(centres).all(1)]
-    centres = centres.astype(np.float32)
-    return (points @ centres.T - (centres**2).sum(1) / 2).argmax(1).reshape(height, width)
+    centres = codebook(points[seen[:: max(1, len(seen) // _SAMPLE)]], count).astype(np.float32)
+    products = points.astype(np.float32) @ centres.T  # exact
+    return (2 * products.astype(np.float64) - (centres.astype(np.float64) ** 2).sum(1)).argmax(1).reshape(height, width)
 
 
-def merged(values: np.ndarray, labels: np.ndarray, side: int, threshold: float, count: int | None = None) -> np.ndarray:
+def merged(
+    values: np.ndarray, labels: np.ndarray, side: int, threshold: float, session: Session, count: int | None = None
+) -> np.ndarray:
     """The likeliest pair becomes one, again and again.
 
     Parameters
@@ -73,6 +76,7 @@ def merged(values: np.ndarray, labels: np.ndarray, side: int, threshold: float, 
         Of a cell, px.
     threshold : float
         Probability, 0 to 1, that two regions are one texture above which they become one.
+    session : Session
     count : int, optional
         Go on until so many are left, whatever the probability.
 
@@ -85,7 +89,7 @@ def merged(values: np.ndarray, labels: np.ndarray, side: int, threshold: float, 
     names, inverse = np.unique(labels[seen], return_inverse=True)
     regions = np.full(labels.shape, -1)
     regions[seen] = inverse
-    state = _Regions(values, regions, len(names), side)
+    state = _Regions(values, regions, len(names), side, session)
     odds = math.inf if threshold <= 0 else -math.inf if threshold >= 1 else math.log((1 - threshold) / threshold)
     joined = np.arange(len(names))
     pairs = {(a, b): state.evidence(a, b) for b in range(len(names)) for a in range(b)}
@@ -106,31 +110,29 @@ def merged(values: np.ndarray, labels: np.ndarray, side: int, threshold: float, 
 class _Regions:
     """What is known of every region: sums, so that of two regions they add up."""
 
-    def __init__(self, values: np.ndarray, regions: np.ndarray, count: int, side: int):
+    def __init__(self, values: np.ndarray, regions: np.ndarray, count: int, side: int, session: Session):
         self.side = side
         height, width = regions.shape
         among = max(1.0, min(_AMONG, min(height, width) * side / _AMONG_PART) / side)
-        inside = [regions == n for n in range(count)]
-        self.areas = [float(i.sum()) for i in inside]
+        inside = regions == np.arange(count)[:, None, None]
+        self.areas = inside.sum((1, 2)).tolist()
         self.textons = [values[i].sum(0, dtype=np.float64) for i in inside]
-        self.around = [gaussian_filter(i.astype(np.float32), among, truncate=2.5) for i in inside]
+        around = blurred_layers(inside.astype(np.float32), among, _REACH, session).reshape(count, -1).T
+        around = np.ascontiguousarray(around)
+        self.among = gram(around, around, session).astype(np.float64)
 
     def evidence(self, a: int, b: int) -> float:
         """That two regions are two textures: the logarithm of the odds, nats."""
         p, q = self.textons[a], self.textons[b]
         apart = 1.0 - float(np.sqrt(p * q).sum()) / math.sqrt(p.sum() * q.sum())  # CZF02 eq. 3
-        x, y = self.around[a], self.around[b]
-        among = float(np.vdot(x, y)) / math.sqrt(float(np.vdot(x, x)) * float(np.vdot(y, y)))
+        among = self.among[a, b] / math.sqrt(self.among[a, a] * self.among[b, b])
         smaller = min(self.areas[a], self.areas[b]) * self.side**2 / _WIDE
-        looks = np.array([math.log(max(apart, 0.0) + _LEAST), among, math.log(smaller)])
-        return float(looks @ _WEIGHTS) + _BIAS
+        unlike, small = logarithm(np.array([max(apart, 0.0) + _LEAST, smaller])).tolist()
+        return (unlike * _WEIGHTS[0] + float(among) * _WEIGHTS[1]) + (small * _WEIGHTS[2] + _BIAS)
 
     def join(self, a: int, b: int) -> None:
         """Add b to a."""
-        for sums in (self.areas, self.textons, self.around):
-            sums[a] = sums[a] + sums[b]
-
-
-def blurred(values: np.ndarray, sigma: float) -> np.ndarray:
-    """(h, w, k) by a Gaussian of so many cells along the first two axes."""
-    return gaussian_filter(values, (sigma, sigma, 0), truncate=2.5)
+        self.areas[a] += self.areas[b]
+        self.textons[a] = self.textons[a] + self.textons[b]
+        self.among[a] += self.among[b]
+        self.among[:, a] += self.among[:, b]

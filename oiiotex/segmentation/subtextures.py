@@ -16,10 +16,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..color.lab_reduced import LabPixels
-from ..labels.filter_bank import Texture, texture_of
+from ..core.elementary import logarithm
+from ..labels.filter_bank import Texture, blurred_layers, texture_of
+from ..labels.potts import members, winners
+from ..labels.products import gram, product
 from ..session import Session
 from .clique_partition import joined_to, numbered, partition
-from .region_merging import blurred, fine_regions, merged
+from .region_merging import fine_regions, merged
 from .textons import (
     FULL,
     Counts,
@@ -40,6 +43,7 @@ _UPDATES = 4  # of the memberships in a round
 _NEAR = 1 / 4  # sigma of the surroundings per radius
 _PRIOR = 5  # px of every texton that a subtexture is thought to have before it is looked at
 _SMOOTH = 1.0  # cells, of the last vote
+_REACH = 2.5  # of Gaussians, sigmas
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,9 @@ def decomposed(
         height, width = pixels.seen.shape
         with session.stats.time("pixels of subtextures"):
             if settings.assign == "competition":
-                labels = _competed(_gathered(counts, _CELL // counts.side), labels, settings.radius, (height, width))
+                labels = _competed(
+                    _gathered(counts, _CELL // counts.side), labels, settings.radius, (height, width), session
+                )
             else:
                 side = -(-height // labels.shape[0])
                 labels = np.repeat(np.repeat(labels, side, 0), side, 1)[:height, :width]
@@ -158,9 +164,9 @@ def _merged_regions(counts: Counts, settings: DecompositionSettings, session: Se
     """Labels (h, w) of cells by merging of regions that have competed, and how many there were."""
     cells = _gathered(counts, _CELL // counts.side)
     values = cells.values.astype(np.float32) / (FULL * cells.side**2)
-    start = fine_regions(values, cells.side, 2 * (settings.count or 1))
-    regions = _members(values, start, cells.side, settings.radius).argmax(-1)
-    return merged(values, regions, cells.side, settings.threshold, settings.count), len(np.unique(regions))
+    start = fine_regions(values, cells.side, session, 2 * (settings.count or 1))
+    regions = _members(values, start, cells.side, settings.radius, session).argmax(0)
+    return merged(values, regions, cells.side, settings.threshold, session, settings.count), len(np.unique(regions))
 
 
 def _cliques(counts: Counts, settings: DecompositionSettings, session: Session) -> tuple[np.ndarray, int]:
@@ -229,61 +235,44 @@ def _gathered(counts: Counts, times: int) -> Counts:
     return Counts(values, counts.side * times)
 
 
-def _competed(counts: Counts, labels: np.ndarray, radius: float, shape: tuple[int, int]) -> np.ndarray:
+def _competed(
+    counts: Counts, labels: np.ndarray, radius: float, shape: tuple[int, int], session: Session
+) -> np.ndarray:
     """Subtextures compete for cells: (h, w) labels of pixels."""
     values = counts.values.astype(np.float32) / (FULL * counts.side**2)
     height, width = values.shape[:2]
     if labels.shape != (height, width):
         labels = labels[:: labels.shape[0] // height or 1, :: labels.shape[1] // width or 1][:height, :width]
-    member = _members(values, labels, counts.side, radius)
-    best = None
-    for n, votes in enumerate(np.moveaxis(blurred(member, _SMOOTH), -1, 0)):
-        votes = _enlarged(votes, counts.side, shape)
-        if best is None:
-            best, winners = votes, np.zeros(shape, np.int64)
-        else:
-            winners[votes > best] = n
-            np.maximum(best, votes, out=best)
-    return winners
+    member = _members(values, labels, counts.side, radius, session)
+    return winners(blurred_layers(member, _SMOOTH, _REACH, session), counts.side, shape, session)
 
 
-def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float) -> np.ndarray:
-    """Shares (h, w, n) that cells have in subtextures, the largest first at the start; small ones are gone.
+def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, session: Session) -> np.ndarray:
+    """Shares (n, h, w) that cells have in subtextures, the largest first at the start; small ones are gone.
 
     In every round a subtexture has the texton distribution of its cells. A cell is a member of each by a share: the
     likelihood of its textons times what its surroundings are members of (the mean field of a Potts model with
     Gaussian neighbourhoods). Surroundings count for more from round to round, so that borders settle late.
     """
     height, width, bins = values.shape
-    seen = values.any(-1).astype(np.float32)
-    areas = np.bincount(labels.ravel(), seen.ravel())
+    cells, seen = values.reshape(-1, bins), values.any(-1).ravel()
+    layers = np.ascontiguousarray(cells.T)
+    areas = np.bincount(labels.ravel(), seen)
     largest = np.argsort(-areas, kind="stable")[: int(1 / _LEAST)]
-    member = (labels[..., None] == largest).astype(np.float32) * seen[..., None]
+    member = ((labels.ravel() == largest[:, None]) & seen).astype(np.float32)
     sigma = max(1.0, _NEAR * radius / side)
     for coupling in _COUPLINGS:
-        areas = member.sum((0, 1), dtype=np.float64)
-        member = member[..., areas >= min(_LEAST * areas.sum(), areas.max())]
-        sums = member.reshape(height * width, -1).T @ values.reshape(height * width, bins)
-        chances = sums + np.float32(_PRIOR / side**2)
-        likely = values @ np.log(chances / chances.sum(1, keepdims=True)).T
-        likely = blurred(likely - likely.max(-1, keepdims=True), 1.0)
+        areas = member.sum(1, dtype=np.float64)
+        member = member[areas >= min(_LEAST * areas.sum(), areas.max())]
+        sums = gram(np.ascontiguousarray(member.T), cells, session).astype(np.float64)
+        chances = sums + _PRIOR / side**2
+        likely = product(logarithm(chances / chances.sum(1, keepdims=True)).astype(np.float32), layers, session)
+        shape = len(member), height, width
+        likely = blurred_layers((likely - likely.max(0)).reshape(shape), 1.0, _REACH, session).reshape(len(member), -1)
         for _ in range(_UPDATES):
-            member = likely + np.float32(coupling) * blurred(member, sigma)
-            member = np.exp(member - member.max(-1, keepdims=True))
-            member *= seen[..., None] / member.sum(-1, keepdims=True)
-    return member
-
-
-def _enlarged(values: np.ndarray, side: int, shape: tuple[int, int]) -> np.ndarray:
-    """Cells as pixels, linearly between their centres."""
-    for axis in (0, 1):
-        at = np.clip((np.arange(shape[axis]) + 0.5) / side - 0.5, 0, values.shape[axis] - 1)
-        low = np.minimum(at.astype(np.int64), max(values.shape[axis] - 2, 0))
-        share = (at - low).astype(np.float32)
-        share = share[:, None] if axis == 0 else share
-        high = np.minimum(low + 1, values.shape[axis] - 1)
-        values = np.take(values, low, axis) * (1 - share) + np.take(values, high, axis) * share
-    return values
+            around = blurred_layers(member.reshape(shape), sigma, _REACH, session).reshape(len(member), -1)
+            member = members(likely, around, seen, float(coupling), session)
+    return member.reshape(-1, height, width)
 
 
 def _numbered(labels: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, int]:

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The mean field of a Potts model: what places are members of when they mind their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.elementary import logarithm
+from ..opencl.buffers import Buffers
+from ..session import Session
+from .products import TASK
+
+_COUPLING, _UPDATES = 4.0, 6  # of a superpixel with its neighbours, nats; and how often
+UNLIKELY = 1e-3  # of a label that a superpixel does not belong to at all
+
+
+def settled(likely: np.ndarray, edges: np.ndarray, session: Session) -> np.ndarray:
+    """Labels of superpixels that mind their neighbours.
+
+    Parameters
+    ----------
+    likely : (r, n) float
+        How likely each is of a label by itself.
+    edges : (m, 2) int
+        Pairs of neighbours.
+    session : Session
+
+    Returns
+    -------
+    (n,) int64
+    """
+    labels, places = likely.shape
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    ends = ends[np.argsort(ends[:, 0], kind="stable")]
+    starts = np.searchsorted(ends[:, 0], np.arange(places + 1)).astype(np.int32)
+    tables = {
+        "starts": starts, "neighbours": np.append(ends[:, 1], 0).astype(np.int32),
+        "alone": logarithm(likely + UNLIKELY).astype(np.float32), "seen": np.ones(places, np.uint8),
+    }  # fmt: skip
+    layout = {"member": 4 * likely.size, "around": 4 * likely.size}
+    run = session.device.program("potts")
+    with Buffers(session.device, layout, session.budget, TASK, tables=tables) as buffers:
+        session.device.write(buffers["member"], likely.astype(np.float32))
+        among = [buffers[name] for name in ("starts", "neighbours", "member", "around")]
+        become = [buffers[name] for name in ("alone", "around", "seen", "member")]
+        for _ in range(_UPDATES):
+            run("around", (places, labels), *among, places, labels)
+            run("members", (places,), *become, places, labels, _COUPLING)
+        return session.device.read(buffers["member"], likely.shape, np.float32).argmax(0)
+
+
+def members(alone: np.ndarray, around: np.ndarray, seen: np.ndarray, coupling: float, session: Session) -> np.ndarray:
+    """Shares of labels, proportional to e^(alone + coupling around), that add up to 1 where something is seen.
+
+    Parameters
+    ----------
+    alone, around : (r, n) float32
+    seen : (n,) bool
+    coupling : float
+        Nats.
+    session : Session
+
+    Returns
+    -------
+    (r, n) float32
+    """
+    tables = {"alone": alone, "around": around, "seen": seen.astype(np.uint8)}
+    with Buffers(session.device, {"member": alone.nbytes}, session.budget, TASK, tables=tables) as buffers:
+        arguments = [buffers[name] for name in (*tables, "member")]
+        session.device.program("potts")("members", (alone.shape[1],), *arguments, *alone.shape[::-1], coupling)
+        return session.device.read(buffers["member"], alone.shape, np.float32)
+
+
+def winners(votes: np.ndarray, side: int, shape: tuple[int, int], session: Session) -> np.ndarray:
+    """The label of most votes at every pixel, the first of equal ones, (h, w) uint8.
+
+    Parameters
+    ----------
+    votes : (r, down, across) float32
+        Not negative; of cells, between whose middles they are taken linearly. r is 256 at most.
+    side : int
+        Of a cell, px.
+    shape : (int, int)
+        h and w.
+    session : Session
+    """
+    labels, down, across = votes.shape
+    tables = {"votes": np.ascontiguousarray(votes)}
+    lows, shares = [], []
+    for size, cells in zip(shape, (down, across), strict=True):
+        at = np.clip((np.arange(size) + 0.5) / side - 0.5, 0, cells - 1)
+        lows.append(np.minimum(at.astype(np.int32), max(cells - 2, 0)))
+        shares.append((at - lows[-1]).astype(np.float32))
+    tables |= {"rows": lows[0], "columns": lows[1], "below": shares[0], "right": shares[1]}
+    height, width = shape
+    with Buffers(session.device, {"winners": height * width}, session.budget, TASK, tables=tables) as buffers:
+        arguments = [buffers[name] for name in (*tables, "winners")]
+        run = session.device.program("potts")
+        run("winners", (width, height), *arguments, width, height, across, down, labels)
+        return session.device.read(buffers["winners"], shape, np.uint8)
