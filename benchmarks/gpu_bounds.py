@@ -109,6 +109,21 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "filter_bank_down": lambda a: 8 * a.width * a.height * a.layers,
     "filter_bank_nearest": lambda a: a.planes + a.pixels,
     "superpixels_gather": lambda a: a.shares + 16 * a.superpixels,
+    "features_pool": lambda a: a.counts + a.pooled,
+    "affinity_nearest": lambda a: a.points + 8 * a.rows * a.wanted,
+    "affinity_mutual": lambda a: a.index + a.mutual,
+    "affinity_similar": lambda a: a.columns + a.squared + a.counted + a.weights,
+    "affinity_scaled": lambda a: a.columns + 2 * a.weights,
+    "factorization_spread": lambda a: a.columns + a.weights + a.x + a.before + a.out,
+    "factorization_step": lambda a: a.columns + a.weights + 8 * a.rows,
+    "factorization_product": lambda a: a.a + a.b + a.out,
+    "factorization_gram": lambda a: a.a + a.b + a.out,
+    "factorization_memberships": lambda a: a.linear + 2 * a.at,
+    "factorization_advance": lambda a: a.linear + a.ahead + a.trial,
+    "factorization_project": lambda a: a.trial + 2 * a.at + a.ahead,
+    "potts_around": lambda a: a.neighbours + a.member + a.around,
+    "potts_members": lambda a: a.alone + a.around + a.member,
+    "potts_winners": lambda a: a.votes + a.winners,
 }
 
 # How many things of a kind a launch looks at, at most, where arithmetic or random reads are what it is about.
@@ -127,6 +142,10 @@ WORK: dict[str, tuple[str, Callable[[Launch], float]]] = {
     "filter_bank_down": ("taps", lambda a: (2 * a.radius + 1) * a.width * a.height * a.layers),
     "filter_bank_nearest": ("distances", lambda a: a.count * a.pixels),
     "quilting_score": ("candidates", lambda a: a.candidate / 4),
+    "affinity_nearest": ("distances", lambda a: a.rows * a.count),
+    "factorization_spread": ("products", lambda a: a.columns / 4 * a.width),
+    "factorization_gram": ("products", lambda a: a.rows * a.tall * a.width),
+    "factorization_product": ("products", lambda a: a.rows * a.inner * a.width),
 }
 
 

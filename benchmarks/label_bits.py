@@ -76,7 +76,9 @@ def main() -> None:
     same = 0
     for photo in given.photos:
         print(photo, *found[first][photo])
-        differing = {n: [a for a, b in zip(found[n][photo], found[first][photo], strict=False) if a != b] for n in others}
+        differing = {
+            n: [a for a, b in zip(found[n][photo], found[first][photo], strict=False) if a != b] for n in others
+        }
         differing = {n: d for n, d in differing.items() if d or len(found[n][photo]) != len(found[first][photo])}
         same += not differing
         for name, levels in differing.items():

@@ -19,7 +19,10 @@ CHANNELS = range(3, _MOST_CHANNELS + 1)
 TABLES = {"SKEWNESSES": [SKEWNESSES], "KURTOSES": [KURTOSES], "SCORES": [SCORES]}
 # file in cl/: macro: the values that it may have
 OPTIONS: dict[str, dict[str, object]] = {
+    "affinity": {},
     "candidates": {"RUN": [1, 16]},
+    "factorization": {},
+    "features": {},
     "filter_bank": {"PLANES": [PLANES]},
     "histograms": {"BINS": [BINS], "INVERSE": [INVERSE], "CHANNELS": CHANNELS},
     "moments": {"INVERSE": [INVERSE], **TABLES, "CHANNELS": CHANNELS},
@@ -30,6 +33,7 @@ OPTIONS: dict[str, dict[str, object]] = {
         "LATTICE": [0, 1],
         "PIECES": [0, 1],
     },
+    "potts": {},
     "quilting": {},
     "steerable": {"RADIUS": [RADIUS], "CHANNELS": CHANNELS},
     "slic_seeds": {},

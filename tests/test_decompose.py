@@ -149,7 +149,7 @@ def test_competition_is_the_mean_field_of_a_potts_model():
     kinds = np.array([[0.5, 0.3, 0.1, 0.1], [0.1, 0.3, 0.2, 0.4]])
     counts = np.array([random.multinomial(side * side, kinds[t]) for t in truth.ravel()]).reshape(height, width, 4)
     start = np.where(random.random(truth.shape) < 0.3, 1 - truth, truth)
-    made = subtextures._competed(textons.Counts(255 * counts.astype(np.int32), side), start, 48, (80, 120))
+    made = subtextures._competed(textons.Counts(255 * counts.astype(np.int32), side), start, 48, (80, 120), Session())
     member = reference.members(counts, start, 3.0, subtextures._COUPLINGS, subtextures._UPDATES)
     middles = made[side // 2 :: side, side // 2 :: side]
     found = np.where(middles == middles[0, 0], 0, 1)  # they are numbered by area
@@ -204,7 +204,7 @@ def test_regions_merge_by_textons_interleaving_and_size():
     def evidence(share: float, regions: np.ndarray) -> float:
         values[regions == 0] = [share, 1 - share, 0]
         values[regions == 1] = [1 - share, share, 0]
-        return region_merging._Regions(values, regions.astype(int), 2, 4).evidence(0, 1)
+        return region_merging._Regions(values, regions.astype(int), 2, 4, Session()).evidence(0, 1)
 
     apart, mixed = ~left, np.indices((64, 64)).sum(0) % 2
     assert evidence(0.95, apart) > 0 > evidence(0.7, apart) > evidence(0.5, apart)
@@ -220,11 +220,11 @@ def test_merging_goes_on_from_the_likeliest_pair_and_leaves_what_is_unseen_alone
     for n, shares in enumerate(([0.9, 0.1, 0, 0], [0.88, 0.12, 0, 0], [0, 0, 0.9, 0.1], [0, 0.5, 0, 0.5])):
         values[regions == n] = shares
     values[:5] = 0
-    three, two = (region_merging.merged(values, regions, 4, 0.5, count) for count in (3, 2))
+    three, two = (region_merging.merged(values, regions, 4, 0.5, Session(), count) for count in (3, 2))
     assert [len(np.unique(three[5:])), len(np.unique(two[5:]))] == [3, 2]
     assert three[10, 5] == three[10, 20] and len(np.unique(three[10, [5, 40, 60]])) == 3
-    assert (region_merging.merged(values, regions, 4, 0.0) == 0).all()
-    assert len(np.unique(region_merging.merged(values, regions, 4, 1.0)[5:])) == 4
+    assert (region_merging.merged(values, regions, 4, 0.0, Session()) == 0).all()
+    assert len(np.unique(region_merging.merged(values, regions, 4, 1.0, Session())[5:])) == 4
 
 
 def test_cliques_are_joined_by_their_mean_weight():

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import OpenImageIO as oiio
@@ -14,13 +13,14 @@ from scipy.ndimage import gaussian_filter
 from oiiotex import errors, filters
 from oiiotex.color.lab import lens_of
 from oiiotex.core.image import from_buffer
-from oiiotex.labels import affinity_graph, scales, stochastic_nmf
+from oiiotex.labels import random_walk, scales
 from oiiotex.labels.features import KINDS, moments
 from oiiotex.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_responses, nearest_centres
+from oiiotex.labels.potts import settled
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
-from oiiotex.opencl.device import Device
 from oiiotex.session import Session
 from tests import pictures
+from tests.test_label_kernels import blobs, on
 
 
 def buffer(pixels: np.ndarray, names: tuple[str, ...] = ()) -> oiio.ImageBuf:
@@ -38,13 +38,6 @@ def maps_of(
 ) -> LabelMaps:
     image, session = from_buffer(buffer(pixels, names)), Session()
     return label_maps(image, lens_of(image, session), session, features, LabelSettings(**settings))
-
-
-def on(device: Device) -> Session:
-    """A session with that device."""
-    session = Session()
-    session.resources.device = device
-    return session
 
 
 def pixel_labels(maps: LabelMaps, level: int) -> np.ndarray:
@@ -134,75 +127,11 @@ def test_the_codebook_is_k_means_of_whole_numbers_however_they_are_added():
     np.testing.assert_array_equal(codebook(sample[:3], 5), np.unique(sample[:3], axis=0))
 
 
-def test_nearest_are_exact_and_ties_go_to_the_lower_index():
-    points = np.random.default_rng(0).integers(0, 6, (200, 3)).astype(np.float64)
-    index, squared = affinity_graph.nearest(points, 20)
-    apart = ((points[:, None] - points) ** 2).sum(-1)
-    np.fill_diagonal(apart, np.inf)
-    np.testing.assert_array_equal(squared, np.sort(apart, axis=1)[:, :20])
-    np.testing.assert_array_equal(np.take_along_axis(apart, index.astype(np.int64), 1), squared)
-    assert all((np.diff(i)[np.diff(s) == 0] > 0).all() for i, s in zip(index, squared, strict=True))
-
-
-def test_nearest_are_the_same_in_any_blocks_and_for_values_that_no_key_holds(monkeypatch):
-    points = np.rint(np.random.default_rng(1).normal(0, 20, (150, 5)) * 1024) / 1024
-    index, squared = affinity_graph.nearest(points, 12)
-    monkeypatch.setattr(affinity_graph, "_BLOCK", 700)
-    with ThreadPoolExecutor(3) as threads:
-        for at_once, exactly in zip(affinity_graph.nearest(points, 12, threads.map), (index, squared), strict=True):
-            np.testing.assert_array_equal(at_once, exactly)
-    far, apart = affinity_graph.nearest(points * 2.0**22, 12)  # squared distances of 2^60 grid steps and more
-    np.testing.assert_array_equal(far, index)
-    np.testing.assert_array_equal(apart, squared * 2.0**44)
-
-
-def blobs(counts: tuple[int, ...], seed: int = 0, apart: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
-    random = np.random.default_rng(seed)
-    truth = np.repeat(np.arange(len(counts)), counts)
-    return apart * np.eye(len(counts), 6)[truth] + random.normal(0, 1, (len(truth), 6)), truth
-
-
-def test_the_graph_is_eq_4_made_symmetric():
-    points, _ = blobs((40, 50))
-    graph = affinity_graph.similarity_graph(points, 89)
-    order = np.argsort(graph.node)
-    p = points[order]
-    apart = np.sqrt(((p[:, None] - p) ** 2).sum(-1))
-    scale = np.sort(apart, axis=1)[:, affinity_graph.LOCAL]
-    expected = np.exp(-(apart**2) / (scale[:, None] * scale) * np.exp(-graph.r))
-    np.testing.assert_allclose(graph.weights.toarray(), expected, atol=2e-3)
-
-
-@pytest.mark.parametrize("counts", [(60, 80, 70), (300, 250)], ids=["dense", "partial"])
-def test_a_walk_is_the_power_of_its_matrix(counts):
-    points, _ = blobs(counts, apart=6.0)
-    graph = affinity_graph.similarity_graph(points, 64)
-    walk = affinity_graph.Walk(graph.weights, persistence=0.3)
-    weights = graph.weights.toarray()
-    power = np.linalg.matrix_power(weights / weights.sum(0), walk.steps)
-    np.testing.assert_allclose(walk.walk(np.eye(walk.n)), power, atol=5e-3 * power.max())
-    np.testing.assert_allclose(walk.back(np.eye(walk.n)), power.T, atol=5e-3 * power.max())
-    assert walk.norm == pytest.approx((power**2).sum(), rel=0.02)
-    below = walk.eigenvalues[walk.eigenvalues < 0.9999].max()
-    below = max(below, 0.98)
-    assert walk.steps == min(2000, np.floor(np.log(0.3 * below) / np.log(below)))
-
-
-def test_projection_onto_the_simplex_is_the_nearest_point():
-    random = np.random.default_rng(0)
-    for width in (5, 200):  # sorted, and by Newton
-        rows = random.normal(0, 1, (50, width))
-        found = stochastic_nmf.on_simplex(rows)
-        np.testing.assert_allclose(found.sum(1), 1)
-        threshold = np.array([(r - f)[f > 0].mean() for r, f in zip(rows, found, strict=True)])
-        np.testing.assert_allclose(found, np.maximum(rows - threshold[:, None], 0), atol=1e-12)
-
-
 @pytest.mark.parametrize("tries", [0, 3])
 @pytest.mark.parametrize("counts", [(300, 200), (300, 200, 150, 100)])
 def test_the_number_of_labels_is_found(counts, tries):
     points, truth = blobs(counts, apart=5.0)
-    found = scales.labelled(points, LabelSettings(tries=tries), 0)
+    found = scales.labelled(points, LabelSettings(tries=tries), 0, Session())
     pairs = np.unique(np.stack([truth, found.G.argmax(0)]), axis=1)
     assert pairs.shape[1] == len(counts)
     assert found.error < 0.05
@@ -212,20 +141,20 @@ def test_the_number_of_labels_is_found(counts, tries):
 def test_scikit_learn_clusters_as_many(cluster):
     pytest.importorskip("sklearn")
     points, truth = blobs((300, 200, 150), apart=5.0)
-    found = scales.labelled(points, LabelSettings(cluster=cluster), 0)
+    found = scales.labelled(points, LabelSettings(cluster=cluster), 0, Session())
     assert np.unique(np.stack([truth, found.G.argmax(0)]), axis=1).shape[1] <= 6
 
 
 def test_without_scikit_learn_there_is_a_clear_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
     with pytest.raises(errors.ImageError, match=r"oiiotex\[cluster\]"):
-        scales.labelled(blobs((50, 60))[0], LabelSettings(cluster="kmeans"), 0)
+        scales.labelled(blobs((50, 60))[0], LabelSettings(cluster="kmeans"), 0, Session())
 
 
 def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):
     points, truth = blobs((300, 200, 100), apart=5.0)
     monkeypatch.setattr(scales, "MOST", 400)
-    found = scales.labelled(points, LabelSettings(), 0)
+    found = scales.labelled(points, LabelSettings(), 0, Session())
     assert found.G.shape[1] == found.F.shape[0] == 600
     joint = np.histogram2d(truth, found.G.argmax(0), [3, found.G.shape[0]])[0]
     assert joint.max(0).sum() > 0.98 * 600
@@ -233,7 +162,7 @@ def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):
 
 def test_equal_points_are_one_node_and_share_what_it_has():
     points = np.repeat([[0.0, 0], [50, 0], [50, 50]], [400, 300, 2], axis=0)
-    found = scales.labelled(points, LabelSettings(), 0)
+    found = scales.labelled(points, LabelSettings(), 0, Session())
     labels = found.G.argmax(0)
     assert labels[0] != labels[500]
     assert len(set(labels[:400])) == len(set(labels[400:700])) == 1
@@ -271,7 +200,7 @@ def test_a_potts_step_settles_a_lone_superpixel_and_leaves_a_border():
     likely = np.where(np.arange(n)[:, None] < 20, [0.8, 0.2], [0.2, 0.8])
     likely[7] = [0.4, 0.6]
     edges = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
-    np.testing.assert_array_equal(scales.settled(likely, edges), np.arange(n) >= 20)
+    np.testing.assert_array_equal(settled(likely.T, edges, Session()), np.arange(n) >= 20)
 
 
 def test_a_given_level_is_the_coarsest_and_everything_lies_in_it():
@@ -292,13 +221,11 @@ def test_the_coarsest_level_has_as_many_labels_as_are_asked_for():
 
 def test_paper_is_lsa16_by_the_letter(monkeypatch):
     seen = []
-    monkeypatch.setattr(scales, "Walk", lambda *a, **k: seen.append(k) or affinity_graph.Walk(*a, **k))
+    monkeypatch.setattr(scales, "Walk", lambda *a, **k: seen.append(k) or random_walk.Walk(*a, **k))
     op = filters.Label(source=from_buffer(buffer(quarters(128)[0])), paper=True)
     assert (op.features, op.share, op.coarsest, op.runs, op.minsize) == ("moments", 1.0, False, 10, 25)
     op.compute(Session())
     assert seen and all(k == {"persistence": 0.95, "slowest": 0.0} for k in seen)  # the same at every level, no floor
-    values = np.array([1.0, 0.9, 0.5])
-    assert affinity_graph.steps_of(values, 0.95, 0.0) == int(np.log(0.95 * 0.9) / np.log(0.9))  # section 4.4
     with pytest.raises(errors.ParameterError, match=r"share=0\.7: paper=1 says share=1"):
         filters.Label(source=op.source, paper=True, share=0.7)
 

@@ -89,6 +89,17 @@ session, seen = session_of(opened), np.ones((19, 27), bool)
 seen[3:8, 5:9] = False
 texton_map(texture_of(lab, seen, session), session, most=7)
 """,
+    "affinity factorization features potts": """
+from oiiotex.labels import features, potts
+from oiiotex.labels.scales import LabelSettings, labelled
+from tests.test_superpixels import session_of
+session, random = session_of(opened), np.random.default_rng(0)
+labelled(random.random((53, 5)) * 9, LabelSettings(neighbours=9), 0, session)
+features.pooled(random.integers(0, 9, (53, 6)), random.random((53, 2)) * 40, 5.0, session)
+likely = random.random((3, 53))
+potts.settled(likely, np.stack([np.arange(52), np.arange(1, 53)], 1), session)
+potts.winners(random.random((3, 4, 5)).astype(np.float32), 4, (15, 19), session)
+""",
     "quilting": """
 from oiiotex.labels import content_table as regions
 from oiiotex.quilting import quilter as quilting

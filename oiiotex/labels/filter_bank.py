@@ -26,6 +26,7 @@ _TURNS = 6
 _FAR = 2047  # steps
 _SAMPLES = 8000  # pixels that the textons are learned from
 _ROUNDS = 20  # of k-means
+_TRIALS = 4  # for each centre at its start: with one, labels hang on the draw
 
 
 def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> list[np.ndarray]:
@@ -52,10 +53,10 @@ def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> 
 
 
 def _smooth(size: int) -> int:
-    """The least number from `size` on that has no prime factor above 7: transforms of others are slow."""
+    """The least number from `size` on that has no prime factor above 11: transforms of others are slow."""
     while True:
         rest = size
-        for prime in (2, 3, 5, 7):
+        for prime in (2, 3, 5, 7, 11):
             while rest % prime == 0:
                 rest //= prime
         if rest == 1:
@@ -207,12 +208,22 @@ def codebook(sample: np.ndarray, most: int) -> np.ndarray:
 
 
 def _spread_out(points: np.ndarray, count: int) -> np.ndarray:
-    """`count` of (n, d) points, (count, d): k-means++ (Arthur and Vassilvitskii 2007)."""
-    random = np.random.default_rng(0)
+    """`count` of (n, d) points, (count, d): greedy k-means++ (Arthur and Vassilvitskii 2007).
+
+    Of `_TRIALS` points that are drawn for each centre, the one is taken that leaves the least error.
+    """
+    random, squares = np.random.default_rng(0), (points**2).sum(1)
+
+    def apart(drawn: list[int]) -> np.ndarray:
+        return squares + (squares[drawn, None] - 2.0 * (points[drawn] @ points.T))
+
     chosen = [int(random.integers(len(points)))]
-    nearest = np.full(len(points), np.inf)
+    nearest = apart(chosen)[0]
     while len(chosen) < count:
-        np.minimum(nearest, ((points - points[chosen[-1]]) ** 2).sum(1), out=nearest)
         upto = nearest.cumsum()
-        chosen.append(int(np.searchsorted(upto, random.uniform() * upto[-1])))
+        drawn = np.searchsorted(upto, random.uniform(size=_TRIALS) * upto[-1]).tolist()
+        left = np.minimum(nearest, apart(drawn))
+        best = int(left.sum(1).argmin())
+        chosen.append(drawn[best])
+        nearest = left[best]
     return points[chosen]

@@ -31,15 +31,19 @@ class Sparse:
 
 def padded(matrix: np.ndarray, value: float = 0.0) -> np.ndarray:
     """Float32, rows as long as kernels want them; `value` where there was nothing."""
-    width = -matrix.shape[1] % LANES
-    return np.pad(np.asarray(matrix, np.float32), ((0, 0), (0, width)), constant_values=value)
+    rows, columns = matrix.shape
+    wide = np.full((rows, columns + -columns % LANES), value, np.float32)
+    wide[:, :columns] = matrix
+    return wide
 
 
 def product(a: np.ndarray, b: np.ndarray, session: Session) -> np.ndarray:
     """a b, (n, k) by (k, m) float32."""
     right = padded(b)
     (rows, inner), width = a.shape, right.shape[1]
-    return _made("product", a, right, (width, rows), (rows, width), (rows, inner, inner, width), session)[:, : b.shape[1]]
+    return _made("product", a, right, (width, rows), (rows, width), (rows, inner, inner, width), session)[
+        :, : b.shape[1]
+    ]
 
 
 def gram(a: np.ndarray, b: np.ndarray, session: Session) -> np.ndarray:

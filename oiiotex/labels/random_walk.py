@@ -25,7 +25,7 @@ _ONE = 0.9999  # eigenvalues above count as 1: LSA16 section 4.4
 _MOST_STEPS = 2000
 _POWERS, _DEGREES = 4, (6, 6, 6)  # of S at first, of the polynomials then
 _BISECTIONS = 16  # of an interval of eigenvalues
-_ROUGH = 6  # of them where a bound is enough
+_NOISE = 1e-5  # of a distribution's largest value: what is less is none
 _LOST = 1e-6  # of a column's length that is left after those before it are taken out: it is one of them
 
 
@@ -63,7 +63,8 @@ class Walk:
 
     def column(self, node: int) -> np.ndarray:
         """D^s from one node: a map of how similar all are to it, a distribution, (n,) float32."""
-        column = np.maximum((self.left * self.right[node]).sum(1), np.float32(0))
+        column = (self.left * self.right[node]).sum(1)
+        column[column < np.float32(_NOISE) * column.max()] = 0
         total = column.sum(dtype=np.float64)
         if total <= 0:  # what the subspace knows nothing of stays where it is
             return (np.arange(self.n) == node).astype(np.float32)
@@ -100,9 +101,9 @@ def _subspace(spread: Spread, root: np.ndarray, session: Session) -> tuple[np.nd
         spread.step(1.0, 0.0, 0.0)
     basis = _orthonormal(spread.now(), session)
     for degree in _DEGREES:
-        edge = _smallest(inside(basis))
+        edge = float(np.diagonal(inside(basis)).min())  # some eigenvalues lie below
         spread.start(basis)
-        _filtered(spread, degree, edge)
+        _filtered(spread, degree, min(max(edge, -0.5), 0.9))
         basis = _orthonormal(spread.now(), session)
     return basis, inside(basis)
 
@@ -194,12 +195,6 @@ def _bisected(matrix: np.ndarray, rank: int, low: float, high: float) -> float:
         else:
             high = middle
     return low
-
-
-def _smallest(matrix: np.ndarray) -> float:
-    """Not above the smallest eigenvalue by more than bisection leaves; columns of 0 are no part of the matrix."""
-    used = np.flatnonzero(np.diagonal(matrix))
-    return min(max(_bisected(matrix[np.ix_(used, used)], 0, -1.0, 1.0), -0.5), 0.9)
 
 
 def _largest_below_one(matrix: np.ndarray, slowest: float) -> float:
