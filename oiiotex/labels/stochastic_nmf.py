@@ -11,7 +11,7 @@ label. How the paper solves eq. 8 is in its supplement, which is not public; wha
 - boosting (`tries` > 0): the starts of several runs, probed in random order, are stacked, and the walk between their
   labels is factored in turn.
 
-What is large is done by kernels in single precision, sums in one order; what is left on the host are matrices of labels.
+What is large is done by kernels in single precision, sums in one order; the host is left with matrices of labels.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ def distributions(
 
 
 def _momentum(steps: int) -> np.ndarray:
-    """How far to look ahead after so many steps since a start, (steps + 1,) float32: Beck and Teboulle 2009, eq. 4.2."""
+    """How far to look ahead, (steps + 1,) float32 by steps since a start: Beck and Teboulle 2009, eq. 4.2."""
     factors, t = [0.0], 1.0
     for _ in range(steps):
         following = (1.0 + math.sqrt(1.0 + 4.0 * t * t)) / 2.0
