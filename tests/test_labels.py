@@ -235,16 +235,20 @@ def test_paper_is_lsa16_by_the_letter(monkeypatch):
 
 @pytest.mark.parametrize("features", KINDS)
 def test_four_textures_are_told_apart(features):
-    picture, truth = quarters(256)
-    maps = maps_of(picture, features)
-    require_a_tree(maps)
+    """Textons: in the mean of three pictures, as a codebook that another draw begins finds a label more or less."""
     agreed = []
-    for n, level in enumerate(maps.levels):
-        labels = pixel_labels(maps, n)
-        table = np.histogram2d(truth.ravel(), labels.ravel(), [np.arange(5) - 0.5, np.arange(level.count + 2) - 0.5])[0]
-        overlap = table / (table.sum(1)[:, None] + table.sum(0) - table + 1e-9)
-        agreed.append(overlap.max(1).mean())
-    assert max(agreed) > (0.85 if features == "textons" else 0.5)
+    for seed in range(3 if features == "textons" else 1):
+        picture, truth = quarters(256, seed)
+        maps = maps_of(picture, features)
+        require_a_tree(maps)
+        best = 0.0
+        for n, level in enumerate(maps.levels):
+            edges = [np.arange(5) - 0.5, np.arange(level.count + 2) - 0.5]
+            table = np.histogram2d(truth.ravel(), pixel_labels(maps, n).ravel(), edges)[0]
+            overlap = table / (table.sum(1)[:, None] + table.sum(0) - table + 1e-9)
+            best = max(best, overlap.max(1).mean())
+        agreed.append(best)
+    assert np.mean(agreed) > (0.85 if features == "textons" else 0.5), agreed
 
 
 def test_the_same_picture_has_the_same_labels():

@@ -26,7 +26,6 @@ _TURNS = 6
 _FAR = 2047  # steps
 _SAMPLES = 8000  # pixels that the textons are learned from
 _ROUNDS = 20  # of k-means
-_TRIALS = 4  # for each centre at its start: with one, labels hang on the draw
 
 
 def gabor_responses(plane: np.ndarray, waves: tuple[float, ...], turns: int) -> list[np.ndarray]:
@@ -187,17 +186,17 @@ def _whole(values: np.ndarray) -> np.ndarray:
     return np.rint(np.clip(values * np.float32(STEPS), -_FAR, _FAR)).astype(np.int16)
 
 
-def codebook(sample: np.ndarray, most: int) -> np.ndarray:
+def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
     """k-means over a sample (n, d) int16, at most (most, d) int32; centres are rounded in every round.
 
-    All sums are of whole numbers below 2^53, so no order of adding and no processor's BLAS shows: near ties, k-means
+    Of `trials` points that are drawn for each centre at first, the one is taken that leaves the least error. All sums are of whole numbers below 2^53, so no order of adding and no processor's BLAS shows: near ties, k-means
     sends the least difference far.
     """
     distinct = np.unique(sample, axis=0)
     if len(distinct) <= most:
         return distinct.astype(np.int32)
     points = sample.astype(np.float64)
-    centres = _spread_out(points, most)
+    centres = _spread_out(points, most, trials)
     for _ in range(_ROUNDS):
         nearest = ((centres**2).sum(1) - 2.0 * (points @ centres.T)).argmin(1)
         counts = np.bincount(nearest, minlength=most)
@@ -207,11 +206,8 @@ def codebook(sample: np.ndarray, most: int) -> np.ndarray:
     return centres.astype(np.int32)
 
 
-def _spread_out(points: np.ndarray, count: int) -> np.ndarray:
-    """`count` of (n, d) points, (count, d): greedy k-means++ (Arthur and Vassilvitskii 2007).
-
-    Of `_TRIALS` points that are drawn for each centre, the one is taken that leaves the least error.
-    """
+def _spread_out(points: np.ndarray, count: int, trials: int) -> np.ndarray:
+    """`count` of (n, d) points, (count, d): k-means++, greedy with more than one trial (Arthur, Vassilvitskii 2007)."""
     random, squares = np.random.default_rng(0), (points**2).sum(1)
 
     def apart(drawn: list[int]) -> np.ndarray:
@@ -221,7 +217,7 @@ def _spread_out(points: np.ndarray, count: int) -> np.ndarray:
     nearest = apart(chosen)[0]
     while len(chosen) < count:
         upto = nearest.cumsum()
-        drawn = np.searchsorted(upto, random.uniform(size=_TRIALS) * upto[-1]).tolist()
+        drawn = np.searchsorted(upto, random.uniform(size=trials) * upto[-1]).tolist()
         left = np.minimum(nearest, apart(drawn))
         best = int(left.sum(1).argmin())
         chosen.append(drawn[best])

@@ -149,7 +149,7 @@ def label_maps(
     def advance(done: int, _: int) -> None:
         session.advance(done, total)
 
-    with session.stats.time("superpixels"):
+    with session.beside(_import_scipy), session.stats.time("superpixels"):
         finest = superpixels(image, lens, session, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
                              literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
@@ -166,6 +166,12 @@ def label_maps(
             levels = label_levels(tree(), described, settings, finest.edges, session, coarse)
     session.advance(total, total)
     return LabelMaps(finest, levels)
+
+
+def _import_scipy(_: Session) -> None:
+    """What superpixels look for later: it takes a fifth of a second, in which kernels can be at work."""
+    import scipy.ndimage
+    import scipy.sparse.csgraph  # noqa: F401
 
 
 def _require(session: Session, window: Window, count: int, settings: LabelSettings) -> None:

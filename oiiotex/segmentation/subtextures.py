@@ -21,7 +21,6 @@ from ..labels.filter_bank import Texture, blurred_layers, texture_of
 from ..labels.potts import members, winners
 from ..labels.products import gram, product
 from ..session import Session
-from .clique_partition import joined_to, numbered, partition
 from .region_merging import fine_regions, merged
 from .textons import (
     FULL,
@@ -171,6 +170,8 @@ def _merged_regions(counts: Counts, settings: DecompositionSettings, session: Se
 
 def _cliques(counts: Counts, settings: DecompositionSettings, session: Session) -> tuple[np.ndarray, int]:
     """Labels (h, w) of cells by clique partitioning (CZF02 sections II B and III), and how many samples there are."""
+    from .clique_partition import joined_to, partition  # scipy is not loaded before it is needed
+
     side = counts.side
     scales = tuple(settings.radius / side * 2 ** (s / 2) for s in _octaves(settings.scales))
     roots = [histogram_roots(disc_sums(counts.values, r, session)) for r in scales]
@@ -278,7 +279,8 @@ def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, s
 def _numbered(labels: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, int]:
     """1 .. count in the order of first pixels, 0 where nothing is seen."""
     numbers = np.zeros(labels.shape, np.int32)
-    numbers[seen] = numbered(labels[seen]) + 1
+    _, first, inverse = np.unique(labels[seen], return_index=True, return_inverse=True)
+    numbers[seen] = (first.argsort().argsort() + 1)[inverse]
     return numbers, int(numbers.max())
 
 
