@@ -189,8 +189,9 @@ def _whole(values: np.ndarray) -> np.ndarray:
 def codebook(sample: np.ndarray, most: int, trials: int = 1) -> np.ndarray:
     """k-means over a sample (n, d) int16, at most (most, d) int32; centres are rounded in every round.
 
-    Of `trials` points that are drawn for each centre at first, the one is taken that leaves the least error. All sums are of whole numbers below 2^53, so no order of adding and no processor's BLAS shows: near ties, k-means
-    sends the least difference far.
+    Of `trials` points that are drawn for each centre at first, the one is taken that leaves the least error. All sums
+    are of whole numbers below 2^53, so no order of adding and no processor's BLAS shows: near ties, k-means sends the
+    least difference far.
     """
     distinct = np.unique(sample, axis=0)
     if len(distinct) <= most:
