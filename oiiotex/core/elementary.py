@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exponentials, logarithms and roots by + - * / alone.
+"""Exponentials, logarithms and roots by + - * / alone, and sampled Gaussians.
 
 IEEE 754 says every bit of these four, not of exp and log: numpy's differ in the last one between processors, and so do
 those of C libraries. Where decisions follow, as labels do from spectra, a last bit is sent far.
@@ -49,3 +49,21 @@ def root(x: np.ndarray, k: int) -> np.ndarray:
     x = np.asarray(x, np.float64)
     above = np.maximum(x, 1e-300)
     return np.where(x > 0, exponential(logarithm(above) / k), 0.0)
+
+
+def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.ndarray:
+    """Weights that sum to 1, (2 radius + 1,) float64.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation, in samples; above 0.
+    reach : float
+        The radius in sigmas: rounded up, 1 or more.
+    most : int or None
+        The radius in samples, at most.
+    """
+    radius = max(1, math.ceil(reach * sigma))
+    radius = radius if most is None else min(radius, most)
+    weights = exponential(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
+    return weights / weights.sum()

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.elementary import exponential
-from ..core.gaussian import gaussian_taps
+from ..core.elementary import exponential, gaussian_taps
 from ..opencl.buffers import Buffers
 from ..session import Session
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..core.gaussian import gaussian_taps
+from ..core.elementary import gaussian_taps
 from ..deferred import np
 
 SLOW = 1 / 12  # of the longer side: sigma of what a high-passed texture lacks

@@ -18,7 +18,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ..core.gaussian import gaussian_taps
+from ..core.elementary import gaussian_taps
 from ..core.window import Domain, Window
 from ..deferred import np
 

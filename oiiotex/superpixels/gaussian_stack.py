@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 
 from ..color.lab_grid import FINE_STEPS
-from ..core.gaussian import gaussian_taps
+from ..core.elementary import gaussian_taps
 from ..deferred import np
 from ..opencl.buffers import Buffers, Download, offset_table
 from ..session import Session
