@@ -24,8 +24,8 @@ from oiiotex import filters
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer
-session = Session(device_name=sys.argv[1])
 tiny = int(sys.argv[2])
+session = Session(device_name=sys.argv[1], threads=tiny)  # Oclgrind takes commands from one thread alone
 side = 24 if tiny else 56
 photo = buffer(pictures.stained(pictures.pebbles(side, side + 4, seed=3)))
 made = {

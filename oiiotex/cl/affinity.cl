@@ -10,8 +10,8 @@
 #define LOCAL 6    // which neighbour's distance is the local scale: LSA16 eq. 4
 
 // Squared distances from point i to all, those beyond `count` FAR. Points lie in pairs of coordinates, (pair, point).
-static inline void measure(const __global short *restrict points, __global int *restrict away, int i, int count,
-                           int padded, int pairs) {
+static inline void measure(const __global short *points, __global int *away, int i, int count, int padded,
+                           int pairs) {
 #if LANES > 1
   for (int j = 0; j < padded; j += BLOCK) {
     lane_i8 sum[BLOCK / 8];
@@ -39,7 +39,7 @@ static inline void measure(const __global short *restrict points, __global int *
   for (int j = count; j < padded; j++) away[j] = FAR;
 }
 
-static inline int below(const __global int *restrict away, int padded, int bound) {
+static inline int below(const __global int *away, int padded, int bound) {
 #if LANES > 1
   lane_i8 fewer = 0;
   for (int j = 0; j < padded; j += 8) fewer -= *(const __global lane_i8 *)(away + j) < bound;

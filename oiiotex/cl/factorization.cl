@@ -76,7 +76,7 @@ __kernel void factorization_gram(const __global float *restrict a, const __globa
 
 // What is to be taken off every value so that those that stay positive add up to 1 (Michelot 1986); `inverse[n]` is
 // 1 / n. What is below -1e20 pads a row.
-static inline float threshold_of(const __global float *row, const __global float *restrict inverse, int width) {
+static inline float threshold_of(const __global float *row, const __global float *inverse, int width) {
   float threshold = -1e20f;
   for (int before = width + 1, now = 0;; before = now) {   // fewer and fewer
     f8 sum = 0.0f;

@@ -11,6 +11,7 @@ import contextlib
 import functools
 import logging
 import os
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -356,6 +357,7 @@ class Program:
             words = runtime.compilers_words(str(error))
             raise BuildError(f"{device.info.name} cannot build {stem}.cl: {words}") from error
         self._kernels = {k.function_name: k for k in built.all_kernels()}
+        self._launching = threading.Lock()  # a kernel keeps its arguments: two threads would mix theirs
 
     def __call__(
         self, name: str, shape: tuple[int, ...], *arguments: object, group: int = _GROUP, team: bool = False
@@ -376,7 +378,8 @@ class Program:
             if not -INT_RANGE <= number < INT_RANGE:
                 raise DeviceError(f"{name} would count to {number}, beyond 2^31: make the tile or the photo smaller")
         typed = [np.int32(a) if isinstance(a, int) else np.float32(a) if type(a) is float else a for a in arguments]
-        self._device._enqueue(name, kernel, global_size, local, *typed)
+        with self._launching:
+            self._device._enqueue(name, kernel, global_size, local, *typed)
 
 
 def _seconds(event: cl.Event) -> float:
