@@ -78,16 +78,27 @@ __kernel void factorization_gram(const __global float *restrict a, const __globa
 // 1 / n. What is below -1e20 pads a row.
 static inline float threshold_of(const __global float *row, const __global float *inverse, int width) {
   float threshold = -1e20f;
-  for (int before = width + 1, now = 0;; before = now) {   // fewer and fewer
+  for (int before = width + 1;;) {   // fewer and fewer
     f8 sum = 0.0f;
+    int now = 0;
+#if LANES > 1
     i8 above = 0;
     for (int j = 0; j < width; j += 8) {
       f8 v = *(const __global f8 *)(row + j);
       sum += v > threshold ? v : (f8)0.0f;
       above -= v > threshold;
     }
-    now = ((above.s0 + above.s4) + (above.s2 + above.s6)) + ((above.s1 + above.s5) + (above.s3 + above.s7));
+    now = total8(above);
+#else   // the same order; Oclgrind compares vectors otherwise
+    for (int j = 0; j < width; j += 8)
+      for (int t = 0; t < 8; t++) {
+        float v = row[j + t];
+        sum[t] += v > threshold ? v : 0.0f;
+        now += v > threshold;
+      }
+#endif
     if (now >= before || now == 0) return threshold;
+    before = now;
     threshold = (sum8(sum) - 1.0f) * inverse[now];
   }
 }
