@@ -57,14 +57,16 @@ class Curve(NamedTuple):
         return found
 
 
-def curve(case: Case, ids: np.ndarray, groups: np.ndarray, described: Features, cluster: str) -> Curve:
+def curve(
+    case: Case, ids: np.ndarray, groups: np.ndarray, described: Features, cluster: str, session: Session
+) -> Curve:
     """Labels of one partition over the persistence; where several give as many labels, their mean."""
     points = described(groups)
     # spectral clustering warns of graphs in pieces, which ours may be: that is no fault of the comparison
     warnings.filterwarnings("ignore", "Graph is not fully connected")
     found: dict[int, list[tuple[float, float, float]]] = {}
     for persistence in PERSISTENCES:
-        made = labelled(points, LabelSettings(cluster=cluster, persistence=persistence), 0)
+        made = labelled(points, LabelSettings(cluster=cluster, persistence=persistence), 0, session)
         s = score(case.truth, made.G.argmax(0)[groups][ids], groups[ids])
         found.setdefault(made.G.shape[0], []).append((s.rand, s.covering, s.back))
     counts = np.array(sorted(found))
@@ -86,7 +88,7 @@ def measured(case: Case, wanted: Iterable[Series], session: Session) -> Iterator
         if series.features not in described:
             described[series.features] = features_of(series.features, found, small_lab(found), session)
         groups = partition_near(levels, series.superpixels)
-        yield series, curve(case, ids, groups, described[series.features], series.cluster)
+        yield series, curve(case, ids, groups, described[series.features], series.cluster, session)
 
 
 # --- tables ---
