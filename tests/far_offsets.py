@@ -19,9 +19,8 @@ from tests.kernel_options import TABLES
 
 def patchmatch(far: Far) -> None:
     macros = {"PATCH": 5, "CHANNELS": 3, "LATTICE": 0, "PIECES": 0}
-    size, field_size = (WIDTH, HEIGHT), (WIDTH, HEIGHT)
-    e_size = (SIDE - 4, SIDE - 4, SIDE)
-    all_rows = (0, SIDE - 4)
+    size = field_size = WIDTH, HEIGHT
+    e_size, all_rows = (SIDE - 4, SIDE - 4, SIDE), (0, SIDE - 4)
 
     def run(name, at, *arguments):
         print("patchmatch", name, flush=True)
@@ -87,21 +86,8 @@ def patchmatch(far: Far) -> None:
     for dy in range(5):  # all patches over the pixel say the same
         for dx in range(5):
             field[Y - dy, X - dx] = (E - dy) << 16 | (E - dx)
-    band = 0, HEIGHT, 0
-    run(
-        "vote",
-        (X if far.lanes == 1 else X // 64, Y),
-        exemplar,
-        field,
-        image,
-        *field_size,
-        WIDTH,
-        SIDE,
-        1,
-        1,
-        *band,
-        *all_rows,
-    )
+    items, band = (X if far.lanes == 1 else X // 64, Y), (0, HEIGHT, 0)
+    run("vote", items, exemplar, field, image, *field_size, WIDTH, SIDE, 1, 1, *band, *all_rows)
     assert image[Y, X].tolist() == [11, 22, 33]
     run("pick", (X, Y), field, np.ones(25, np.int32), following, *field_size, WIDTH, 1, 1, *band)
     assert following[Y, X] == AT_E
