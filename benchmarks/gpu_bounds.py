@@ -44,6 +44,7 @@ def _matching(a: Launch, rows: int) -> float:
 BYTES: dict[str, Callable[[Launch], float]] = {
     "patchmatch_pad": lambda a: 2 * a.CHANNELS * (a.width * a.height + (a.width + a.PATCH - 1) * a.rows),
     "patchmatch_score": lambda a: a.columns * a.rows * (8 + 2 * a.CHANNELS),
+    "patchmatch_cost": lambda a: 12 * a.columns * a.rows,
     "patchmatch_propagate": lambda a: _matching(a, _rows(a, "from", "to")),
     "patchmatch_search": lambda a: _matching(a, _rows(a, "from", "to")),
     "patchmatch_count": lambda a: 4 * a.columns * a.rows,

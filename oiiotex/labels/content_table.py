@@ -209,7 +209,7 @@ def content_table(first: np.ndarray, second: np.ndarray, side: int) -> ContentTa
             yield top, good, one[good].astype(np.int64) * most + other[good]
 
     found = [_distinct(codes, most * most) for _, _, codes in strips()]
-    present = np.unique(np.concatenate(found))
+    present = _distinct(np.concatenate(found), most * most)
     counts = np.zeros(len(present), np.int64)
     for _, _, codes in strips():
         counts += np.bincount(np.searchsorted(present, codes), minlength=len(present))
