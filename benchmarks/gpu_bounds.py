@@ -56,7 +56,7 @@ BYTES: dict[str, Callable[[Launch], float]] = {
     "patchmatch_ease": lambda a: (6 * a.CHANNELS + 1) * a.width * a.height,
     "use_prices_count": lambda a: 4 * a.columns * a.rows,
     "use_prices_ascend": lambda a: 28 * a.kinds,
-    "use_prices_rows": lambda a: 8 * a.e_columns * a.e_rows,
+    "use_prices_rows": lambda a: 8 * a.e_columns * a.counted,
     "use_prices_add": lambda a: 13 * a.e_columns * a.e_rows,
     "histograms_gather": lambda a: (
         2 * a.CHANNELS * a.width * _rows(a, "begin", "end") + 4 * a.BINS * a.CHANNELS * a.cells_x * a.count
