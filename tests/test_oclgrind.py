@@ -94,10 +94,10 @@ from oiiotex.labels import features, potts
 from oiiotex.labels.scales import LabelSettings, labelled
 from tests.test_superpixels import session_of
 session, random = session_of(opened), np.random.default_rng(0)
-labelled(random.random((53, 5)) * 9, LabelSettings(neighbours=9), 0, session)
-features.pooled(random.integers(0, 9, (53, 6)), random.random((53, 2)) * 40, 5.0, session)
-likely = random.random((3, 53))
-potts.settled(likely, np.stack([np.arange(52), np.arange(1, 53)], 1), session)
+labelled(random.random((29, 5)) * 9, LabelSettings(neighbours=9), 0, session)
+features.pooled(random.integers(0, 9, (29, 6)), random.random((29, 2)) * 40, 5.0, session)
+likely = random.random((3, 29))
+potts.settled(likely, np.stack([np.arange(28), np.arange(1, 29)], 1), session)
 potts.winners(random.random((3, 4, 5)).astype(np.float32), 4, (15, 19), session)
 """,
     "quilting": """
