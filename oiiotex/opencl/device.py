@@ -389,8 +389,8 @@ def _seconds(event: cl.Event) -> float:
 def _work_group(shape: tuple[int, ...], most: int = _GROUP) -> tuple[int, ...]:
     """A work-group of `most` items: a row of them, or a square where rows are short, of which some have nothing to do.
 
-    There are two shapes only, because PoCL compiles a kernel again for each (.15 s), and none smaller than that, because
-    small groups drown in the runtime's overhead.
+    There are two shapes only, because PoCL compiles a kernel again for each (.15 s), and no smaller ones, because small
+    groups drown in the runtime's overhead.
     """
     if len(shape) == 1 or 4 * shape[0] > most:
         return most, *[1] * (len(shape) - 1)
