@@ -14,6 +14,8 @@ from oiiotex.opencl.device import Device
 from oiiotex.session import Session
 from tests.reference import labels as reference
 
+LOCAL = 6  # which neighbour's distance is the local scale: LSA16 eq. 4
+
 
 def on(device: Device) -> Session:
     """A session with that device."""
@@ -61,7 +63,7 @@ def test_nearest_are_exact_and_ties_go_to_the_lower_index(any_lanes, monkeypatch
     random = np.random.default_rng(0)
     points = random.integers(-spread, spread + 1, (n, d)).astype(np.int16)
     copies = random.integers(1, 9, n)
-    expected = reference.nearest(points, 20, copies, affinity_graph.LOCAL)
+    expected = reference.nearest(points, 20, copies, LOCAL)
     for scratch in (1 << 22, 3 * 224):  # rows of distances all at once, and three at a time
         monkeypatch.setattr(affinity_graph, "_SCRATCH", scratch)
         found = affinity_graph.nearest(points, 20, on(any_lanes), copies)
@@ -87,7 +89,7 @@ def test_the_graph_is_eq_4_made_symmetric(any_lanes, copies):
     nodes, node, counts = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
     graph = affinity_graph.similarity_graph(points, 25, session)
     np.testing.assert_array_equal(graph.node, node.ravel())
-    index, squared, scales = reference.nearest(nodes, min(25, len(nodes) - 1), counts, affinity_graph.LOCAL)
+    index, squared, scales = reference.nearest(nodes, min(25, len(nodes) - 1), counts, LOCAL)
     scale = np.maximum(np.sqrt(scales), 0.1 * unit)
     K = np.zeros((len(nodes),) * 2)
     for i, near in enumerate(index):
@@ -101,7 +103,7 @@ def test_r_is_where_similarities_grow_fastest(device):
     points, _ = blobs((80, 70), apart=5.0)
     graph = affinity_graph.similarity_graph(points, 40, on(device))
     steps, unit = affinity_graph.on_grid(points)
-    index, squared, scales = reference.nearest(steps, 40, np.ones(150, int), affinity_graph.LOCAL)
+    index, squared, scales = reference.nearest(steps, 40, np.ones(150, int), LOCAL)
     relative = squared / np.sqrt(scales[:, None] * scales[index].astype(float))
     r = np.arange(-6, 6, 0.01)
     total = np.log(150 + np.exp(-relative.ravel() * np.exp(-r)[:, None]).sum(1))

@@ -25,7 +25,6 @@ from ..session import Session
 from .products import TASK, Sparse
 
 NEIGHBOURS = 256  # of a node in the graph: LSA16 section 4.1
-LOCAL = 6  # which neighbour's distance is the local scale: LSA16 eq. 4
 _FINEST_GRID = 1024.0
 _FARTHEST = 46340.0  # grid steps: its square fits 31 bits
 _FINEST = 0.1  # of a local scale: differences that no eye sees are not blown up
