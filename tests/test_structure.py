@@ -30,7 +30,7 @@ labels
 segmentation
 dominant
 stationarity
-regularity projections
+regularity projections drift
 patchmatch
 exemplar graphcut
 quilting multiscale capture atlas

@@ -26,7 +26,7 @@ from ..io.description import is_tagged
 from ..scan import scan
 from ..session import Session
 from ..stationarity.grid_statistics import MARGIN
-from ..stationarity.local_moments import drift_of
+from ..drift.drift_field import drift_of
 
 # CIE L of the darkest and the brightest sRGB values of what is no metal, 30 and 240 (Allegorithmic, The PBR guide,
 # part 2: charcoal and fresh snow), and of a surface that reflects more light than it gets

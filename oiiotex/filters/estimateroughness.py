@@ -16,7 +16,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..session import Session
 from ..stationarity.grid_statistics import Surface
-from ..stationarity.local_moments import drift_of
+from ..drift.drift_field import drift_of
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..session import Session
 from ..stationarity.grid_statistics import MARGIN
-from ..stationarity.local_moments import correction, drift_of
+from ..drift.drift_field import correction, drift_of
 
 log = logging.getLogger("oiiotex")
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flattening cell by cell: the oracle of stationarity/local_moments.py. Slow, and only for small images."""
+"""Flattening cell by cell: the oracle of drift/drift_field.py. Slow, and only for small images."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..scan import scan
 from ..session import Session
-from .grid_statistics import MARGIN, Cells, Surface, close_margins, correlated, smoothing_taps
+from ..stationarity.grid_statistics import MARGIN, Cells, Surface, close_margins, correlated, smoothing_taps
 
 _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
 _CELLS_PER_SIGMA = 4  # more than elsewhere: these cells are read as a surface, pixel by pixel
