@@ -218,9 +218,9 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     if bright > max(_FEW, impossible):
         text = f"{_percent(bright)} of its pixels are brighter than fresh snow (sRGB 240): highlights, or metal"
         yield Finding(WARNING, name, "range", text)
-    drift = drift_of(one.image, lens, max(1.0, max(part.window.size) * _DRIFT_SCALE), session)
+    drift = drift_of(one.image, lens, max(1.0, 2 * max(part.window.size) * _DRIFT_SCALE), session)
     if drift is not None:
-        spread = one.measures["drift"] = float(drift.mean[MARGIN:-MARGIN, MARGIN:-MARGIN, 0].std())
+        spread = one.measures["drift"] = float(drift.level[MARGIN:-MARGIN, MARGIN:-MARGIN, 0].std())
         if spread > DRIFT:
             text = f"its lightness drifts by {spread:.1f} L over the map: baked light; --texflatten takes it out"
             yield Finding(WARNING, name, "drift", text)

@@ -46,19 +46,29 @@ class _Mapped(Op):
         spec : oiio.ImageSpec, optional
             Of the result; the part's own when left out.
         """
-        halo, whole = self.halo(), part.window
-        source = cached(part, session.cache) if any(halo) else part
+        return mapped(part, work, session, spec, self.halo())
 
-        def fetch(window: Window) -> np.ndarray:
-            around = window.grown(*halo) & whole
-            rows = source.read(around)
-            pieces = list(window.cells(window.width, max(1, PIECE_PIXELS // max(1, window.width))))
-            if len(pieces) == 1:
-                return work(rows, window)
-            seen = {piece: rows[(piece.grown(*halo) & whole).inside(around)] for piece in pieces}
-            return np.concatenate(list(session.spread(lambda piece: work(seen[piece], piece), pieces)))
 
-        return replace(part, spec=spec or derived_spec(part.spec), fetch=fetch, levels=(), ready=False)
+def mapped(
+    part: Part,
+    work: Callable[[np.ndarray, Window], np.ndarray],
+    session: Any,
+    spec: oiio.ImageSpec | None = None,
+    halo: tuple[int, int] = (0, 0),
+) -> Part:
+    """As `_Mapped.mapped`, for any op; `halo` is how many pixels `work` needs to each side, (x, y)."""
+    whole, source = part.window, cached(part, session.cache) if any(halo) else part
+
+    def fetch(window: Window) -> np.ndarray:
+        around = window.grown(*halo) & whole
+        rows = source.read(around)
+        pieces = list(window.cells(window.width, max(1, PIECE_PIXELS // max(1, window.width))))
+        if len(pieces) == 1:
+            return work(rows, window)
+        seen = {piece: rows[(piece.grown(*halo) & whole).inside(around)] for piece in pieces}
+        return np.concatenate(list(session.spread(lambda piece: work(seen[piece], piece), pieces)))
+
+    return replace(part, spec=spec or derived_spec(part.spec), fetch=fetch, levels=(), ready=False)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Slow drift of an image: the local mean and the local contrast of its values at a scale sigma."""
+"""Low-frequency variation of an image: its local level and local contrast, as medians over a disc.
+
+A gradient of light or a stain changes the level of a texture over distances larger than its elements. A Gaussian
+blurs the rim of a stain and leaves it; a median follows the rim and ignores elements smaller than half the disc. The
+level is the value of a locally fitted plane plus the median of what is left in the cells of a disc: the plane keeps
+gradients exact up to the border, where a median alone would lean inwards.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +23,11 @@ from ..session import Session
 from ..stationarity.grid_statistics import MARGIN, Cells, Surface, close_margins, correlated, smoothing_taps
 
 _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
-_CELLS_PER_SIGMA = 4  # more than elsewhere: these cells are read as a surface, pixel by pixel
+_CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
+DEFAULT_RADIUS = 0.15  # of the longer side
+_AT_ONCE = 1 << 18  # values of discs that are sorted together
 _PLANES = 20  # of all places that lie between the sums and what is made of them, at most
-_LARGEST_CELL = 256  # px; how many values can lie in a cell is bounded by it
+_LARGEST_CELL = 512  # px; how many values can lie in a cell is bounded by it
 _NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
 MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
 _RIDGE = 0.02  # of sigma^2, in the fit of a slope: nothing where there is something to fit, all where there is not
@@ -32,55 +40,71 @@ class Drift:
     Attributes
     ----------
     cells : Cells
-    mean : (down + 4, across + 4, channels) float
-        Local mean at the cells' centres, with the margin of `grid_statistics.MARGIN`.
-    deviation : same shape
-        Local standard deviation of what is left when the local mean is taken off.
-    overall_mean, overall_deviation : (channels,) float
-        Of the whole image; the deviation again without the drift.
+    level : (down + 4, across + 4, channels) float
+        Local level at the cells' centres, with the margin of `grid_statistics.MARGIN`.
+    contrast : same shape
+        Median over the disc of the standard deviation in a cell, once the local level is subtracted.
+    overall_level, overall_contrast : (channels,) float
+        Medians of both over the image.
     """
 
     cells: Cells
-    mean: np.ndarray
-    deviation: np.ndarray
-    overall_mean: np.ndarray
-    overall_deviation: np.ndarray
+    level: np.ndarray
+    contrast: np.ndarray
+    overall_level: np.ndarray
+    overall_contrast: np.ndarray
+
+
+def default_radius(window: Window) -> float:
+    """Of the disc where none is given, px."""
+    return max(1.0, DEFAULT_RADIUS * max(window.size))
 
 
 def drift_of(
-    image: Image, lens: Lens, sigma: float, session: Session, wraps: tuple[bool, bool] = (False, False)
+    image: Image,
+    lens: Lens,
+    radius: float,
+    session: Session,
+    wraps: tuple[bool, bool] = (False, False),
+    usable: np.ndarray | None = None,
 ) -> Drift | None:
-    """The statistics of an image's first part at that scale, from one look at its pixels.
+    """The statistics of an image's first part at that scale, from one pass over its pixels.
 
     Parameters
     ----------
     image : Image
     lens : Lens
-    sigma : float
-        px.
+    radius : float
+        Of the disc, px.
     session : Session
     wraps : (bool, bool)
         The image is a torus along y, along x.
+    usable : (height, width) bool, optional
+        Pixels that count. Default: all with alpha.
 
     Returns
     -------
     Drift or None
-        None where no pixel has alpha.
+        None where no pixel counts.
 
     Raises
     ------
     ImageError
         NaN or Inf, or so many cells that they do not fit the budget.
     """
-    cells, count = Cells.for_sigma(image.first.window, sigma, _LARGEST_CELL, _CELLS_PER_SIGMA, wraps), lens.count
+    whole, count = image.first.window, lens.count
+    cells = Cells.for_sigma(whole, radius, _LARGEST_CELL, _CELLS_PER_RADIUS, wraps)
     places = cells.down + 2 * MARGIN, cells.across + 2 * MARGIN
-    layout = dict.fromkeys(("mean", "left", "deviation"), ((*places, count), np.float64))
+    layout = dict.fromkeys(("level", "left", "contrast"), ((*places, count), np.float64))
     layout["sums"] = ((*places, 1 + 2 * count), np.float64)
-    advice, beside = "take a larger sigma", 8 * _PLANES * math.prod(places)
-    scratch = session.scratch(layout, f"sigma {sigma:g} px", advice, beside)
+    beside = 8 * _PLANES * math.prod(places)
+    scratch = session.scratch(layout, f"a radius of {radius:g} px", "increase the radius", beside)
     sums = scratch["sums"][MARGIN:-MARGIN, MARGIN:-MARGIN]
 
     def look(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
+        if usable is not None:
+            mask = usable[piece.top - whole.top : piece.bottom - whole.top]
+            opaque = mask if opaque is None else mask & opaque
         rows = [row.inside(piece) for row in cells.rows(piece)]
         return [cell_sums(values[at][..., :count], None if opaque is None else opaque[at], cells) for at in rows]
 
@@ -89,7 +113,7 @@ def drift_of(
     scan(image.first, lens, session, look, keep, cell=cell, larger=2, progress=session.advance)
     if not sums[..., 0].any():
         return None
-    return _drift(cells, scratch, sigma)
+    return _drift(cells, scratch, radius)
 
 
 def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:
@@ -124,28 +148,69 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
     return out
 
 
-def _drift(cells: Cells, scratch: dict[str, np.ndarray], sigma: float) -> Drift:
+def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float) -> Drift:
     """From sums and into arrays of all places, the margin's too; channel by channel, so that little lies between."""
     wraps = cells.wraps
     torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # has no margin of its own
-    sums, mean, left, deviation = (scratch[name][torus] for name in ("sums", "mean", "left", "deviation"))
-    number, count = sums[..., 0], mean.shape[-1]
-    taps_y, taps_x = (smoothing_taps(sigma, step) for step in cells.steps)
-    fit = _LocalFit(number, taps_y, taps_x, wraps)
-    weight = np.where(fit.weight > 0, fit.weight, 1.0)
+    sums, level, contrast = (scratch[name][torus] for name in ("sums", "level", "contrast"))
+    number, count = sums[..., 0], level.shape[-1]
+    fit = _LocalFit(number, *(smoothing_taps(radius, step) for step in cells.steps), wraps)
+    disc, safe = _Disc(number > 0, [radius / step for step in cells.steps], wraps), np.maximum(number, 1.0)
+    inside = number > 0
     for c in range(count):
         total, squares = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2
-        own = mean[..., c] = fit.means(total)
-        # what is left of the sum of squares when the local mean, constant in a cell, is taken off every value
-        left[..., c] = np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0)
-        deviation[..., c] = np.sqrt(correlated(left[..., c], taps_y, taps_x, wraps=wraps) / weight)
-    pixels = number.sum()
-    overall = (sums[..., 1 : 1 + count] / SUM_STEPS).sum((0, 1)) / pixels
-    mean[fit.weight <= 0] = overall
-    for name in ("mean", "deviation"):
+        plane = fit.means(total)
+        own = level[..., c] = plane + disc.medians(total / safe - plane)
+        # the sum of squares that is left once the local level, constant in a cell, is subtracted from every value
+        left = np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0)
+        contrast[..., c] = disc.medians(np.sqrt(left / safe))
+    overall = [np.median(plane[inside], axis=0) for plane in (level, contrast)]
+    level[fit.weight <= 0] = overall[0]
+    for name in ("level", "contrast"):
         close_margins(scratch[name], wraps)
-    deviation_overall = np.sqrt(left.sum((0, 1)) / pixels)
-    return Drift(cells, scratch["mean"], scratch["deviation"], overall, deviation_overall)
+    return Drift(cells, scratch["level"], scratch["contrast"], *overall)
+
+
+class _Disc:
+    """Medians over a disc of cells; cells without pixels, and those beyond the border, do not count.
+
+    Parameters
+    ----------
+    counts : (down, across) bool
+        Cells that have pixels.
+    radius : (float, float)
+        In cells along y, along x.
+    wraps : (bool, bool)
+        The cells lie on a torus along y, along x.
+    """
+
+    def __init__(self, counts: np.ndarray, radius: list[float], wraps: tuple[bool, bool]):
+        self._counts = counts
+        most = [(n - 1) // 2 if around else n - 1 for n, around in zip(counts.shape, wraps, strict=True)]
+        reach = [min(int(r), n) for r, n in zip(radius, most, strict=True)]
+        y, x = np.mgrid[-reach[0] : reach[0] + 1, -reach[1] : reach[1] + 1]
+        inside = (y / max(radius[0], 1e-9)) ** 2 + (x / max(radius[1], 1e-9)) ** 2 <= 1.0
+        self._steps = y[inside], x[inside]
+        self._reach, self._wraps = reach, wraps
+
+    def medians(self, values: np.ndarray) -> np.ndarray:
+        """Around every cell, (down, across) float64; 0 where nothing counts."""
+        down, across = values.shape
+        padded = np.where(self._counts, values, np.inf)
+        for axis, (reach, wraps) in enumerate(zip(self._reach, self._wraps, strict=True)):
+            width = [(reach, reach) if a == axis else (0, 0) for a in (0, 1)]
+            padded = np.pad(padded, width, "wrap") if wraps else np.pad(padded, width, constant_values=np.inf)
+        (dy, dx), wide = self._steps, padded.shape[1]
+        steps = (dy + self._reach[0]) * wide + dx + self._reach[1]
+        out, flat = np.empty(down * across), padded.ravel()
+        corners = (np.arange(down)[:, None] * wide + np.arange(across)).ravel()
+        for first in range(0, len(corners), max(1, _AT_ONCE // len(steps))):
+            at = corners[first : first + max(1, _AT_ONCE // len(steps))]
+            around = np.sort(flat[at[:, None] + steps], axis=1)
+            number = np.maximum(np.count_nonzero(np.isfinite(around), axis=1), 1)
+            rows = np.arange(len(at))
+            out[first : first + len(at)] = 0.5 * (around[rows, (number - 1) // 2] + around[rows, number // 2])
+        return np.where(np.isfinite(out), out, 0.0).reshape(down, across)
 
 
 class _LocalFit:
@@ -196,34 +261,29 @@ def _moments(taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Correction:
-    """What takes drift out of an image: (value - mean) * gain + share * mean + level, per channel.
+    """What removes drift from an image: value * gain + offset, per channel.
 
-    Mean and gain are surfaces of four fields, as `Lens.values` has four values; share and level are constants,
-    (4,) float32.
+    Attributes
+    ----------
+    field : Surface
+        Four gains, then four offsets, as `Lens.values` has four values.
     """
 
-    mean: Surface
-    gain: Surface
-    share: np.ndarray
-    level: np.ndarray
+    field: Surface
 
     def apply(self, values: np.ndarray, window: Window) -> None:
         """Correct (height, width, 4) float32 in place; `window` says which pixels they are."""
-        with_mean = bool(self.share.any())
         for line, y in zip(values, range(window.top, window.bottom), strict=True):
-            mean = self.mean.row(y, window.left, window.right)
-            line -= mean
-            line *= self.gain.row(y, window.left, window.right)
-            if with_mean:
-                line += mean * self.share
-            line += self.level
+            field = self.field.row(y, window.left, window.right)
+            line *= field[:, :4]
+            line += field[:, 4:]
 
 
 def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray) -> Correction:
-    """Bring local means to `target` and local contrast to the overall one.
+    """Bring local levels to `target` and local contrast to the overall one.
 
-    The gain is ((G + 1) / (g + 1)) ^ contrast for an overall deviation G and a local g in Lab units, within 1/2 and 2:
-    what has no detail must not have its noise raised.
+    The gain is ((G + 1) / (g + 1)) ^ contrast for an overall contrast G and a local g in Lab units, within 1/2 and 2:
+    what has no detail must not have its noise raised. Pixels outside a mask are corrected by what lies around it.
 
     Parameters
     ----------
@@ -234,12 +294,12 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
         0: contrast stays; 1: it becomes even, as far as the limits let it.
     target : (channels,) float
     """
-    count = drift.mean.shape[-1]
-    gain = ((drift.overall_deviation + _NOISE) / (drift.deviation + _NOISE)) ** contrast
+    count = drift.level.shape[-1]
+    gain = ((drift.overall_contrast + _NOISE) / (drift.contrast + _NOISE)) ** contrast
     gain = 1.0 + amount * (np.clip(gain, 1.0 / MOST_GAIN, MOST_GAIN) - 1.0)
-    shape = (*drift.mean.shape[:2], 4)
-    means, gains = np.zeros(shape, np.float32), np.ones(shape, np.float32)
-    means[..., :count], gains[..., :count] = drift.mean, gain
-    share, level = np.zeros(4, np.float32), np.zeros(4, np.float32)
-    share[:count], level[:count] = 1.0 - amount, amount * target
-    return Correction(Surface(means, drift.cells), Surface(gains, drift.cells), share, level)
+    field = np.zeros((*drift.level.shape[:2], 8), np.float32)
+    field[..., :4] = 1.0
+    field[..., :count] = gain
+    # amount 1: (value - level) * gain + target
+    field[..., 4 : 4 + count] = amount * target + (1.0 - amount) * drift.level - drift.level * gain
+    return Correction(Surface(field, drift.cells))

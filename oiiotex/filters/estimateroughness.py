@@ -56,18 +56,18 @@ class EstimateRoughness(ScanThenMap):
         lens = lens_of(self.source, session, self.working_space)
         sigma = self.sigma or max(2.0, max(part.spec.width, part.spec.height) / 16)
         fine = Image((fine_detail(part, lens),), self.source.source)
-        drift = drift_of(fine, Lens(fine.source, channels_of(fine.first.spec)), sigma, session)
+        drift = drift_of(fine, Lens(fine.source, channels_of(fine.first.spec)), 2 * sigma, session)
         spec = measure_spec(part.spec)
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.amount)
-        overall = np.float32(0 if drift is None else drift.overall_mean[0])
+        overall = np.float32(0 if drift is None else drift.overall_level[0])
         if overall == 0:  # nothing to be seen, or no detail anywhere
 
             def even(window: Window) -> np.ndarray:
                 return np.full((window.height, window.width, 1), middle)
 
             return {"roughness": Part(part.name, spec, even, ready=True)}
-        contrast = Surface(drift.mean[..., :1], drift.cells)
+        contrast = Surface(drift.level[..., :1], drift.cells)
 
         def fetch(window: Window) -> np.ndarray:
             seen = np.maximum(contrast.values(window), np.float32(0))

@@ -39,7 +39,7 @@ from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality, regularit
 
 log = logging.getLogger("oiiotex")
 
-_PATCHES, PATCH = tuple(range(5, 23, 2)), 11
+_PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
 _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {PATCH} when left out"
 
@@ -109,12 +109,16 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """The tile, and where its pixels come from; of several maps and variants one such mapping each."""
-        maps, size, quality = self.planned(session)
+        size, quality = self.planned(session)
+        stages = session.stages()
+        with session.stats.time("flatten"):
+            flat, drift = self.flattened(next(stages))
+        session = next(stages)
         with session.stats.time("read and colour"):
-            parts = [self._in_any_order(image.first, session) for image in maps]
+            parts = [self._in_any_order(image.first, session) for image in flat.all_maps()]
             marked = None if self.within is None else marked_pixels(self.within, self.exemplar)
             weight = None if self.weight is None else weights_of(self.weight, self.exemplar)
-        seen = self.read(session, None if marked is None else ~marked, None if weight is None else weight > 0)
+        seen = flat.read(session, None if marked is None else ~marked, None if weight is None else weight > 0)
         if not self.holds_photo(session):
             session.cache.forget()  # all of it has been read
         lattice = None
@@ -154,7 +158,8 @@ class PatchSynthesis(MaterialOp, InBands):
             return np.ascontiguousarray(first_channels(seen.values, 3)[:])
 
         if self.variants > 1:
-            return self._variants(parts, recipe, constraints, run, session, quality, lab)
+            first, *others = self._variants(parts, recipe, constraints, run, session, quality, lab)
+            return first | drift, *others
         if marked is not None:
             if not marked.any():
                 log.warning("%s: within marks no pixel: the photo stays as it is", self.flag())
@@ -176,8 +181,12 @@ class PatchSynthesis(MaterialOp, InBands):
             photo = lab()
             return photo, [Look.of_copies(first["tile"].name, photo, source)]
 
-        first = quality.add_to(first, looked_at, **more)
+        first = quality.add_to(first, looked_at, **more) | drift
         return (first, *others) if others else first
+
+    def flattened(self, session: Session) -> tuple[PatchSynthesis, dict[str, Part]]:
+        """The op whose exemplar is what patches are taken from, and what else is made of it."""
+        return self, {}
 
     def holds_photo(self, session: Session) -> bool:
         """Whether the photo lies in memory: what needs more than the budget with it is read by rows."""
@@ -195,8 +204,8 @@ class PatchSynthesis(MaterialOp, InBands):
         parts = [one.first for one in (self.exemplar, *self.maps)] if self.holds_photo(session) else []
         return session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
 
-    def planned(self, session: Session) -> tuple[tuple[Image, ...], Size, Quality]:
-        """All maps, the size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
+    def planned(self, session: Session) -> tuple[Size, Quality]:
+        """The size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
         maps = self.all_maps()
         self._check(maps)
         size = self.size or Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
@@ -205,7 +214,7 @@ class PatchSynthesis(MaterialOp, InBands):
         quality = Quality.of_copies(self, session, size, tiling, patch=patch, losses=self.finds_losses)
         if self.within is None:
             self._require_memory(size, session)
-        return maps, size, quality
+        return size, quality
 
     @property
     def kept_structure(self) -> float:

@@ -5,16 +5,21 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 from ..core.image import Image, Part
+from ..core.op import Output
 from ..core.parameters import image, param
 from ..deferred import np
+from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
 from ..errors import ParameterError
 from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.large_structures import CONTRAST, fitting_contrast
+from ..exemplar.materials import kinds_of
 from ..exemplar.photo_lattice import STRUCTURE
+from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..regularity.lattice import Lattice
@@ -25,28 +30,41 @@ from .presets import PRESET_HELP, PRESETS, filled
 
 log = logging.getLogger("oiiotex")
 
+SIGMA_SHARE = 8  # of the longer side is sigma: structures up to there are kept
+PAPER_SIGMA_SHARE, PAPER_PATCH = 32, 11
+
 
 @dataclass(frozen=True, kw_only=True)
 class Stationarize(PatchSynthesis):
     """Turn a photo into a texture that tiles without visible repetition.
 
-    Gradients of light, stains and other slow drift repeat visibly when a photo is tiled. This filter synthesizes the
-    photo anew from its own patches while it makes local histograms, or another measure, the same everywhere above a
-    scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017). Every
-    pixel of the result is a copy of one pixel of the photo; with relevel=1 heights are copies plus a constant for each
-    copied piece.
+    Gradients of light and stains repeat visibly when a photo is tiled. They are removed first (`flatten`), as by
+    --texflatten. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
+    kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
+    Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
+    drift is removed, the copy is corrected by a gain and an offset in Lab that vary more slowly than sigma. With
+    relevel=1, heights are copies plus a constant for each copied piece.
     """
 
     name: ClassVar[str] = "stationarize"
+    outputs: ClassVar[tuple[Output, ...]] = (*PatchSynthesis.outputs, DRIFT)
 
     sigmamap: Image | None = image(None, help=SIGMAMAP)
+    flatten: float | None = param(
+        None,
+        ge=0,
+        le=1,
+        help="Share of the photo's gradients and stains that is removed before synthesis, as by --texflatten. 0: every"
+        " pixel is a verbatim copy. Default: 1; 0 with within and for data.",
+    )
+    drift: bool | Path = param(False, help=DRIFT_HELP)
     sigma: float | None = param(
         None,
         ge=0.5,
         le=1e6,
         unit="px",
-        help="scale above which the texture must look the same everywhere; when left out longer side / 32, but"
-        " patch / 4 at least",
+        help=f"Scale in pixels above which the result is statistically uniform; structures below it are kept. Default:"
+        f" longer side / {SIGMA_SHARE}, at least patch / 4.",
     )
     amount: float | None = param(
         None,
@@ -74,10 +92,13 @@ class Stationarize(PatchSynthesis):
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
     paper: bool = param(
         False,
-        help="MJH17 by the letter: target=exemplar:contrast=1:structure=0, no prices of use, no overshoot, and what"
-        " measure=steerable does not see stays; where the paper gives no number (alpha, uniformity) it is ours",
+        help="MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11, a"
+        " pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no"
+        " overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.",
     )
-    PAPER: ClassVar[dict[str, Any]] = {"target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None}
+    PAPER: ClassVar[dict[str, Any]] = {
+        "flatten": 0.0, "target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None, "patch": PAPER_PATCH,
+    }  # fmt: skip
 
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """As all of its kind; a preset first becomes what it stands for."""
@@ -85,6 +106,30 @@ class Stationarize(PatchSynthesis):
             return super().compute(session)
         stages = session.stages()
         return filled(self, next(stages)).compute(next(stages))
+
+    @property
+    def strength(self) -> float:
+        """Share of the drift that is removed."""
+        if self.flatten is not None:
+            return self.flatten
+        colour = kinds_of(self.kinds, 1 + len(self.maps), self.data)[0] == "colour"
+        return 1.0 if colour and self.within is None else 0.0
+
+    def flattened(self, session: Session) -> tuple[Stationarize, dict[str, Part]]:
+        """The same with a photo whose drift is removed, and the correction."""
+        part = self.exemplar.first
+        if self.strength == 0:
+            return self, {"drift": correction_part(None, part)}
+        allowed = self._allowed()
+        flat, drift = session.resources.remembered(
+            ("flattened", id(part), self.strength, None if allowed is None else hash_of(allowed)),
+            lambda: Flattening(amount=self.strength).of(
+                self.flag(), self.exemplar, self.working_space, session, allowed
+            ),
+            part,
+        )
+        exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
+        return replace(self, exemplar=exemplar, flatten=0.0), {"drift": drift}
 
     @property
     def kept_structure(self) -> float:
@@ -100,7 +145,8 @@ class Stationarize(PatchSynthesis):
         """MJH17 by the measure that was asked for."""
         order = order_of(self.measure, self.order)
         # far below the size of a patch a projection takes from small tiles what no patch can give back
-        sigma = self.sigma or max(max(width, height) / 32, (self.patch or PATCH) / 4)
+        share = PAPER_SIGMA_SHARE if self.paper else SIGMA_SHARE
+        sigma = self.sigma or max(max(width, height) / share, (self.patch or PATCH) / 4)
         contrast = self.contrast if self.contrast is not None else CONTRAST if self.within is None else 0.0
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         # what is made anew within a photo goes with its surroundings, be they flat

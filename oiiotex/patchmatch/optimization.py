@@ -50,7 +50,7 @@ from .memory import ExemplarHeld, level_sigmas, plan_memory
 from .recipe import Recipe, geometry_at, level_scales
 from .use_prices import Lost, UsePrices, lost_texture
 
-FINE_ITERATIONS = 3  # on every finer level (section 4.2: 2 or 3)
+FINE_ITERATIONS, PAPER_FINE_ITERATIONS = 1, 3  # on every finer level: the coarsest has decided; section 4.2: 2 or 3
 COARSE_PASSES, FINE_PASSES, LAST_PASSES = 2, 1, 3  # of PatchMatch: on the coarsest level, finer ones, at the very end
 FINE_SEARCHES = 3  # on finer levels the coarsest has found where to look, and wide windows find nothing better
 OVERSHOOT = 1.2
@@ -113,11 +113,12 @@ def synthesize(
     DeviceError
         It does not fit the budget.
     """
-    scales = level_scales(recipe.width, recipe.height, recipe.coarsest)
+    scales = level_scales(recipe, exemplar.shape)
     geometries = [geometry_at(recipe, exemplar.shape, scale) for scale in scales]
     start = first_level(allowed, geometries, ruled_out)
     scales, geometries = scales[start:], geometries[start:]
-    schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * FINE_ITERATIONS for _ in scales[1:])]
+    fine = PAPER_FINE_ITERATIONS if recipe.literal else FINE_ITERATIONS
+    schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
     schedule[-1][-1] = LAST_PASSES
     total = sum(map(len, schedule))
     iteration, field, coarser, fixed = 0, None, None, constraints.fixed

@@ -13,7 +13,9 @@ from ..regularity.offset_prices import InStep
 from .field import Geometry
 
 SCALE = 1.3  # between pyramid levels (MJH17 section 4.2)
-COARSEST = 64  # px: the top level is a quarter of the tile, but its shorter side not less than this (section 4.2)
+COARSEST = 40  # px: longer side of the exemplar on the coarsest level, where a patch spans a third of it
+ROOM = 2  # patches along the shorter side of exemplar and tile there, at least
+PAPER_COARSEST, PAPER_SHARE = 64, 0.25  # the paper's: a quarter of the tile, 64 px of its shorter side at least (4.2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +38,6 @@ class Recipe(Domain):
     flat : bool
         Match to the projected exemplar with constant weight; else to the exemplar with a weight that fades to 0 over
         the coarsest level, as in the paper.
-    coarsest : float
-        Scale of the coarsest level at least; the paper's 1/4.
     measure : str
         What must look the same everywhere: histogram, moments or steerable (MJH17 section 3).
     order : int
@@ -47,8 +47,8 @@ class Recipe(Domain):
     in_step : InStep or None
         The lattice of the exemplar that the result keeps.
     literal : bool
-        Projections and searches are the paper's: no overshoot, all windows on all levels, and of steerable responses
-        what no filter sees stays as it is.
+        Levels, iterations, projections and searches are the paper's: it starts at a quarter of the tile, no overshoot,
+        all windows on all levels, and of steerable responses what no filter sees stays as it is.
     """
 
     sigma: float | None
@@ -58,7 +58,6 @@ class Recipe(Domain):
     uniformity: float
     contrast: float
     flat: bool
-    coarsest: float = 0.25
     measure: str = "histogram"
     order: int = 2
     complete: bool = False
@@ -70,9 +69,24 @@ class Recipe(Domain):
         return self.contrast if self.flat else self.contrast * max(0.0, 1.0 - iteration / self.iterations)
 
 
-def level_scales(width: int, height: int, least: float = 0.25) -> list[float]:
-    """Scales of the pyramid levels relative to the tile, coarse to fine, about SCALE apart; the last is 1."""
-    coarsest = min(1.0, max(least, COARSEST / min(width, height)))
+def level_scales(recipe: Recipe, shape: tuple[int, ...]) -> list[float]:
+    """Scales of the pyramid's levels, coarse to fine, about SCALE apart; the last is 1.
+
+    The layout is decided where a patch spans a third of the photo, whatever its resolution: the same photo gives
+    tiles of one look at any size. The paper's quarter of the tile (section 4.2) makes patches smaller than stones or
+    boards of a photo of 1024 px, and these break.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    shape : (height, width, ...)
+        Of the exemplar.
+    """
+    if recipe.literal:
+        coarsest = max(PAPER_SHARE, PAPER_COARSEST / min(recipe.size))
+    else:
+        coarsest = max(COARSEST / max(shape[:2]), ROOM * recipe.patch / min(*recipe.size, *shape[:2]))
+    coarsest = min(1.0, coarsest)
     steps = math.ceil(math.log(1.0 / coarsest) / math.log(SCALE) - 0.5)
     return [coarsest ** (1.0 - level / steps) for level in range(steps)] + [1.0]
 

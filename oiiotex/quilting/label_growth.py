@@ -23,7 +23,6 @@ CELLS = 4  # along the scale of a label map
 _LEAST, _MOST = 24, 192  # cells along the found map's shorter side
 _PATCHES = (11, 9, 7, 5)
 _UNIFORMITY = 0.3  # strong: shares matter more here than the coherence of single borders
-PATCHES_ACROSS = 3  # of the found map on the coarsest level, at least
 _ITERATIONS = 20
 _SIDE = 100.0  # of the cube of colours, Lab units
 
@@ -129,13 +128,11 @@ def grow_labels(
         progress(steps, total * tries)
 
     patch = _patch(cells.shape, allowed, (height, width))
-    # where the map is hardly larger than a patch there is nothing to choose from
-    coarsest = min(1.0, PATCHES_ACROSS * patch / min(cells.shape))
     for attempt in range(tries):
         recipe = Recipe(
             width, height, *domain.wraps, sigma=None, patch=patch, iterations=_ITERATIONS,
             seed=(seed + 0x9E3779B1 * attempt) & 0xFFFFFFFF, uniformity=_UNIFORMITY,
-            contrast=1.0, flat=False, coarsest=max(0.25, coarsest),
+            contrast=1.0, flat=False, literal=True,
         )  # fmt: skip
         mask = None if allowed.all() else allowed
         synthesis = synthesize(device, values, mask, recipe, budget, counted, "cells without a label")

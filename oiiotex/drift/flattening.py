@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An image without its drift, and the correction that was applied to it, as parts."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+from ..color.lab import lens_of
+from ..core.access import mapped
+from ..core.image import Image, Part, spec_beside
+from ..core.op import Kind, Output, Space
+from ..core.window import Window
+from ..deferred import np
+from ..session import Session
+from ..stationarity.grid_statistics import MARGIN
+from .drift_field import Correction, correction, default_radius, drift_of
+
+log = logging.getLogger("oiiotex")
+
+DRIFT = Output(
+    "drift",
+    Kind.MEASURE,
+    "the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b",
+    asked_by="drift",
+)
+DRIFT_HELP = "1: the correction as part 'drift' of the result; a file name: there. Default: 0."
+_CENTER = (50.0, 0.0, 0.0)  # of Lab; data are scaled to 0 .. 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flattening:
+    """How drift is removed.
+
+    Attributes
+    ----------
+    radius : float or None
+        Of the disc, px. None: `default_radius`.
+    amount : float
+        Share of the drift that is removed, 0 to 1.
+    contrast : float
+        Share of the variation in local contrast that is removed, 0 to 1.
+    centered : bool
+        The overall level becomes middle gray; else it is kept.
+    wraps : (bool, bool)
+        The image is a torus along y, along x.
+    """
+
+    radius: float | None = None
+    amount: float = 1.0
+    contrast: float = 1.0
+    centered: bool = False
+    wraps: tuple[bool, bool] = (False, False)
+
+    def of(
+        self, flag: str, source: Image, space: Space, session: Session, usable: np.ndarray | None = None
+    ) -> tuple[Part, Part]:
+        """The first part of an image without its drift, in its own color space and type, and the correction.
+
+        Parameters
+        ----------
+        flag : str
+            Of the op, for the log.
+        source : Image
+        space : Space
+            That the op works in.
+        session : Session
+        usable : (height, width) bool, optional
+            Pixels that the field is measured on. Default: all with alpha.
+
+        Raises
+        ------
+        ImageError
+            NaN or Inf, or the field does not fit the budget.
+        """
+        part, change = source.first, None
+        lens = lens_of(source, session, space)
+        radius = self.radius or default_radius(part.window)
+        drift = None if self.amount == 0 else drift_of(source, lens, radius, session, self.wraps, usable)
+        if drift is None:  # nothing to see, or nothing to do: not even rounding
+            return part, correction_part(None, part)
+        center = np.array(_CENTER if lens.space is not None else _CENTER[:1] * 3)[: lens.count]
+        target = center if self.centered else drift.overall_level
+        change = correction(drift, self.amount, self.contrast, target)
+        away = np.abs(drift.level[MARGIN:-MARGIN, MARGIN:-MARGIN] - drift.overall_level).max((0, 1))
+        shown = ", ".join(f"{v:.1f}" for v in away)
+        log.info("%s: local levels differ from the overall one by up to %s (radius %g px)", flag, shown, radius)
+
+        def work(rows: np.ndarray, window: Window) -> np.ndarray:
+            values, opaque = lens.values(rows)
+            change.apply(values, window)
+            return lens.replaced(rows, values, opaque)
+
+        return mapped(part, work, session), correction_part(change, part)
+
+
+def correction_part(change: Correction | None, part: Part) -> Part:
+    """A correction as an image over `part`: gains, then offsets; None: gain 1 and offset 0."""
+    names = tuple(f"{kind}.{channel}" for kind in ("gain", "offset") for channel in "Lab")
+
+    def fetch(window: Window) -> np.ndarray:
+        if change is None:
+            return np.broadcast_to(np.repeat(np.float32([1, 0]), 3), (window.height, window.width, 6)).copy()
+        return change.field.values(window)[..., [0, 1, 2, 4, 5, 6]]
+
+    return Part("drift", spec_beside(part.spec, names), fetch, ready=True)
