@@ -24,7 +24,8 @@ from ..stationarity.grid_statistics import MARGIN, Cells, Surface, close_margins
 
 _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
-DEFAULT_RADIUS = 0.15  # of the longer side
+DEFAULT_RADIUS = 0.2  # of the longer side: less removes the texture's own variation at 1/24 of it
+_PLANE = 2.0  # radii is the sigma that planes are fitted with
 _AT_ONCE = 1 << 18  # values of discs that are sorted together
 _PLANES = 20  # of all places that lie between the sums and what is made of them, at most
 _LARGEST_CELL = 512  # px; how many values can lie in a cell is bounded by it
@@ -154,7 +155,7 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float) -> Drift
     torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # has no margin of its own
     sums, level, contrast = (scratch[name][torus] for name in ("sums", "level", "contrast"))
     number, count = sums[..., 0], level.shape[-1]
-    fit = _LocalFit(number, *(smoothing_taps(radius, step) for step in cells.steps), wraps)
+    fit = _LocalFit(number, *(smoothing_taps(_PLANE * radius, step) for step in cells.steps), wraps)
     disc, safe = _Disc(number > 0, [radius / step for step in cells.steps], wraps), np.maximum(number, 1.0)
     inside = number > 0
     for c in range(count):

@@ -17,6 +17,7 @@ from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..io.row_store import RowStore
+from ..regularity.offset_prices import Prices
 
 BAND = 128  # rows of a field worked on at a time
 
@@ -253,10 +254,12 @@ def upsample_field(
     allowed: np.ndarray,
     seed: int,
     out: np.ndarray | RowStore | None = None,
+    in_step: Prices | None = None,
 ) -> SourceMap:
     """A field carried to the next finer level.
 
-    Patch centres are scaled; the offset inside a coarse pixel is kept, so that neighbours stay coherent.
+    Patch centres are scaled; the offset inside a coarse pixel is kept, so that neighbours stay coherent. Coarse levels
+    do not resolve a fine lattice: as soon as it is seen, matches move to the nearest place that is in step with it.
 
     Parameters
     ----------
@@ -269,6 +272,8 @@ def upsample_field(
     seed : int
     out : (fine.rows, fine.columns) uint32 or None
         As of `random_field`.
+    in_step : Prices or None
+        Of the lattice that is kept, on the finer level.
     """
 
     def axis(n: int, from_n: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:
@@ -288,6 +293,9 @@ def upsample_field(
         y, x = field[first : last + 1][from_y[band] - first][:, from_x].yx
         y = np.floor((y + half + 0.5) * ratio_y + rest_y[band, None]).astype(np.int64) - half
         x = np.floor((x + half + 0.5) * ratio_x + rest_x[None, :]).astype(np.int64) - half
+        if in_step is not None and in_step.resolved:
+            rows = np.arange(begin, begin + len(y))[:, None]
+            x, y = in_step.nearest_in_step(np.arange(fine.columns)[None, :], rows, x, y)
         y, x = np.clip(y, 0, fine.exemplar_rows - 1), np.clip(x, 0, fine.exemplar_columns - 1)
         finer[band] = SourceMap.of(y, x).packed
     return only_allowed(SourceMap(finer), allowed, seed, fine.width)

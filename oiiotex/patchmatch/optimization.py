@@ -139,6 +139,12 @@ def synthesize(
             image = grid_image(exemplar, allowed, geometry, plan.exemplar_whole)
             patches = allowed_patches(usable, geometry)
             weights = constraints.patch_weights(patches, geometry)
+            variance = variance_of(image, usable)
+            in_step = None
+            if recipe.in_step is not None:
+                own_scale = e_size[0] / exemplar.shape[1], e_size[1] / exemplar.shape[0]
+                target_scale = geometry.width / recipe.width, geometry.height / recipe.height
+                in_step = recipe.in_step.prices(own_scale, target_scale, geometry.patch, variance)
             rows = LevelRows(device, buffers, geometry, plan.stores)
             place = rows.field.store
             if level == there:
@@ -152,17 +158,11 @@ def synthesize(
                 if fixed is not None:
                     field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
             else:
-                field = upsample_field(field, coarser, geometry, patches, recipe.seed, place)
+                field = upsample_field(field, coarser, geometry, patches, recipe.seed, place, in_step)
             searches = SEARCHES if iteration == 0 or recipe.literal else FINE_SEARCHES
-            variance = variance_of(image, usable)
             prices = None
             if recipe.complete:
                 prices = UsePrices(device, buffers, geometry, image, patches, scale, variance, iteration == 0)
-            in_step = None
-            if recipe.in_step is not None:
-                own_scale = e_size[0] / exemplar.shape[1], e_size[1] / exemplar.shape[0]
-                target_scale = geometry.width / recipe.width, geometry.height / recipe.height
-                in_step = recipe.in_step.prices(own_scale, target_scale, geometry.patch, variance)
             e_rows = ExemplarRows(device, buffers, geometry, image, patches, None if weights is None else 1 / weights)
             matcher = Matcher(
                 device, buffers, geometry, image, patches, field, recipe.uniformity, recipe.seed, searches, usable,

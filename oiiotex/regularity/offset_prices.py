@@ -20,6 +20,7 @@ from .lattice import Lattice
 
 BITS = 6  # cl/lattice.h, PHASE_BITS
 MOST = 100_000_000  # of a price
+RESOLVED = 3.0  # px between equal things: what is finer is not seen
 STRENGTH = 2.0  # what is least in step costs so many patch variances at structure 1
 
 
@@ -33,10 +34,38 @@ class Prices:
         Of u and v, in cycles / 2^32: per pixel of the exemplar along x, y, then of the target, then at the corner.
     table : (2^BITS, 2^BITS) int32
         Over v and u; of stripes all rows are alike.
+    vectors : (rank, 2) float64
+        Of the exemplar's lattice there, px; x and y.
     """
 
     phases: np.ndarray
     table: np.ndarray
+    vectors: np.ndarray
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the level has pixels enough to show the lattice."""
+        return float(np.linalg.norm(self.vectors, axis=1).min()) >= RESOLVED
+
+    def nearest_in_step(
+        self, x: np.ndarray, y: np.ndarray, own_x: np.ndarray, own_y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The columns and rows of the exemplar nearest to (own_x, own_y) that are in step with (x, y), to a pixel.
+
+        Parameters
+        ----------
+        x, y : array of int64
+            Of the result.
+        own_x, own_y : array of int64
+            Of the exemplar, of one shape; x and y are of shapes that go with it.
+        """
+        p, half_a_bin = self.phases.astype(np.int64), 1 << (31 - BITS)
+        move_x, move_y = np.zeros(own_x.shape), np.zeros(own_x.shape)
+        for n, (step_x, step_y) in zip((0, 2), self.vectors, strict=False):
+            cycles = p[n] * own_x + p[n + 1] * own_y - p[n + 4] * x - p[n + 5] * y + p[8 + n // 2] - half_a_bin
+            away = ((cycles + (1 << 31)) % (1 << 32) - (1 << 31)) / 2.0**32
+            move_x, move_y = move_x - away * step_x, move_y - away * step_y
+        return own_x + np.rint(move_x).astype(np.int64), own_y + np.rint(move_y).astype(np.int64)
 
     def at(self, x: int, y: int, own_x: np.ndarray, own_y: np.ndarray) -> np.ndarray:
         """Of copying to (x, y) from columns and rows of the exemplar, (rows, columns) int32; as cl/lattice.h has it."""
@@ -85,7 +114,8 @@ class InStep:
         variance : float
             Of the exemplar's pixels there, summed over channels.
         """
-        return Prices(self.phases(own_scale, scale, patch), self.table(self.most(patch**2 * variance)))
+        table = self.table(self.most(patch**2 * variance))
+        return Prices(self.phases(own_scale, scale, patch), table, self.lattice.vectors() * own_scale)
 
     def most(self, variance: float) -> float:
         """The price of what is least in step, beside sums of squares whose variance is that."""
