@@ -146,7 +146,7 @@ class PatchSynthesis(MaterialOp, InBands):
             given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints, keeper
             synthesis = synthesize(session.device, *given, look=look)
             if synthesis.lost is not None:
-                say_what_was_lost(self.flag(), synthesis.lost, self.contrast is None and recipe.contrast == 0)
+                say_what_was_lost(self.flag(), synthesis.lost)
             return synthesis
 
         constraints = Constraints(weight=weight, sigmas=sigmas)

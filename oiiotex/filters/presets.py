@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.image import Image
 from ..core.op import Op
-from ..exemplar.large_structures import CONTRAST
 from ..session import Session
 from .dominant import Dominant
 
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 EVEN, CLEAN, KEEP = PRESETS = "even", "clean", "keep"
+CONTRAST = 0.7  # how strongly the histogram is held
 LARGE_PATCH = 21  # px
 LARGE_SIGMA = 8  # times it is the longer side
 PRESET_HELP = (

@@ -16,7 +16,6 @@ from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
 from ..errors import ParameterError
 from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_op import ExemplarPixels
-from ..exemplar.large_structures import CONTRAST, fitting_contrast
 from ..exemplar.materials import kinds_of
 from ..exemplar.photo_lattice import STRUCTURE
 from ..io.disk_cache import hash_of
@@ -26,7 +25,7 @@ from ..regularity.lattice import Lattice
 from ..session import Session
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .patch_synthesis import PATCH, PatchSynthesis
-from .presets import PRESET_HELP, PRESETS, filled
+from .presets import CONTRAST, PRESET_HELP, PRESETS, filled
 
 log = logging.getLogger("oiiotex")
 
@@ -76,8 +75,8 @@ class Stationarize(PatchSynthesis):
         None,
         ge=0,
         le=1,
-        help="how strongly the overall histogram is held to the target's; 0: not at all, with within the default;"
-        " when left out 0.7, but 0 where it would spread structures that stand out of the photo's texture",
+        help=f"How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows in"
+        f" a wall, may vanish. Default: {CONTRAST}; 0 with within.",
     )
     target: str = param(
         "flat",
@@ -159,9 +158,7 @@ class Stationarize(PatchSynthesis):
         return self.within is None and self.variants == 1 and not self.paper
 
     def controlled(self, recipe: Recipe, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> Recipe:
-        """With the contrast that fits the photo, and the sigma of `amount` (MJH17 section 4.4)."""
-        if self.contrast is None and self.within is None:
-            recipe = replace(recipe, contrast=self.fitting_contrast(seen, lattice, session))
+        """With the sigma of `amount` (MJH17 section 4.4)."""
         if self.amount is None:
             return recipe
         if self.sigma is not None:
@@ -171,12 +168,6 @@ class Stationarize(PatchSynthesis):
         sigma = scale.sigma_at(self.amount)
         log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
         return replace(recipe, sigma=sigma)
-
-    def fitting_contrast(self, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> float:
-        """The contrast where it is left out; a lattice that is kept is no structure that is spread."""
-        if lattice is not None:
-            return CONTRAST
-        return seen.remembered(session, fitting_contrast, self.flag(), session)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """From sigmamap."""

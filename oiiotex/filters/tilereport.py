@@ -80,7 +80,7 @@ def regularity_of(photo: np.ndarray, source: SourceMap, recipe: Recipe) -> dict[
     }
 
 
-def say_what_was_lost(flag: str, lost: Lost, left_out: bool) -> None:
+def say_what_was_lost(flag: str, lost: Lost) -> None:
     """Log how much of a photo's texture its tile lacks, and warn where that is much.
 
     Parameters
@@ -88,8 +88,6 @@ def say_what_was_lost(flag: str, lost: Lost, left_out: bool) -> None:
     flag : str
         Of the op.
     lost : Lost
-    left_out : bool
-        Structures beside the photo's main texture were to be left out, and may be what is lost.
 
     Raises
     ------
@@ -99,9 +97,6 @@ def say_what_was_lost(flag: str, lost: Lost, left_out: bool) -> None:
     shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
     log.info("%s: %s; the rest is flat (an eighth as active as texture, or less)", flag, shares)
     if lost.share <= _MUCH:
-        return
-    if left_out:
-        log.warning("%s: %s: structures are left out: contrast=0.7 spreads them, preset=keep keeps them", flag, shares)
         return
     if lost.own >= 1 - _MUCH:  # no flat part is to blame
         log.warning("%s: texture is lost: %s: more iterations= keep more", flag, shares)

@@ -25,23 +25,24 @@ def _fast_length(n: int) -> int:
         n += 1
 
 
-def _blurred(planes: np.ndarray, sigma: float) -> np.ndarray:
-    """(height, width, n) planes through a Gaussian; beyond the border lies 0."""
+def blurred(planes: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False, False)) -> np.ndarray:
+    """(height, width, n) planes through a Gaussian; 0 lies beyond the border of an axis, y or x, that does not wrap."""
     taps = gaussian_taps(sigma, 3.0)
     radius = len(taps) // 2
-    for axis in (0, 1):
+    for axis, around in enumerate(wraps):
         n = planes.shape[axis]
-        length = _fast_length(n + len(taps))
-        kernel = np.expand_dims(np.fft.rfft(taps, length), (1 - axis, 2))
+        length = n if around else _fast_length(n + len(taps))
+        own = np.bincount((np.arange(len(taps)) - radius) % n, taps, n) if around else taps
+        kernel = np.expand_dims(np.fft.rfft(own, length), (1 - axis, 2))
         wide = np.fft.irfft(np.fft.rfft(planes, length, axis=axis) * kernel, length, axis=axis)
-        planes = np.take(wide, np.arange(radius, radius + n), axis=axis)
+        planes = wide if around else np.take(wide, np.arange(radius, radius + n), axis=axis)
     return planes
 
 
-def high_passed(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
+def high_passed(values: np.ndarray, usable: np.ndarray, wraps: tuple[bool, bool] = (False, False)) -> np.ndarray:
     """Values less their Gaussian mean over usable pixels, 0 where nothing is usable: (height, width, n) float64."""
     weight = usable[..., None].astype(np.float64)
-    both = _blurred(np.concatenate([values * weight, weight], -1), SLOW * max(usable.shape))
+    both = blurred(np.concatenate([values * weight, weight], -1), SLOW * max(usable.shape), wraps)
     return (values - both[..., :-1] / np.maximum(both[..., -1:], 1e-6)) * weight
 
 
