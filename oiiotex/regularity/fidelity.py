@@ -21,7 +21,8 @@ SCALES = 96, 48, 24  # sigmas of the bands are the longer side over these
 ENOUGH = 0.8  # of a band's energy, or its inverse: another piece of one texture has as little
 ALIKE = 0.7  # the same of two autocorrelations
 GOOD = 0.8  # a result below is tried again, warned about, or sent to review
-_SHAPES = 6  # the longer side over this is how far shapes are compared
+_NEAR, _FAR = 1 / 6, 0.4  # of the longer side: up to there shapes are compared, and long lines from there to here
+_ORDER = 1.5  # times what chance gives a texture of such shapes: with more, the photo has long lines or a lattice
 _MOST = 2 * SIDE  # px of a result that is looked at, in its middle
 _COLORS = 8  # quantiles of a channel
 
@@ -37,12 +38,16 @@ class Fidelity:
         crushed, above 1 there are blotches.
     shapes : float
         1 less the difference of the autocorrelations, as a share of the photo's.
+    lines : float
+        Share of the photo's correlation over long distances (lines, courses, lattices) that the result has; 1 where
+        the photo has no more of it than chance gives.
     missing : float
         Share of the photo's colors that the result lacks, 0 to 1.
     """
 
     bands: tuple[float, ...]
     shapes: float
+    lines: float
     missing: float
 
     @property
@@ -53,8 +58,8 @@ class Fidelity:
     @property
     def value(self) -> float:
         """The fidelity, 0 to 1, to three digits: last bits decide nothing."""
-        shapes = min(1.0, max(0.0, self.shapes) / ALIKE)
-        return round(float(np.sqrt(self.texture * shapes * (1.0 - self.missing))), 3)
+        shapes, lines = (min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
+        return round(float(np.sqrt(self.texture * shapes * lines * (1.0 - self.missing))), 3)
 
     def __str__(self) -> str:
         """One sentence for people."""
@@ -64,6 +69,8 @@ class Fidelity:
             said = f"{100 * (1 - coarse):.0f} % of the coarse structure is lost" if coarse < 1 else "blotches were added"
         if self.shapes < GOOD * ALIKE:
             said += ", shapes are broken"
+        if self.lines < ALIKE:
+            said += ", long lines are broken"
         return f"fidelity {self.value:.2f}: {said}; {100 * self.missing:.0f} % of the colors are missing"
 
 
@@ -96,13 +103,10 @@ def fidelity(
     bands = tuple(
         _energy(after, everywhere, longer / k, wraps) / max(_energy(before, seen, longer / k), 1e-6) for k in SCALES
     )
-    of_photo = _near(autocorrelation(before, seen), longer)
-    torus = all(wraps)
-    of_result = _near(wrapped_autocorrelation(lab) if torus else autocorrelation(after, everywhere), longer)
-    count = min(len(of_photo), len(of_result)) // 2
-    a, b = (ncc[len(ncc) // 2 - count : len(ncc) // 2 + count + 1] for ncc in (of_photo, of_result))
-    shapes = 1.0 - float(np.sqrt(((a - b) ** 2).sum() / max(float((a**2).sum()), 1e-12)))
-    return Fidelity(bands, shapes, _missing(own[seen], lab[everywhere]))
+    of_photo = autocorrelation(before, seen)
+    of_result = wrapped_autocorrelation(lab) if all(wraps) else autocorrelation(after, everywhere)
+    shapes, lines = _compared(of_photo, of_result, longer)
+    return Fidelity(bands, shapes, lines, _missing(own[seen], lab[everywhere]))
 
 
 def _reduced(values: SomeRows, usable: np.ndarray | None, factor: float) -> tuple[np.ndarray, np.ndarray]:
@@ -121,12 +125,25 @@ def _energy(texture: np.ndarray, seen: np.ndarray, sigma: float, wraps: tuple[bo
     return float(np.sqrt((blurred(texture, sigma, wraps)[seen] ** 2).sum(-1).mean()))
 
 
-def _near(alike: Autocorrelation, longer: int) -> np.ndarray:
-    """The autocorrelation up to that distance, without offset 0, in a fixed order whatever the image's size."""
-    x, y = alike.offsets()
-    reach = longer / _SHAPES
-    inside = (x * x + y * y <= reach * reach) & ((x != 0) | (y != 0))
-    return alike.ncc[inside]
+def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> tuple[float, float]:
+    """How alike shapes are, and how much of the correlation over long distances is kept."""
+    x, y = (min(pair) for pair in zip(photo.reach, result.reach, strict=True))
+    a, b, weight = (
+        plane[one.reach[1] - y : one.reach[1] + y + 1, one.reach[0] - x : one.reach[0] + x + 1]
+        for plane, one in ((photo.ncc, photo), (result.ncc, result), (photo.weight, photo))
+    )
+    distance = np.hypot(*np.meshgrid(np.arange(-x, x + 1), np.arange(-y, y + 1)))
+    near = (distance > 0) & (distance <= _NEAR * longer)
+    far = (distance > _NEAR * longer) & (distance <= _FAR * longer) & (weight > 0)
+    energy = float((a[near] ** 2).sum())
+    shapes = 1.0 - float(np.sqrt(((a - b)[near] ** 2).sum() / max(energy, 1e-12)))
+    if not far.any():
+        return shapes, 1.0
+    own = float((a[far] ** 2).mean())
+    # two independent pieces of a texture correlate by chance as its correlation length allows
+    if own <= _ORDER * (1.0 + energy) / float(weight[far].mean()):
+        return shapes, 1.0
+    return shapes, float((a * b)[far].mean()) / own
 
 
 def _missing(photo: np.ndarray, result: np.ndarray) -> float:
