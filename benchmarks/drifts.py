@@ -8,6 +8,7 @@ texture, and none of the drift. All is measured in CIE Lab. L is the longer side
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -62,7 +63,7 @@ def textures(half: str | None = None) -> list[Path]:
 
 
 def square(path: Path, side: int, enlarged: bool = False) -> np.ndarray | None:
-    """The middle square of a photo at that side, (side, side, 3) uint8; None if the photo is smaller, unless enlarged."""
+    """The middle square of a photo at that side, (side, side, 3) uint8; None of a smaller photo, unless enlarged."""
     photo = oiio.ImageBuf(str(path))
     spec = photo.spec()
     least = min(spec.width, spec.height)
@@ -111,7 +112,10 @@ def drifted(clean: np.ndarray, name: str) -> np.ndarray:
     for add in DRIFTS[name]:
         add(lab, x / lab.shape[1], y / lab.shape[0])
     lab[..., 0] = np.clip(lab[..., 0], 1, 99)
-    return np.rint(255 * np.clip(color.lab2rgb(lab), 0, 1)).astype(np.uint8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # colors outside of sRGB are clipped, as by a camera
+        rgb = color.lab2rgb(lab)
+    return np.rint(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
 
 
 # --- measures ---

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the first tile keeps of a texture and loses of a drift, where both are known; compared with other ways.
 
-python -m benchmarks.first_tile OUT [--side 320 512 1024] [--photos N] [--ways default keep ...] [--drifts none stain ...]
+python -m benchmarks.first_tile OUT [--side 320 512 1024] [--photos N] [--ways default keep ...] [--drifts none ...]
                                     [--half tune|judge] [--seed 1] [--measure]
 python -m benchmarks.first_tile OUT --scales [--side 512 1024 2048] ...
 
@@ -113,24 +113,25 @@ def ways(session: Session, seed: int) -> dict[str, Way]:
 
 @dataclass(frozen=True)
 class Case:
-    """One tile: of a texture with a drift, at a size, by a way."""
+    """One tile: of a texture with a drift, at a size, by a way, with a seed."""
 
     texture: Path
     side: int
     drift: str
     way: str
+    seed: int = 1
 
     @property
     def stem(self) -> str:
         """Of its files."""
-        return f"{self.texture.stem}_{self.side}_{self.drift}_{self.way}"
+        return f"{self.texture.stem}_{self.side}_{self.drift}_{self.way}_{self.seed}"
 
 
 class Bench:
     """Makes and measures tiles, or takes them from a folder."""
 
     def __init__(self, out: Path, seed: int, again: bool, enlarged: bool):
-        self.out, self._again, self._enlarged = out, again, enlarged
+        self.out, self.seed, self._again, self._enlarged = out, seed, again, enlarged
         self.ways = ways(Session(), seed)
         self.kept = self.new = 0
         self._warm: set[tuple[str, int]] = set()
@@ -205,12 +206,12 @@ def measured(tile: np.ndarray, clean: drifts.Clean, photo: np.ndarray) -> dict:
 
 
 def cell(values: Iterable[float | None], digits: int = 2) -> str:
-    """Mean (minimum to maximum) of what is known."""
+    """Mean (minimum to maximum) of the values that are known."""
     known = [v for v in values if v is not None]
     if not known:
         return ""
     mean, least, most = (f"{v:.{digits}f}" for v in (np.mean(known), min(known), max(known)))
-    return f"{mean} ({least} to {most})"
+    return mean if len(known) == 1 else f"{mean} ({least} to {most})"
 
 
 HEAD = (
@@ -283,7 +284,7 @@ def sheet(bench: Bench, cases: Sequence[Case], path: Path) -> None:
             (f"{texture.stem} {side}"[:30], clean), (drift, drifts.drifted(clean, drift)),
         ]  # fmt: skip
         for way in names:
-            file = bench.out / f"{Case(texture, side, drift, way).stem}.png"
+            file = bench.out / f"{Case(texture, side, drift, way, bench.seed).stem}.png"
             panes.append((way, pixels(oiio.ImageBuf(str(file))) if file.is_file() else None))
         for column, (label, pane) in enumerate(panes):
             left = column * (PANE + 4)
@@ -325,7 +326,7 @@ def main() -> None:
             if bench.clean(texture, side) is None:
                 print(f"SKIPPED: {texture.name} is too small for {side} px", flush=True)
                 continue
-            for case in (Case(texture, side, drift, way) for drift in added for way in names):
+            for case in (Case(texture, side, drift, way, bench.seed) for drift in added for way in names):
                 figures = bench.figures(case)
                 assert figures is not None
                 if "refused" in figures:

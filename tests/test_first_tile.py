@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from skimage import color
 
-color = pytest.importorskip("skimage.color")
-
-from benchmarks import drifts, first_tile  # noqa: E402 - they need scikit-image
+from benchmarks import drifts, first_tile
 
 SIDE = 160
 
