@@ -43,6 +43,13 @@ def test_a_blurred_texture_has_less_energy_and_a_wider_correlation(clean):
     assert found["width"] > 1.3 and found["spread"] < 0.8
 
 
+def test_the_half_width_of_blurred_noise_is_known():
+    noise = np.random.default_rng(2).normal(size=(2 * SIDE, 2 * SIDE, 3))
+    for sigma in (2, 4):  # its autocorrelation is exp(-r^2 / 4 sigma^2)
+        width = drifts.half_width(drifts.blurred(noise, sigma, True), 2 * SIDE, True)
+        assert width == pytest.approx(2 * sigma * np.log(2) ** 0.5, rel=0.05)
+
+
 @pytest.mark.parametrize("name", [name for name, added in drifts.DRIFTS.items() if added])
 def test_a_drift_that_stays_is_not_gone(clean, name):
     photo = drifts.drifted(clean, name)
