@@ -52,13 +52,13 @@ extension:  # of Blender, one zip: docs/hosts.md
 benchmark: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[benchmark]"
 	$(BIN)/python -m benchmarks.speed
-	$(BIN)/python -m benchmarks.gravel
+	$(BIN)/python -m benchmarks.first_tile benchmark-out --side 320 --half tune
 	$(BIN)/python -m benchmarks.chains
 	$(BIN)/python -m benchmarks.textures
 	$(BIN)/python -m pytest benchmarks/test_kernels.py
 
 clean:
-	rm -rf $(VENV) demo-out build *.egg-info
+	rm -rf $(VENV) demo-out benchmark-out build *.egg-info
 
 $(VENV)/checked:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \

@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 
 from oiiotex.stationarity.seam_measures import low_frequency, sharpness, wrap_percentile
 
-__all__ = ["data_folder", "load", "low_frequency", "luma", "sharpness", "wrap_percentile"]
+__all__ = ["data_folder", "load", "low_frequency", "luma", "sharpness", "tile_figures", "wrap_percentile"]
 
 LUMA = np.array([0.299, 0.587, 0.114])
 
@@ -24,6 +24,22 @@ def data_folder() -> Path:
 def luma(rgb: np.ndarray) -> np.ndarray:
     """Rec. 601 luma of 8-bit pixels, 0 to 255."""
     return rgb[..., :3].astype(np.float64) @ LUMA
+
+
+def tile_figures(rgb: np.ndarray, clean: np.ndarray) -> tuple[float, ...]:
+    """(wrap percentile x, y, LowF, sharpness and contrast relative to the clean photo) of 8-bit pixels.
+
+    The clean photo is luma. LowF says how much drift repeats when textures are alike; it is no goal: crushed structure
+    lowers it, too.
+    """
+    gray = luma(rgb)
+    return (
+        wrap_percentile(gray, 1),
+        wrap_percentile(gray, 0),
+        low_frequency(gray),
+        sharpness(gray) / sharpness(clean),
+        float(gray.std() / clean.std()),
+    )
 
 
 def load(path: Path, longer_side: int) -> oiio.ImageBuf:

@@ -22,7 +22,7 @@ from statistics import median
 import numpy as np
 import OpenImageIO as oiio
 
-from benchmarks.gravel import row
+from benchmarks.measures import tile_figures
 from benchmarks.peers import PEERS, Tool, ToolError
 from docs.demo import gravel, save, stained
 from oiiotex.opencl.device import choose
@@ -80,14 +80,14 @@ def print_table(seconds: dict[str, list[float]], photo: Path, folder: Path) -> N
         f"{'tool':24s} {'median s':>8s} {'min .. max':>15s} {'x ours':>7s}"
         f" {'wrap % x':>9s} {'wrap % y':>9s} {'LowF':>6s} {'sharp':>6s} {'contrast':>9s}  size"
     )
-    print(f"{'(the photo)':24s} {'':32s}", NUMBERS.format(*row(pixels(photo), clean)))
+    print(f"{'(the photo)':24s} {'':32s}", NUMBERS.format(*tile_figures(pixels(photo), clean)))
     ours = median(seconds[OURS.name])
     for name, spent in seconds.items():
         made = pixels(folder / f"{name}.png")
         spread = f"{min(spent):.2f} .. {max(spent):.2f}"
         print(
             f"{name:24s} {median(spent):8.2f} {spread:>15s} {median(spent) / ours:7.2f}",
-            NUMBERS.format(*row(made, clean)) + f"  {made.shape[1]}x{made.shape[0]}",
+            NUMBERS.format(*tile_figures(made, clean)) + f"  {made.shape[1]}x{made.shape[0]}",
         )
 
 
