@@ -49,7 +49,9 @@ class Flatten(ScanThenMap):
         help=f"Radius of the disc. Smaller structures are kept. Default: {DEFAULT_RADIUS} x longer side.",
     )
     amount: float = param(1.0, ge=0, le=1, help="Share of the drift that is removed. Default: 1.")
-    contrast: float = param(1.0, ge=0, le=1, help="Share of the variation in local contrast that is removed. Default: 1.")
+    contrast: float = param(
+        1.0, ge=0, le=1, help="Share of the variation in local contrast that is removed. Default: 1."
+    )
     tile: str = param(
         "none",
         choices=("none", "x", "y", "xy"),

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
 from ..color.config import as_float
+from ..color.lab import working_values
 from ..core.access import InBands
 from ..core.attributes import mark_as_data
-from ..core.demand import first_channels, materialized
-from ..core.image import Image, Part, from_pixels
+from ..core.demand import MadeRows, first_channels, materialized
+from ..core.image import Image, Part, channels_of, from_pixels
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
@@ -32,16 +34,26 @@ from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
+from ..regularity.fidelity import GOOD, Fidelity, fidelity
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..session import Session
+from ..stationarity.seam_measures import seam_ratio
 from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality, regularity_of, say_what_was_lost
 
 log = logging.getLogger("oiiotex")
 
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
+_TILES = 1.15  # seam ratio up to which a photo tiles by itself
+_LOOKED_AT = 1 << 24  # pixels of a photo for which that is asked
 _LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
 _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {PATCH} when left out"
+
+
+def chosen(recipe: Recipe) -> str:
+    """What a photo's own line leaves open, spelled out."""
+    sigma = "" if recipe.sigma is None else f"sigma={recipe.sigma:g}:"
+    return f"{sigma}patch={recipe.patch}:contrast={recipe.contrast:g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +90,13 @@ class PatchSynthesis(MaterialOp, InBands):
         le=1,
         help="how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence",
     )
+    reuse: float = param(
+        1.0,
+        ge=0,
+        le=1,
+        help="Weight of the penalty on regions of the photo that are shown more than 2.5 times. 0: none; the result is"
+        " closer to the photo and repeats more. Default: 1.",
+    )
     resume: bool = param(
         False, help="keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there"
     )
@@ -99,6 +118,7 @@ class PatchSynthesis(MaterialOp, InBands):
             iterations=self.iterations,
             seed=self.seed,
             uniformity=self.uniformity,
+            reuse=self.reuse,
             contrast=contrast,
             flat=flat,
         )
@@ -157,32 +177,96 @@ class PatchSynthesis(MaterialOp, InBands):
         def lab() -> np.ndarray:
             return np.ascontiguousarray(first_channels(seen.values, 3)[:])
 
+        def own() -> np.ndarray:
+            return lab() if flat is self else working_values(self.exemplar, session, self.working_space)[0][..., :3]
+
         if self.variants > 1:
-            first, *others = self._variants(parts, recipe, constraints, run, session, quality, lab)
+            first, *others = self._variants(parts, recipe, constraints, run, session, quality, lab, own)
             return first | drift, *others
+        kept = None
         if marked is not None:
             if not marked.any():
                 log.warning("%s: within marks no pixel: the photo stays as it is", self.flag())
             source, lost = remade_source(marked, seen.opaque, recipe, constraints, run), None
         else:
+            self._say_whether_it_tiles()
             synthesis = run(recipe, constraints)
+            with session.stats.time("fidelity"):
+                kept = self._fidelity(seen, synthesis.source, recipe)
+            other = self.second_choice(recipe)
+            if other is not None and kept is not None and kept.value < GOOD:
+                session = next(stages)
+                second = run(other, constraints, session.advance)
+                better = self._fidelity(seen, second.source, other)
+                log.info("%s: %s with %s: tried %s, too", self.flag(), kept, chosen(recipe), chosen(other))
+                if better.value > kept.value:
+                    synthesis, kept, recipe = second, better, other
+                    quality = replace(quality, sigma=recipe.sigma)
             source, lost = synthesis.source, synthesis.lost
+            self._say_fidelity(kept, recipe)
         session.device.collect(session.stats)
         self.say_what_stays()
         tiles = self._tiles(parts, source, session, in_place=marked is not None)
         first, *others = self._with_heights(tiles, source, None if marked is None else ~marked, session)
+        if kept is not None:
+            facts = {"oiiotex:chosen": chosen(recipe), "oiiotex:fidelity": kept.value}
+            first["tile"] = first["tile"].respecced(lambda spec: [spec.attribute(*fact) for fact in facts.items()])
         if session.look is not None:
             session.look(as_float(first["tile"].pixels()), True)
-        more = {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
+        more = {} if kept is None else kept.measures()
+        more |= {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
         if recipe.in_step is not None and quality.is_asked_for:
             more |= regularity_of(lab(), source, recipe)
 
         def looked_at() -> tuple[np.ndarray, list[Look]]:
-            photo = lab()
-            return photo, [Look.of_copies(first["tile"].name, photo, source)]
+            return own(), [Look.of_copies(first["tile"].name, lab(), source)]
 
         first = quality.add_to(first, looked_at, **more) | drift
         return (first, *others) if others else first
+
+    def second_choice(self, recipe: Recipe) -> Recipe | None:
+        """What is tried where the first result is not faithful; None: nothing."""
+        return None
+
+    def _fidelity(self, seen: ExemplarPixels, source: SourceMap, recipe: Recipe) -> Fidelity | None:
+        photo = first_channels(seen.values, 3)
+
+        def rows(first: int, last: int) -> np.ndarray:
+            return source[first:last].gather(photo)
+
+        result = MadeRows((*source.packed.shape, 3), np.float32, rows)
+        return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x))
+
+    def _say_fidelity(self, kept: Fidelity | None, recipe: Recipe) -> None:
+        """One sentence; a warning where the result is not good by the op's own choice."""
+        if kept is None:
+            return
+        log.info("%s: fidelity %.2f with %s", self.flag(), kept.value, chosen(recipe))
+        if kept.value < GOOD and self.judges_itself:
+            log.warning(
+                "%s: %s. The photo may hold too few elements to be a texture: crop it, or try preset=clean or --texcut",
+                self.flag(), kept,
+            )  # fmt: skip
+
+    @property
+    def judges_itself(self) -> bool:
+        """Whether scales were left to the op."""
+        return False
+
+    def _say_whether_it_tiles(self) -> None:
+        """Hint where a photo needs no synthesis."""
+        part = self.exemplar.first
+        if self.tiling != "xy" or self.size is not None or min(part.window.size) < 4 * PATCH:
+            return
+        if math.prod(part.window.size) > _LOOKED_AT:
+            return
+        gray = as_float(part.pixels()[..., list(channels_of(part.spec).colour)]).mean(-1)
+        ratios = [seam_ratio(gray, axis) for axis in (1, 0)]
+        if max(ratios) <= _TILES:
+            text = (
+                "the photo already tiles (seam ratio %.2f along x, %.2f along y): --texflatten:tile=xy keeps it whole"
+            )
+            log.warning("%s: " + text, self.flag(), *ratios)
 
     def flattened(self, session: Session) -> tuple[PatchSynthesis, dict[str, Part]]:
         """The op whose exemplar is what patches are taken from, and what else is made of it."""
@@ -295,7 +379,7 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def _variants(
         self, maps: list[Part], recipe: Recipe, constraints: Constraints, run: Callable[..., Synthesis],
-        session: Session, quality: Quality, lab: Callable[[], np.ndarray],
+        session: Session, quality: Quality, lab: Callable[[], np.ndarray], own: Callable[[], np.ndarray],
     ) -> tuple[dict[str, Part], ...]:  # fmt: skip
         """Tiles with matching edges, each followed by the other maps of its material."""
         runs = runs_for(self.variants)
@@ -324,7 +408,8 @@ class PatchSynthesis(MaterialOp, InBands):
         names = (tile["tile"].name for tile in tiles[:: len(maps)])
 
         def looked_at() -> tuple[np.ndarray, list[Look]]:
-            photo = lab()
-            return photo, (Look.of_copies(name, photo, source) for name, source in zip(names, sources, strict=True))
+            exemplar = lab()
+            looks = (Look.of_copies(name, exemplar, source) for name, source in zip(names, sources, strict=True))
+            return own(), looks
 
         return (quality.add_to(tiles[0], looked_at), *tiles[1:])

@@ -21,11 +21,13 @@ log = logging.getLogger("oiiotex")
 EVEN, CLEAN, KEEP = PRESETS = "even", "clean", "keep"
 CONTRAST = 0.7  # how strongly the histogram is held
 LARGE_PATCH = 21  # px
-LARGE_SIGMA = 8  # times it is the longer side
+KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 4, 32  # of the longer side
+SMALL_PATCH = 11  # px
 PRESET_HELP = (
-    f"a set of modifiers, for those that are left out: even (drift alone goes): contrast={CONTRAST}; clean (objects go,"
-    " too): contrast=0 and the mask that --texdominant makes; keep (structures stay whole): sigma = longer side /"
-    f" {LARGE_SIGMA}, patch={LARGE_PATCH}, contrast={CONTRAST}; -v prints the line that makes the same pixels"
+    f"Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side /"
+    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}; even (structures beyond sigma are evened out, too): sigma = longer side /"
+    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}; clean (objects are removed): as even, with contrast=0 and the mask of"
+    " --texdominant. -v prints the line that makes the same pixels. Default: none of them."
 )
 
 
@@ -42,10 +44,9 @@ def filled(op: Stationarize, session: Session) -> Stationarize:
     chosen: dict[str, Any] = {}
     if op.within is None:
         chosen["contrast"] = 0.0 if op.preset == CLEAN else CONTRAST
-    if op.preset == KEEP:
-        chosen["patch"] = LARGE_PATCH
-        if op.amount is None and op.sigmamap is None:
-            chosen["sigma"] = max(size) / LARGE_SIGMA
+    chosen["patch"], share = (LARGE_PATCH, KEEP_SIGMA_SHARE) if op.preset == KEEP else (SMALL_PATCH, EVEN_SIGMA_SHARE)
+    if op.amount is None and op.sigmamap is None:
+        chosen["sigma"] = max(max(size) / share, (op.patch or chosen["patch"]) / 4)
     plain = replace(op, preset=None, **{name: v for name, v in chosen.items() if getattr(op, name) is None})
     before = ""
     if op.preset == CLEAN and op.mask is None:

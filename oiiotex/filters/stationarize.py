@@ -25,7 +25,7 @@ from ..regularity.lattice import Lattice
 from ..session import Session
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .patch_synthesis import PATCH, PatchSynthesis
-from .presets import CONTRAST, PRESET_HELP, PRESETS, filled
+from .presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
 
 log = logging.getLogger("oiiotex")
 
@@ -168,6 +168,19 @@ class Stationarize(PatchSynthesis):
         sigma = scale.sigma_at(self.amount)
         log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
         return replace(recipe, sigma=sigma)
+
+    @property
+    def judges_itself(self) -> bool:
+        """Where neither sigma nor patch is given, by whatever modifier."""
+        given = self.sigma, self.amount, self.sigmamap, self.patch
+        return not self.paper and all(one is None for one in given)
+
+    def second_choice(self, recipe: Recipe) -> Recipe | None:
+        """Larger structures are kept whole, as by preset=keep."""
+        if not self.judges_itself:
+            return None
+        sigma = max(recipe.size) / KEEP_SIGMA_SHARE
+        return replace(recipe, sigma=sigma, patch=LARGE_PATCH)
 
     def sigmas(self, width: int, height: int) -> np.ndarray | None:
         """From sigmamap."""

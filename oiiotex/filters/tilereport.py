@@ -25,10 +25,11 @@ from ..errors import ImageError, ParameterError
 from ..patchmatch.matcher import match_patches
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import Lost
+from ..regularity.fidelity import Fidelity, fidelity
 from ..regularity.regularity import peaks_over_floor
 from ..session import Session
 from ..stationarity.costs import stationarity_cost, texture_cost
-from ..stationarity.seam_measures import low_frequency, seam_ratio, sharpness, wrap_percentile
+from ..stationarity.seam_measures import seam_ratio, sharpness, wrap_percentile
 from .measures import cost_text
 
 log = logging.getLogger("oiiotex")
@@ -45,8 +46,13 @@ REPORT_MEASURES = {
     "seam_y_photo": "the same of the photo",
     "quieter_x": "per cent of the lines inside that are quieter than the wrap along x; 50 is invisible",
     "quieter_y": "the same along y",
-    "slow": "standard deviation of L blurred with sigma 16 px, Lab: what repeats visibly when it is tiled",
-    "slow_photo": "the same of the photo",
+    "fidelity": "how much it looks like the photo, 0 to 1: root of the product of the five below; good from 0.8 on",
+    "band_96": "energy, over the photo's, of what a Gaussian of the photo's longer side / 96 leaves",
+    "band_48": "the same of longer side / 48",
+    "band_24": "the same of longer side / 24; below 1 structure is crushed, above 1 there are blotches",
+    "shapes": "1 less the difference of the autocorrelations up to 1/6 of the longer side; 0.7 is another piece of it",
+    "lines": "share of the photo's long lines and lattices that is kept; 1 where it has none",
+    "missing": "share of the photo's colors that it lacks",
     "loss": "share of the photo's sharpness, mean |L - blurred L|, that is gone; below 0: it is sharper",
     "copied": "share of the pixels that lie in verbatim copies of 8x8 px",
     "shown": "how often the most repeated region of 32x32 px of the photo is shown",
@@ -127,17 +133,20 @@ class Look:
     name : str
     lab : (height, width, 3) float32
     source : SourceMap or None
-        Of the photo, where its pixels are copies.
+        Of the exemplar, where its pixels are copies.
+    exemplar : (height, width, 3) float32, optional
+        What the result is made from, where that is not the photo itself but the photo without its drift.
     """
 
     name: str
     lab: np.ndarray
     source: SourceMap | None = None
+    exemplar: np.ndarray | None = None
 
     @classmethod
-    def of_copies(cls, name: str, photo: np.ndarray, source: SourceMap) -> Look:
-        """A result that is made of those pixels of the photo."""
-        return cls(name, source.gather(photo), source)
+    def of_copies(cls, name: str, exemplar: np.ndarray, source: SourceMap) -> Look:
+        """A result that is made of those pixels of the exemplar."""
+        return cls(name, source.gather(exemplar), source, exemplar)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,11 +310,13 @@ class Quality:
                 measures[f"quieter_{letter}"] = wrap_percentile(light, axis)
         if any(self.wrap):
             measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)
-        measures |= {"slow_photo": low_frequency(before), "slow": low_frequency(light)}
-        measures["loss"] = 1.0 - sharpness(light) / max(sharpness(before), 1e-12)
+        exemplar = photo if look.exemplar is None else look.exemplar
+        measures["loss"] = 1.0 - sharpness(light) / max(sharpness(exemplar[..., 0]), 1e-12)
+        kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
+        measures |= {} if kept is None else kept.measures()
         if look.source is not None:
             self.session.advance(1, 1)
-            measures |= self._of_copies(photo, look)
+            measures |= self._of_copies(exemplar, look)
         return measures
 
     def _of_copies(self, photo: np.ndarray, look: Look) -> dict[str, float]:
@@ -358,6 +369,8 @@ class Quality:
         """The measures for people."""
         for result in report["results"]:
             m, side = result["measures"], max(result["width"], result["height"])
+            if "fidelity" in m:
+                yield str(Fidelity.of_measures(m))
             cost = cost_text(m["cost"], self.measure, self.order, m["cost_photo"])
             yield f"{cost} at sigma {self.sigma or side / 32:g} px"
             if "texture" in m:
@@ -367,8 +380,6 @@ class Quality:
                 if f"seam_{axis}" in m:
                     change = f"{m[f'seam_{axis}_photo']:.2f} -> {m[f'seam_{axis}']:.2f} (1 is invisible)"
                     yield f"seam ratio {axis} {change}; {m[f'quieter_{axis}']:.0f} % of the lines inside are quieter"
-            slow = f"{m['slow_photo']:.2f} -> {m['slow']:.2f} Lab (L blurred with sigma 16 px)"
-            yield f"low-frequency energy {slow}"
             yield f"sharpness loss {100 * m['loss']:.1f} % (mean |L - blurred L|, negative: sharper than the photo)"
             if "regular" in m:
                 change = f"{m['regular_photo']:.2f} -> {m['regular']:.2f}"

@@ -18,7 +18,7 @@ from .catalogue import Asset, Catalogue
 
 FILE = "report.html"
 _MOST = 1000
-_COLUMNS = ("seam", "repeat", "loss", "slow", "regular", "normal_length", "height_steps")
+_COLUMNS = ("fidelity", "seam", "repeat", "loss", "regular", "normal_length", "height_steps")
 _STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:24px;color:#222;background:#fafafa}
 h1{font-size:20px;margin:0 0 4px}p{margin:0 0 14px;color:#555}

@@ -44,6 +44,8 @@ class Recipe(Domain):
         Moments up to this one, 2 to 4.
     complete : bool
         No region of the exemplar is shown too often, and the result is no flatter than the exemplar.
+    reuse : float
+        Weight of the penalty on regions that are shown too often, 0 to 1.
     in_step : InStep or None
         The lattice of the exemplar that the result keeps.
     literal : bool
@@ -61,6 +63,7 @@ class Recipe(Domain):
     measure: str = "histogram"
     order: int = 2
     complete: bool = False
+    reuse: float = 1.0
     in_step: InStep | None = None
     literal: bool = False
 

@@ -213,6 +213,8 @@ class UsePrices:
         Of the exemplar's pixels, summed over channels, in squared grid steps.
     first : bool
         There is no coarser level.
+    reuse : float
+        Weight of the penalty on regions, 0 to 1.
 
     Attributes
     ----------
@@ -222,7 +224,7 @@ class UsePrices:
 
     def __init__(
         self, device: Device, buffers: Buffers, geometry: Geometry, exemplar: SomeRows, allowed: np.ndarray,
-        scale: float, variance: float, first: bool,
+        scale: float, variance: float, first: bool, reuse: float = 1.0,
     ):  # fmt: skip
         self._device, self._buffers, self._geometry = device, buffers, g = device, buffers, geometry
         self._run = device.program("use_prices")
@@ -233,7 +235,7 @@ class UsePrices:
         share = counts.cumsum() / np.count_nonzero(allowed)
         device.write(buffers["kind_most"], np.floor(patches * np.minimum(1.0, share + SLACK)).astype(np.int32))
         unit = g.patch**2 * variance
-        *self._steps, self._growth = (min(int(unit * k), 100_000_000) for k in (*STEPS, GROWTH))
+        *self._steps, self._growth = (min(int(unit * k), 100_000_000) for k in (*STEPS, GROWTH * reuse))
         if first:
             device.fill(buffers["kind_duals"], np.int32(0), KINDS)
             device.fill(buffers["kind_steps"], np.int32(self._steps[1]), KINDS)

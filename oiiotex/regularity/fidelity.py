@@ -8,6 +8,7 @@ texture, and the fidelity is the root of their product.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..core.demand import MadeRows, SomeRows
@@ -61,12 +62,25 @@ class Fidelity:
         shapes, lines = (min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
         return round(float(np.sqrt(self.texture * shapes * lines * (1.0 - self.missing))), 3)
 
+    def measures(self) -> dict[str, float]:
+        """By name, as a report has them."""
+        bands = {f"band_{scale}": band for scale, band in zip(SCALES, self.bands, strict=True)}
+        return {"fidelity": self.value, **bands, "shapes": self.shapes, "lines": self.lines, "missing": self.missing}
+
+    @classmethod
+    def of_measures(cls, measures: Mapping[str, float]) -> Fidelity:
+        """The inverse of `measures`."""
+        bands = tuple(measures[f"band_{scale}"] for scale in SCALES)
+        return cls(bands, measures["shapes"], measures["lines"], measures["missing"])
+
     def __str__(self) -> str:
         """One sentence for people."""
         coarse = sum(self.bands) / len(self.bands)
         said = "texture kept"
         if self.texture < 0.9:
-            said = f"{100 * (1 - coarse):.0f} % of the coarse structure is lost" if coarse < 1 else "blotches were added"
+            said = (
+                f"{100 * (1 - coarse):.0f} % of the coarse structure is lost" if coarse < 1 else "blotches were added"
+            )
         if self.shapes < GOOD * ALIKE:
             said += ", shapes are broken"
         if self.lines < ALIKE:
@@ -74,9 +88,7 @@ class Fidelity:
         return f"fidelity {self.value:.2f}: {said}; {100 * self.missing:.0f} % of the colors are missing"
 
 
-def fidelity(
-    photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps: tuple[bool, bool]
-) -> Fidelity | None:
+def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps: tuple[bool, bool]) -> Fidelity | None:
     """How much a result keeps of its photo; None where either is too small to say.
 
     Parameters
