@@ -21,12 +21,12 @@ from ..core.demand import bands
 from ..core.image import Image, channels_of
 from ..core.window import Window
 from ..deferred import np
+from ..drift.drift_field import drift_of
 from ..errors import BrokenValues, ColorError, Error, ImageError
 from ..io.description import is_tagged
 from ..scan import scan
 from ..session import Session
 from ..stationarity.grid_statistics import MARGIN
-from ..drift.drift_field import drift_of
 
 # CIE L of the darkest and the brightest sRGB values of what is no metal, 30 and 240 (Allegorithmic, The PBR guide,
 # part 2: charcoal and fresh snow), and of a surface that reflects more light than it gets

@@ -1223,39 +1223,45 @@ def flatten(
     source: Picture,
     /,
     *,
-    sigma: float | None = None,
+    mask: ImageLike | None = None,
+    radius: float | None = None,
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['mean', 'none'] = 'mean',
+    keep: Literal['level', 'none'] = 'level',
+    drift: FileName | Literal[False] = False,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Take slow drift of light, colour and contrast out of an image.
+    """Remove low-frequency variation (gradients of light, stains) from an image.
 
-    Local mean and local standard deviation of Lab, seen through a Gaussian of sigma, are brought to those of the whole
-    image: what is larger than sigma goes, detail stays. A 16384 x 16384 image needs no more memory than a small one.
-    Contrast is at most doubled and at least halved.
+    Local level and local contrast of Lab, as medians over a disc, are brought to those of the whole image. Elements
+    smaller than the disc are kept; stains larger than it are removed with their rims. The result is the image times a
+    smooth gain plus a smooth offset in Lab. The gain lies between 1/2 and 2. Memory does not grow with the image.
 
     Parameters
     ----------
     source : ImageLike
-        the image
-    sigma : float | None, default None
-        scale above which drift is taken out; longer side / 16 when left out; a number >= 1 and <= 1000000 px
+        Image to flatten.
+    mask : ImageLike | None, default None
+        where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
+    radius : float | None, default None
+        Radius of the disc. Smaller structures are kept. Default: 0.2 x longer side.; a number >= 1 and <= 1000000 px
     amount : float, default 1.0
-        how much of the drift is taken out; a number >= 0 and <= 1
+        Share of the drift that is removed. Default: 1.; a number >= 0 and <= 1
     contrast : float, default 1.0
-        how far local contrast is evened out too; 0: it stays; a number >= 0 and <= 1
+        Share of the variation in local contrast that is removed. Default: 1.; a number >= 0 and <= 1
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
-        along which axes the image tiles, so that the result does, too
-    keep : Literal['mean', 'none'], default 'mean'
-        mean: the overall colour stays; none: it becomes middle gray (L 50, a 0, b 0), so that photos compare
+        Axes along which the image tiles; the result then tiles, too. Default: none.
+    keep : Literal['level', 'none'], default 'level'
+        Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a 0, b 0), so that photos compare. Default: level.
+    drift : bool | FileName, default False
+        True: the correction as part 'drift' of the result; a file name: there. Default: 0.
     data : bool, default False
-        the channels are no colours: flatten them as they are
+        Treat the channels as data, not color. Default: 0.
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -1269,7 +1275,8 @@ def flatten(
     -------
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
-        flat: the image without its drift, in its own colour space and type; the other channels as they were [pixels]
+        flat: the image without its drift, in its own color space and type; other channels are copied [pixels]
+        drift: the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b [32-bit float values; with drift]
 
     Raises
     ------
@@ -1281,11 +1288,31 @@ def flatten(
     source: ImageLike,
     /,
     *,
-    sigma: float | None = None,
+    mask: ImageLike | None = None,
+    radius: float | None = None,
     amount: float = 1.0,
     contrast: float = 1.0,
     tile: Literal['none', 'x', 'y', 'xy'] = 'none',
-    keep: Literal['mean', 'none'] = 'mean',
+    keep: Literal['level', 'none'] = 'level',
+    drift: Literal[True],
+    data: bool = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> dict[str, ImageBuf]: ...
+@overload
+def flatten(
+    source: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    radius: float | None = None,
+    amount: float = 1.0,
+    contrast: float = 1.0,
+    tile: Literal['none', 'x', 'y', 'xy'] = 'none',
+    keep: Literal['level', 'none'] = 'level',
+    drift: bool | FileName = False,
     data: bool = False,
     colorspace: str | None = None,
     roi: ROI | None = None,
@@ -2001,6 +2028,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    reuse: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
@@ -2046,11 +2074,13 @@ def patchmatch(
     variants : int, default 1
         so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        side of a patch: the scale up to which detail is copied whole; 11 when left out; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
+        side of a patch: the scale up to which detail is copied whole; 13 when left out; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
     iterations : int, default 30
         on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
+    reuse : float, default 1.0
+        Weight of the penalty on regions of the photo that are shown more than 2.5 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
     resume : bool, default False
         keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
@@ -2113,6 +2143,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    reuse: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
@@ -2147,6 +2178,7 @@ def patchmatch(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    reuse: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
@@ -2627,6 +2659,8 @@ def stationarize(
     within: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
+    flatten: float | None = None,
+    drift: FileName | Literal[False] = False,
     sigma: float | None = None,
     amount: float | None = None,
     contrast: float | None = None,
@@ -2643,6 +2677,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    reuse: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
@@ -2661,11 +2696,12 @@ def stationarize(
 ) -> ImageBuf:
     """Turn a photo into a texture that tiles without visible repetition.
 
-    Gradients of light, stains and other slow drift repeat visibly when a photo is tiled. This filter synthesizes the
-    photo anew from its own patches while it makes local histograms, or another measure, the same everywhere above a
-    scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization, Eurographics 2017). Every
-    pixel of the result is a copy of one pixel of the photo; with relevel=True heights are copies plus a constant for each
-    copied piece.
+    Gradients of light and stains repeat visibly when a photo is tiled. They are removed first (`flatten`), as by
+    filters.flatten. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
+    kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
+    Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
+    drift is removed, the copy is corrected by a gain and an offset in Lab that vary more slowly than sigma. With
+    relevel=True, heights are copies plus a constant for each copied piece.
 
     Parameters
     ----------
@@ -2683,12 +2719,16 @@ def stationarize(
         sigma for each pixel of the result, in px, by the first channel of floats; a text is the name of a part of the first image, else of a file
     maps : Sequence[ImageLike], default ()
         the other maps of the material, made anew with it
+    flatten : float | None, default None
+        Share of the photo's gradients and stains that is removed before synthesis, as by filters.flatten. 0: every pixel is a verbatim copy. Default: 1; 0 with within and for data.; a number >= 0 and <= 1
+    drift : bool | FileName, default False
+        True: the correction as part 'drift' of the result; a file name: there. Default: 0.
     sigma : float | None, default None
-        scale above which the texture must look the same everywhere; when left out longer side / 32, but patch / 4 at least; a number >= 0.5 and <= 1000000 px
+        Scale in pixels above which the result is statistically uniform; structures below it are kept. Default: longer side / 8, at least patch / 4.; a number >= 0.5 and <= 1000000 px
     amount : float | None, default None
         instead of sigma: how stationary it shall look, in even steps that hang on the photo (see filters.sigmas); a number >= 0 and <= 1
     contrast : float | None, default None
-        how strongly the overall histogram is held to the target's; 0: not at all, with within the default; when left out 0.7, but 0 where it would spread structures that stand out of the photo's texture; a number >= 0 and <= 1
+        How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows in a wall, may vanish. Default: 0.7; 0 with within.; a number >= 0 and <= 1
     target : Literal['flat', 'exemplar'], default 'flat'
         the histogram that contrast holds to: that of the photo made stationary, or (as in the paper, fading out over the coarsest level) of the photo
     measure : Literal['histogram', 'moments', 'steerable'], default 'histogram'
@@ -2698,9 +2738,9 @@ def stationarize(
     structure : float, default 0.5
         how strongly what repeats in the photo at equal distances (tiles, courses, weaves) is kept so; 0: not at all. Without size the result is then the nearest on which the lattice closes. Nothing changes where there is none; a number >= 0 and <= 1
     preset : Literal['even', 'clean', 'keep'] | None, default None
-        a set of modifiers, for those that are left out: even (drift alone goes): contrast=0.7; clean (objects go, too): contrast=0 and the mask that filters.dominant makes; keep (structures stay whole): sigma = longer side / 8, patch=21, contrast=0.7; -v prints the line that makes the same pixels
+        Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side / 4, patch=21; even (structures beyond sigma are evened out, too): sigma = longer side / 32, patch=11; clean (objects are removed): as even, with contrast=0 and the mask of filters.dominant. -v prints the line that makes the same pixels. Default: none of them.
     paper : bool, default False
-        MJH17 by the letter: target=exemplar:contrast=1:structure=0, no prices of use, no overshoot, and what measure=steerable does not see stays; where the paper gives no number (alpha, uniformity) it is ours
+        MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.
     relevel : bool, default False
         True: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
     size : tuple[int, int] | None, default None
@@ -2710,11 +2750,13 @@ def stationarize(
     variants : int, default 1
         so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        side of a patch: the scale up to which detail is copied whole; 11 when left out; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
+        side of a patch: the scale up to which detail is copied whole; 13 when left out; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
     iterations : int, default 30
         on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
+    reuse : float, default 1.0
+        Weight of the penalty on regions of the photo that are shown more than 2.5 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
     resume : bool, default False
         keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
@@ -2754,6 +2796,7 @@ def stationarize(
         tile: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; of variants that many [pixels]
         st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
+        drift: the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b [32-bit float values; with drift]
 
     Raises
     ------
@@ -2770,6 +2813,8 @@ def stationarize(
     within: ImageLike | None = None,
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
+    flatten: float | None = None,
+    drift: Literal[True],
     sigma: float | None = None,
     amount: float | None = None,
     contrast: float | None = None,
@@ -2786,6 +2831,52 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    reuse: float = 1.0,
+    resume: bool = False,
+    report: FileName | None = None,
+    fail: Sequence[str] | None = None,
+    n: Literal[1] = 1,
+    kinds: Sequence[str] | None = None,
+    match: float | Sequence[float] | None = None,
+    label: int | None = None,
+    level: int | None = None,
+    data: bool = False,
+    seed: int = 0,
+    stmap: bool | FileName = False,
+    colorspace: str | None = None,
+    roi: ROI | None = None,
+    nthreads: int = 0,
+    session: Session | None = None,
+) -> dict[str, ImageBuf]: ...
+@overload
+def stationarize(
+    exemplar: ImageLike,
+    /,
+    *,
+    mask: ImageLike | None = None,
+    labels: ImageLike | None = None,
+    within: ImageLike | None = None,
+    weight: ImageLike | None = None,
+    sigmamap: ImageLike | None = None,
+    flatten: float | None = None,
+    drift: bool | FileName = False,
+    sigma: float | None = None,
+    amount: float | None = None,
+    contrast: float | None = None,
+    target: Literal['flat', 'exemplar'] = 'flat',
+    measure: Literal['histogram', 'moments', 'steerable'] = 'histogram',
+    order: int | None = None,
+    structure: float = 0.5,
+    preset: Literal['even', 'clean', 'keep'] | None = None,
+    paper: bool = False,
+    relevel: bool = False,
+    size: tuple[int, int] | None = None,
+    tile: Literal['xy', 'x', 'y', 'none'] | None = None,
+    variants: Literal[1] = 1,
+    patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
+    iterations: int = 30,
+    uniformity: float = 0.01,
+    reuse: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,
@@ -2813,6 +2904,8 @@ def stationarize(
     weight: ImageLike | None = None,
     sigmamap: ImageLike | None = None,
     maps: Sequence[ImageLike] = (),
+    flatten: float | None = None,
+    drift: bool | FileName = False,
     sigma: float | None = None,
     amount: float | None = None,
     contrast: float | None = None,
@@ -2829,6 +2922,7 @@ def stationarize(
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
     iterations: int = 30,
     uniformity: float = 0.01,
+    reuse: float = 1.0,
     resume: bool = False,
     report: FileName | None = None,
     fail: Sequence[str] | None = None,

@@ -14,9 +14,9 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np
+from ..drift.drift_field import drift_of
 from ..session import Session
 from ..stationarity.grid_statistics import Surface
-from ..drift.drift_field import drift_of
 
 
 @dataclass(frozen=True, kw_only=True)

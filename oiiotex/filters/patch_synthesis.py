@@ -209,7 +209,7 @@ class PatchSynthesis(MaterialOp, InBands):
         tiles = self._tiles(parts, source, session, in_place=marked is not None)
         first, *others = self._with_heights(tiles, source, None if marked is None else ~marked, session)
         if kept is not None:
-            facts = {"oiiotex:chosen": chosen(recipe), "oiiotex:fidelity": kept.value}
+            facts = {"oiiotex:chosen": chosen(recipe), "oiiotex:fidelity": f"{kept.value:.3f}"}
             first["tile"] = first["tile"].respecced(lambda spec: [spec.attribute(*fact) for fact in facts.items()])
         if session.look is not None:
             session.look(as_float(first["tile"].pixels()), True)

@@ -24,9 +24,9 @@ LARGE_PATCH = 21  # px
 KEEP_SIGMA_SHARE, EVEN_SIGMA_SHARE = 4, 32  # of the longer side
 SMALL_PATCH = 11  # px
 PRESET_HELP = (
-    f"Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side /"
-    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}; even (structures beyond sigma are evened out, too): sigma = longer side /"
-    f" {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}; clean (objects are removed): as even, with contrast=0 and the mask of"
+    "Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side /"
+    f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}; even (structures beyond sigma are evened out, too): sigma = longer"
+    f" side / {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}; clean (objects are removed): as even, with contrast=0 and the mask of"
     " --texdominant. -v prints the line that makes the same pixels. Default: none of them."
 )
 

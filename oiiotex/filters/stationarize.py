@@ -75,8 +75,8 @@ class Stationarize(PatchSynthesis):
         None,
         ge=0,
         le=1,
-        help=f"How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows in"
-        f" a wall, may vanish. Default: {CONTRAST}; 0 with within.",
+        help="How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows"
+        f" in a wall, may vanish. Default: {CONTRAST}; 0 with within.",
     )
     target: str = param(
         "flat",
@@ -91,8 +91,8 @@ class Stationarize(PatchSynthesis):
     preset: str | None = param(None, choices=(*PRESETS, None), help=PRESET_HELP)
     paper: bool = param(
         False,
-        help="MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11, a"
-        " pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no"
+        help="MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11,"
+        " a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no"
         " overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.",
     )
     PAPER: ClassVar[dict[str, Any]] = {
