@@ -241,7 +241,7 @@ class PatchSynthesis(MaterialOp, InBands):
         """One sentence; a warning where the result is not good by the op's own choice."""
         if kept is None:
             return
-        log.info("%s: fidelity %.2f with %s", self.flag(), kept.value, chosen(recipe))
+        log.info("%s: scales chosen: %s", self.flag(), chosen(recipe))
         if kept.value < GOOD and self.judges_itself:
             log.warning(
                 "%s: %s. The photo may hold too few elements to be a texture: crop it, or try preset=clean or --texcut",

@@ -88,6 +88,7 @@ def _object(**fields: Any) -> Any:
 
 
 _TILE = {
+    "flatten": _or_none(_number(0, 1)),
     "sigma": _or_none(_number(0.5, 1e6)),
     "amount": _or_none(_number(0, 1)),
     "contrast": _or_none(_number(0, 1)),

@@ -157,7 +157,7 @@ class TileRoom:
     def _values(self) -> dict[str, Any]:
         """Modifiers that differ from what is meant when they are left out, but for images."""
         tile = self._hub.document.state["tile"]
-        values = {name: tile[name] for name in ("sigma", "amount", "contrast", "preset", "patch")}
+        values = {name: tile[name] for name in ("flatten", "sigma", "amount", "contrast", "preset", "patch")}
         if tile["amount"] is not None:
             values["sigma"] = None
         if tile["width"] and tile["height"]:

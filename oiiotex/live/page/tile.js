@@ -8,6 +8,7 @@ import { canvasOf } from "./wire.js";
 
 const LET_GO = 60; // ms after the last move of a slider until the server is told
 const SEEDS = 8;
+const GOOD = 0.8; // fidelity of a tile that still looks like its photo
 
 export class TileRoom {
   constructor(shell) {
@@ -66,14 +67,15 @@ export class TileRoom {
     const set = (values) => this.set(values);
     const longer = () => Math.max(...(this.size[0] ? this.size : this.shell.facts?.photo ?? [512, 512]));
     this.controls = {
-      sigma: slider("Sigma", { title: "Scale in px above which the texture looks the same everywhere (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / 32, change: (sigma) => set({ sigma, amount: null }) }),
+      flatten: slider("Flatten", { title: "Share of the photo's gradients and stains that is removed first; 0: verbatim copies", low: 0, high: 1, step: 0.05, reset: null, automatic: () => (this.shell.state?.tile.within ? 0 : 1), change: (flatten) => set({ flatten }) }),
+      sigma: slider("Sigma", { title: "Scale in px above which the result is statistically uniform (MJH17)", low: 1, high: 512, log: true, reset: null, automatic: () => longer() / ({ keep: 4, even: 32, clean: 32 }[this.shell.state?.tile.preset] ?? 8), change: (sigma) => set({ sigma, amount: null }) }),
       amount: slider("Amount", { title: "How stationary it looks, in even steps: its sigma is found for this photo (MJH17 section 4.4)", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.5, change: (amount) => set({ amount, sigma: null }) }),
       contrast: slider("Contrast", { title: "How strongly the overall histogram is held", low: 0, high: 1, step: 0.05, reset: null, automatic: () => 0.7, change: (contrast) => set({ contrast }) }),
       structure: slider("Structure", { title: "How strongly a lattice in the photo (courses, weaves) is kept", low: 0, high: 1, step: 0.05, reset: 0.5, change: (structure) => set({ structure }) }),
       seed: whole("Seed", { title: "Same seed, same pixels", low: 0, high: 4294967295, change: (seed) => set({ seed: seed ?? 0 }), extra: [button("Next", "Another seed (S)", () => this.nextSeed())] }),
       measure: choice("Measure", { title: "What looks the same everywhere", options: [["histogram", "Histogram"], ["moments", "Moments"], ["steerable", "Steerable"]], change: (measure) => set({ measure }) }),
-      preset: choice("Preset", { title: "Even: drift alone goes. Clean: objects go, too. Keep: structures stay whole", options: [[null, "None"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
-      patch: choice("Patch", { title: "Side of a patch: the scale up to which detail is copied whole", options: [[null, "11 px"], ...[5, 7, 9, 13, 15, 17, 19, 21].map((n) => [n, `${n} px`])], change: (patch) => set({ patch }) }),
+      preset: choice("Preset", { title: "Keep: large structures stay whole. Even: structures beyond sigma are evened out, too. Clean: objects are removed", options: [[null, "None"], ["even", "Even"], ["clean", "Clean"], ["keep", "Keep"]], change: (preset) => set({ preset }) }),
+      patch: choice("Patch", { title: "Side of a patch: the scale up to which detail is copied whole", options: [[null, "Automatic"], ...[5, 7, 9, 11, 13, 15, 17, 19, 21].map((n) => [n, `${n} px`])], change: (patch) => set({ patch }) }),
       width: whole("Width", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (width) => this.setSize("width", width) }),
       height: whole("Height", { title: "Of the tile in px; the photo's when empty", low: 16, high: 16384, change: (height) => this.setSize("height", height) }),
       mask: choice("Taken from", { title: "Where patches may come from", options: [["", "Everywhere"], ["dominant", "Dominant texture"], ["brush", "Painted mask"]], change: (mask) => this.setMask(mask) }),
@@ -86,7 +88,7 @@ export class TileRoom {
     this.tools.set("");
     this.measures = make("div", { className: "measures", role: "log", ariaLabel: "Measures" }, make("p", { className: "stale", textContent: "Measured when the tile is done." }));
     return make("aside", {},
-      section("Texture", this.controls.preset, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
+      section("Texture", this.controls.preset, this.controls.flatten, this.controls.sigma, this.controls.amount, this.controls.contrast, this.controls.structure, this.controls.measure, this.controls.patch),
       section("Result", this.controls.seed, this.controls.width, this.controls.height,
         make("div", { className: "buttons" }, button("Keep variant", "Keep these parameters in the strip (V)", () => this.keep()), button("Save", "Write the tile as a file beside the document, in the background", () => this.shell.ask("tile", { do: "save" })), button("Show seeds", "Eight further seeds, coarse, to pick from", () => this.askSeeds()))),
       section("Measures", this.measures),
@@ -208,7 +210,7 @@ export class TileRoom {
     const cells = (tag, texts) => texts.map((text) => make(tag, { textContent: text }));
     const table = make("table", {}, make("tr", {}, ...cells("th", ["", "Photo", "Tile"])),
       ...rows.filter((row) => row).map(({ name, photo, tile, title }) => make("tr", { title }, ...cells("td", [name, photo, tile]))));
-    const others = shown.filter((_, n) => !rows[n]).map(([level, text]) => make("p", { className: level, textContent: text }));
+    const others = shown.filter((_, n) => !rows[n]).map(([level, text]) => make("p", { className: faithful(text) ?? level, textContent: text }));
     this.measures.replaceChildren(table, ...others);
   }
 
@@ -444,6 +446,12 @@ export class TileRoom {
   keyUp(key) {
     if (key === " ") this.photoView.space = this.tileView.space = false;
   }
+}
+
+/** The class of a sentence on fidelity, green or amber; of another one none. */
+function faithful(text) {
+  const found = /^fidelity ([\d.]+)/.exec(text);
+  return found && (Number(found[1]) >= GOOD ? "good" : "warning");
 }
 
 /** A line of -v, "NAME PHOTO -> TILE UNIT (what it is)" or "NAME TILE UNIT (what it is)", as a row; else null. */
