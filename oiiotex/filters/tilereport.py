@@ -51,6 +51,9 @@ REPORT_MEASURES = {
     "copied": "share of the pixels that lie in verbatim copies of 8x8 px",
     "shown": "how often the most repeated region of 32x32 px of the photo is shown",
     "repeat": "the same over its fair share",
+    "label_repeat": "of a painted label: the most repeated region over its fair share of the label's area; the largest",
+    "label_shown": "how often that region is shown",
+    "label": "the label that it belongs to",
     "regular": "the least autocorrelation over its floor at the first three steps of the lattice; 1 is perfect",
     "regular_photo": "the same of the photo",
     "textured": "share of the patches that are not flat",
@@ -60,6 +63,7 @@ REPORT = Output("report", Kind.TABLE, "measures of the result, for machines", as
 REPORT_HELP = "measures of the result go to this file, JSON (docs/report.md)"
 FAIL_HELP = "limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3"
 _OF_COPIES = ("texture", "copied", "shown", "repeat")
+_OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
 _LIMIT = re.compile(r"([a-z_]+)([<>])([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
 _BEYOND = {">": operator.gt, "<": operator.lt}
@@ -133,16 +137,19 @@ class Look:
     lab : (height, width, 3) float32
     source : SourceMap or None
         Of the photo, where its pixels are copies.
+    labels : (ids, ids) or None
+        Of the photo, and those that were painted.
     """
 
     name: str
     lab: np.ndarray
     source: SourceMap | None = None
+    labels: tuple[np.ndarray, np.ndarray] | None = None
 
     @classmethod
-    def of_copies(cls, name: str, photo: np.ndarray, source: SourceMap) -> Look:
+    def of_copies(cls, name: str, photo: np.ndarray, source: SourceMap, labels: Any = None) -> Look:
         """A result that is made of those pixels of the photo."""
-        return cls(name, source.gather(photo), source)
+        return cls(name, source.gather(photo), source, labels)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +169,8 @@ class Quality:
         It is known of which place of the photo every pixel is a copy.
     losses : bool
         It is known how much of the photo's texture is lost.
+    painted : bool
+        It is known which labels were painted.
     sigma : float or None
         Scale of the stationarity cost, px; longer side / 32 where it is None.
     contrast : float or None
@@ -180,6 +189,7 @@ class Quality:
     size: tuple[int, int] = (0, 0)
     copies: bool = True
     losses: bool = False
+    painted: bool = False
     sigma: float | None = None
     contrast: float | None = None
     measure: str = "histogram"
@@ -204,8 +214,6 @@ class Quality:
             Width and height of a result, px.
         tile : str, optional
             Along which axes results tile: xy, x, y or none; as the op says when left out.
-        more
-            Further fields.
         """
         spec, tile = op.exemplar.first.spec, tile or op.tile
         sizes = spec.width * spec.height, size[0] * size[1]
@@ -245,14 +253,14 @@ class Quality:
                     log.info("%s: %s", self.op.flag(), line)
         return results | {"report": report}
 
-    def add_to_copies(self, results: dict[str, Any]) -> dict[str, Any]:
-        """The same of an op with one exemplar, whose part 'st' says where its pixels come from."""
+    def add_to_copies(self, results: dict[str, Any], labels: Callable[[], Any] = lambda: None) -> dict[str, Any]:
+        """The same of an op with one exemplar, whose part 'st' says where its pixels come from; `Look.labels`."""
         exemplar, main = self.op.exemplar, results[self.op.main().name]
 
         def seen() -> tuple[np.ndarray, list[Look]]:
             photo, _ = working_values(exemplar, self.session, self.op.working_space)
             source = SourceMap.of_coordinates(results["st"].pixels(), exemplar.first.spec, "st")
-            return photo, [Look.of_copies(main.name, photo, source)]
+            return photo, [Look.of_copies(main.name, photo, source, labels())]
 
         return self.add_to(results, seen)
 
@@ -276,6 +284,7 @@ class Quality:
         axes = [axis for axis, wraps in zip("xy", self.wrap, strict=True) if wraps]
         absent = not self.copies and name in _OF_COPIES
         absent |= not self.losses and name in _OF_LOSSES
+        absent |= not self.painted and name in _OF_LABELS
         absent |= name == "seam" and not axes
         absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
         if absent:
@@ -314,7 +323,7 @@ class Quality:
         return measures
 
     def _of_copies(self, photo: np.ndarray, look: Look) -> dict[str, float]:
-        from ..stationarity.copy_detection import copies_by_source  # scipy is not loaded before it is needed
+        from ..stationarity.copy_detection import copies_by_source, label_copies  # scipy is loaded where it is needed
 
         y, x = look.source.yx
         rows, columns = (
@@ -334,6 +343,8 @@ class Quality:
         copies = copies_by_source(look.source, photo.shape[:2])
         measures["copied"] = copies.exact
         repeated = {} if copies.shown is None else {"shown": copies.shown, "repeat": copies.over_fair}
+        if look.labels is not None and copies.shown is not None:
+            repeated |= dict(zip(_OF_LABELS, label_copies(look.source, *look.labels), strict=True))
         return measures | repeated
 
     # --- what is said of them ---
@@ -384,3 +395,6 @@ class Quality:
                     shown = f"is shown {m['shown']:.1f} times, {m['repeat']:.1f} times its share"
                     copied += f"; the most repeated region of 32x32 {shown}"
                 yield copied
+            if "label" in m:
+                shown = f"is shown {m['label_shown']:.1f} times, {m['label_repeat']:.1f} times its share of the label"
+                yield f"the most repeated region of a painted label, {m['label']:.0f}, {shown}"
