@@ -18,7 +18,6 @@ from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..multiscale.contrast import with_contrast
 from ..multiscale.graph import Graph
 from ..multiscale.infinite_plane import Plane, analysis_folder, graph_images, opened
 from ..multiscale.synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
@@ -111,6 +110,8 @@ def _made(plane: Plane, settings: PlaneSettings, session: Session) -> Synthesize
     maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
     if settings.kept == 1.0:
         return maker
+    from ..multiscale.contrast import with_contrast  # not loaded where nothing is zoomed into without end
+
     plain = replace(settings, seed=0, around=None)
     with session.stats.time("contrast"):
         return with_contrast(maker, plane.analysis, analysis_folder(), plane.key(plain, 0))
