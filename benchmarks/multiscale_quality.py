@@ -18,8 +18,10 @@ import OpenImageIO as oiio
 from benchmarks.measures import data_folder
 from docs.demo import save
 from oiiotex.color.lab_grid import FINE_STEPS
+from oiiotex.core.op import Space
 from oiiotex.core.window import Window
 from oiiotex.multiscale.candidate_sets import neighbourhoods
+from oiiotex.multiscale.contrast import with_contrast
 from oiiotex.multiscale.coverage import shares, unmatched
 from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
 from oiiotex.multiscale.synthesizer import Synthesizer
@@ -40,8 +42,11 @@ SAMPLED = 1000  # neighbourhoods of a level
 def prepared(path: Path, session: Session, side: int, correct: bool = True) -> tuple[Plane, Synthesizer]:
     """A graph's plane, and what makes windows of it."""
     graph, images = graph_images(path, session)
-    plane = opened(session, graph, images, str(path), side=side, dims=16, correct=correct, data=False)
-    return plane, Synthesizer(session.device, plane.analysis, plane.settings(seed=1, lock=0), session.budget)
+    how = {"side": side, "dims": 16, "correct": correct, "literal": False, "space": Space.LAB}
+    plane = opened(session, graph, images, str(path), **how)
+    settings = plane.settings(seed=1, lock=0)
+    maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
+    return plane, maker if settings.kept == 1 else with_contrast(maker, plane.analysis, None, "")
 
 
 def lab(plane: Plane, maker: Synthesizer, level: int, window: Window) -> np.ndarray:

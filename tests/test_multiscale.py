@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import OpenImageIO as oiio
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from oiiotex.core.window import Window
 from oiiotex.errors import DeviceError, ParameterError
 from oiiotex.multiscale.candidate_sets import analyse
+from oiiotex.multiscale.contrast import kept_in, with_contrast
 from oiiotex.multiscale.graph import Graph
 from oiiotex.multiscale.synthesizer import (
     KEPT_IN_LOOPS,
@@ -216,6 +219,38 @@ def test_a_zoom_without_end_keeps_its_contrast(device, name, r):
             found.append(colour.std())
             assert len(np.unique(state.texel)) > 1000  # no texel is everywhere
         assert np.mean(found) == pytest.approx(exemplar.std(), rel=0.25)
+
+
+def test_a_zoom_into_coarse_structures_keeps_more_of_them(device, tmp_path):
+    """Transfer functions fade less where an exemplar has its contrast in coarse octaves; fine ones need nothing."""
+    fine = pictures.moss(128, 128, 1).mean(-1, keepdims=True) * np.ones(3)
+    coarse = pictures.bricks(128, 128, 1).mean(-1, keepdims=True) * np.ones(3)
+    light = {}
+    for name, photo in (("fine", fine), ("coarse", coarse)):
+        made = analysed(device, graph_of("a", ("a", "a", 1)), photo)
+        how = PlaneSettings(seed=1, jitter=default_jitter(7, True), kept=KEPT_IN_LOOPS)
+        plain = Synthesizer(device, made, how, BUDGET)
+        held = with_contrast(plain, made, tmp_path, name)
+        light[name] = held._settings.kept
+        assert len(list(tmp_path.iterdir())) == len(light)
+        assert with_contrast(plain, made, tmp_path, name)._settings == held._settings  # read, not tried again
+        assert replace(held._settings, kept=how.kept) == how  # nothing else has changed
+        own = 800 * (photo[..., 0] - photo[..., 0].mean())
+        spread = {}
+        for maker in (plain, held):
+            state = maker.window(19, Window.sized(900, 70, 160, 160))
+            seen = made.stacks.planes.reshape(-1, 4)[state.texel, 0].astype(float) + state.offset[..., 0]
+            spread[maker is held] = seen.std() / own.std()
+        if name == "coarse":
+            assert spread[True] > 1.05 * spread[False] and 0.75 < spread[True] < 1.25, spread
+    assert light["fine"] == KEPT_IN_LOOPS < light["coarse"], light
+
+
+def test_a_zoom_through_several_exemplars_fades_as_ever(device):
+    edges = ("a", "b", 1), ("b", "a", 1)
+    made = analysed(device, graph_of("ab", *edges), *(np.random.default_rng(n).random((64, 64, 3)) for n in range(2)))
+    maker = Synthesizer(device, made, PlaneSettings(kept=KEPT_IN_LOOPS), BUDGET)
+    assert kept_in(maker, made) == KEPT_IN_LOOPS
 
 
 def test_windows_may_be_asked_for_before_others_have_come(device, loop):

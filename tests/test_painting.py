@@ -191,6 +191,29 @@ def test_a_plan_of_a_painting_is_one_of_a_quilt(tmp_path):
     np.testing.assert_array_equal(pixels(made), pixels(again))
 
 
+def test_repetition_of_a_painted_label_is_reported_and_capped(tmp_path):
+    """A label of small spots over a whole painting: reuse=1e9 repeats what lies in one spot, the default does not."""
+    spots = np.where(np.hypot(X % 80 - 30, Y % 80 - 30) < 14, 2, 1).astype(np.uint32)
+    values = np.where(spots[..., None] == 2, [0.8, 0.6, 0.4], [0.2, 0.25, 0.2]) + 0.2 * pictures.moss(SIDE, SIDE, 3)
+    given = {"photo": buffer(np.clip(values, 0, 1)), "label.1": ids_buffer(spots)}
+    painted = np.full((256, 256), 2, np.uint32)
+    measured = {}
+    for reuse in (1.0, 1e9):
+        path = tmp_path / f"{reuse:g}.json"
+        filters.paint(given, ids_buffer(painted), patch=16, reuse=reuse, report=path)
+        measured[reuse] = json.loads(path.read_text())["results"][0]["measures"]
+        assert measured[reuse]["label"] == 2
+        assert measured[reuse]["label_repeat"] == pytest.approx(
+            measured[reuse]["label_shown"] * (spots == 2).sum() / painted.size
+        )
+    assert measured[1.0]["label_repeat"] < 0.75 * measured[1e9]["label_repeat"], measured
+    assert measured[1.0]["label_repeat"] < 1.5, measured
+    with pytest.raises(errors.QualityError, match="label_repeat"):
+        filters.paint(given, ids_buffer(painted), patch=16, reuse=1e9, fail=["label_repeat>0.1"])
+    with pytest.raises(errors.ParameterError, match="label_repeat is not measured"):
+        filters.quilt(given["photo"], patch=16, fail=["label_repeat>3"])
+
+
 def test_soft_brushes_are_taken_for_the_nearest_colour(palette, caplog):
     _, facts, table = palette
     inside = disc() == 2

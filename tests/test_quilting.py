@@ -118,8 +118,9 @@ def test_shares_are_even_over_what_a_key_can_show():
     table = exemplar(grid, labels).table
     keys = np.full(grid.shape, table.find((1, 1)), np.int32)
     squares = Squares.of(grid, 45, 53)
-    shares = squares.shares(table, keys, 1.0)
-    can = table.offsets[table.starts[keys[0, 0]] : table.starts[keys[0, 0] + 1]]
+    spans = squares.spans(table, keys, 1.0)
+    shares = squares.shares(table.offsets, spans, keys, 1.0)
+    can = table.offsets[slice(*spans[keys[0, 0], :2])]
     assert len(set(shares[squares.shown(can) > 0])) == 1 and not shares[squares.shown(can) == 0].any()
     assert abs(shares.sum() / UNITS - keys.size * squares.count**2) < 0.01 * keys.size * squares.count**2
     assert squares.shown(can[[0, 0, 5]]).sum() == 3 * squares.count**2
@@ -135,6 +136,28 @@ def test_cells_have_the_keys_that_are_asked_for(any_lanes):
     for (i, j), at in np.ndenumerate(offsets):
         counts = content_table.histogram(labels, int(at >> 16), int(at & 0xFFFF), grid.patch)
         assert list(content_table.key_of(counts)) == found.table.keys[keys[i, j]].tolist()
+
+
+def test_a_label_of_few_patches_takes_mixed_ones(any_lanes):
+    """Those in which it dominates, by the oracle's rules; without a reuse penalty its own few are repeated."""
+    grid = Grid(100, 84, patch=12, overlap=4)
+    y, x = np.indices((45, 53))
+    labels = np.where((np.abs(y - 22) < 8) & (np.abs(x - 26) < 9), 2, 1).astype(np.uint8)
+    found = exemplar(grid, labels)
+    keys = np.full(grid.shape, found.table.find((2, 2)), np.int32)
+    shown, mixed = {}, {}
+    for reuse in (1.0, 1e9):
+        rules = quilter.Rules(seed=4, candidates=24, reach=2, reuse=reuse)
+        quilt = sewn(any_lanes, grid, rules, found, keys)
+        offsets = quilt.finished().offsets
+        np.testing.assert_array_equal(
+            offsets, Oracle(found.lab, grid, found.table, keys, rules, int(quilt._units[2])).run().offsets
+        )
+        first, second = (found.table.keys[found.table.key_map[offsets >> 16, offsets & 0xFFFF], n] for n in (0, 1))
+        assert (first == 2).all()
+        shown[reuse] = np.bincount(quilt.sources(Window(0, 0, 100, 84)).flat(53).ravel()).max()
+        mixed[reuse] = (second == 1).any()
+    assert mixed == {1.0: True, 1e9: False} and shown[1.0] < 0.7 * shown[1e9], shown
 
 
 @pytest.mark.parametrize("grid", GRIDS[:4], ids=str)

@@ -12,7 +12,8 @@ import pytest
 
 from oiiotex import errors, filters
 from oiiotex.filters import patch_synthesis
-from oiiotex.filters.tilereport import REPORT_MEASURES, SCHEMA
+from oiiotex.filters.tilereport import SCHEMA
+from oiiotex.stationarity.report_measures import REPORT_MEASURES
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels, quarters
@@ -22,6 +23,7 @@ ROOT = Path(__file__).parents[1]
 PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
 QUICK = {"iterations": 3, "seed": 1}
 COPIES = {"texture", "copied", "shown", "repeat"}
+PAINTED = {"label", "label_shown", "label_repeat"}
 ACROSS = {"seam", "seam_x", "seam_x_photo", "quieter_x"}
 SEAMS = ACROSS | {"seam_y", "seam_y_photo", "quieter_y"}
 ALWAYS = {"cost", "cost_photo", "slow", "slow_photo", "loss"}
@@ -33,7 +35,7 @@ MADE = {  # what is measured beside what always is, and how it is made
     "quilt": (COPIES | SEAMS, lambda **more: filters.quilt(buffer(PHOTO), size=(80, 64), tile="xy", **more)),
     "cut": (COPIES | SEAMS, lambda **more: filters.cut(buffer(PHOTO), size=(60, 60), **more)),
     "composite": (COPIES, lambda **more: filters.composite(buffer(PHOTO), size=(80, 72), **LABELS, **more)),
-    "paint": (COPIES, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
+    "paint": (COPIES | PAINTED, lambda **more: filters.paint(buffer(PHOTO), quarters(), **LABELS, **more)),
     "synth": (
         COPIES | SEAMS,
         lambda **more: filters.synth(buffer(PHOTO), size=(64, 64), toroidal=True, side=64, **more),

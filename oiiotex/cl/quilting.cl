@@ -386,20 +386,22 @@ MEETING long first_cost(const place *at, uint candidate, counts bins) {
 typedef struct {
   __constant facts *f;
   const __global uint *offsets;                            // by key
-  const __global int *starts;
+  const __global int *spans;                               // of a key: offsets from, up to; keys from, up to
   const __global uint *key_map;
 } content;
 
+// Whether a patch may be taken where this key is asked for.
 static inline int has_key(const content *c, int key, int y, int x) {
-  return y >= 0 && x >= 0 && y < c->f->e_rows && x < c->f->e_columns &&
-         c->key_map[AT(y, x, c->f->e_columns)] == (uint)key;
+  if (y < 0 || x < 0 || y >= c->f->e_rows || x >= c->f->e_columns) return 0;
+  uint there = c->key_map[AT(y, x, c->f->e_columns)];
+  return there >= (uint)c->spans[4 * key + 2] && there < (uint)c->spans[4 * key + 3];
 }
 
 // Candidate k of a cell: all offsets of its key in an order that begins anywhere, or a sample where they are too many,
 // of which every other one is moved to where it is in step.
 static inline uint candidate_of(const content *c, const place *at, int key, int k, int draw) {
   __constant facts *f = c->f;
-  int first = c->starts[key], count = c->starts[key + 1] - first;
+  int first = c->spans[4 * key], count = c->spans[4 * key + 1] - first;
   if (count <= f->candidates) {
     int pick = k + hash_below(hash_at(f->seed, 0x917, at->i, at->j), count);
     return k < count && draw == 0 ? c->offsets[first + (pick >= count ? pick - count : pick)] : NONE;
@@ -421,7 +423,7 @@ static inline uint candidate_of(const content *c, const place *at, int key, int 
                    __global const short *histogram, __global const ushort *guide, __global const ushort *labels,     \
                    __global const int *shown, __global const int *shares, int progress, __constant uint *phases,     \
                    __global const int *losses, long finer_unit, long guide_unit, long use_unit, long step_unit
-#define CONTENT_ARGS __global const uint *offsets, __global const int *starts, __global const uint *key_map
+#define CONTENT_ARGS __global const uint *offsets, __global const int *spans, __global const uint *key_map
 #define BEGIN_PLACE                                                                                                  \
   plan p = {f, xs, ys, offset, vertical, horizontal};                                                                \
   uint cell = order[first + n];                                                                                      \
@@ -432,7 +434,7 @@ static inline uint candidate_of(const content *c, const place *at, int key, int 
                 histogram + AT(n, 0, f->levels) * BINS,                                                              \
                 guide + (f->guided ? (size_t)cell * GUIDE * GUIDE : 0), labels, sides_of(&p, i, j), i, j,            \
                 shown, shares, progress, phases, losses, finer_unit, guide_unit, use_unit, step_unit};               \
-  content c = {f, offsets, starts, key_map};
+  content c = {f, offsets, spans, key_map};
 
 // `cost` is without `price`, that of use when the wave begins.
 __kernel void quilting_score(PLAN_ARGS, PLACE_ARGS, CONTENT_ARGS, __global uint *restrict candidate,

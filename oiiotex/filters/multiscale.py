@@ -19,7 +19,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..multiscale.graph import Graph
-from ..multiscale.infinite_plane import Plane, graph_images, opened
+from ..multiscale.infinite_plane import Plane, analysis_folder, graph_images, opened
 from ..multiscale.synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
 from ..session import Session
 from .tilereport import FAIL_HELP, REPORT_HELP, Look, Quality
@@ -99,11 +99,22 @@ class Multiscale(AnyWindow):
         """What makes windows of the plane."""
         maker = session.resources.remembered(
             ("maker", id(plane.analysis), settings),
-            lambda: Synthesizer(session.device, plane.analysis, settings, session.budget),
+            lambda: _made(plane, settings, session),
             plane.analysis,
         )
         session.device.collect(session.stats)
         return maker
+
+
+def _made(plane: Plane, settings: PlaneSettings, session: Session) -> Synthesizer:
+    maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
+    if settings.kept == 1.0:
+        return maker
+    from ..multiscale.contrast import with_contrast  # not loaded where nothing is zoomed into without end
+
+    plain = replace(settings, seed=0, around=None)
+    with session.stats.time("contrast"):
+        return with_contrast(maker, plane.analysis, analysis_folder(), plane.key(plain, 0))
 
 
 def _changed(path: Path) -> tuple[int, int] | None:

@@ -67,7 +67,7 @@ class Paint(Quilted):
         """The texture, and what else can be asked for."""
         if self.before is not None and self.fine is None and read_begun(self.before, session.budget).fine:
             log.info("%s: %s has a fine painting, which is not laid over this one", self.flag(), self.before)
-        quality = Quality.of_copies(self, session, self.size or self.painting.first.window.size)
+        quality = Quality.of_copies(self, session, self.size or self.painting.first.window.size, painted=True)
         table = None if self.table is None else read_table(self.table, self.soft)
         levels = label_levels(self.exemplar, self.labels)
         level = self.level or (table.level if table else None) or max(levels)
@@ -95,7 +95,13 @@ class Paint(Quilted):
             sources = functools.partial(joined.sources, cache=session.cache)
         spec = self.exemplar.first.spec
         plan = {"plan": lambda: painting_arrays(layers, (spec.width, spec.height))}
-        return quality.add_to_copies(sewn_parts(self, sources, base.grid, session) | plan)
+
+        def labels() -> tuple[np.ndarray, np.ndarray]:
+            ids, first, size = levels[level].ids, self.painting.first, Size(base.grid.width, base.grid.height)
+            meaning = _meaning(first, table, np.unique(ids))
+            return ids, painted_labels(first, meaning, size, strict=False)(Window(0, 0, *size))
+
+        return quality.add_to_copies(sewn_parts(self, sources, base.grid, session) | plan, labels)
 
     def _sewing(
         self, level: int, guide: Image, size: Size | None, table: Table | None, prefix: str, budget: int

@@ -29,43 +29,18 @@ from ..regularity.fidelity import Fidelity, fidelity
 from ..regularity.regularity import peaks_over_floor
 from ..session import Session
 from ..stationarity.costs import stationarity_cost, texture_cost
+from ..stationarity.report_measures import REPORT_MEASURES
 from ..stationarity.seam_measures import seam_ratio, sharpness, wrap_percentile
 from .measures import cost_text
 
 log = logging.getLogger("oiiotex")
 
 SCHEMA = "oiiotex.report/1"
-REPORT_MEASURES = {
-    "cost": "how differently it looks from place to place (MJH17 eq. 1): Lab, of moments squared Lab; 0 is stationary",
-    "cost_photo": "the same of the photo",
-    "texture": "squared Lab distance a pixel between its patches and the photo's (MJH17 eq. 5, upper bound)",
-    "seam": "the larger of seam_x and seam_y",
-    "seam_x": "mean jump across the wrap along x over that inside (of a lattice, of its joints); 1 is invisible",
-    "seam_x_photo": "the same of the photo",
-    "seam_y": "as seam_x, along y",
-    "seam_y_photo": "the same of the photo",
-    "quieter_x": "per cent of the lines inside that are quieter than the wrap along x; 50 is invisible",
-    "quieter_y": "the same along y",
-    "fidelity": "how much it looks like the photo, 0 to 1: root of the product of the five below; good from 0.8 on",
-    "band_96": "energy, over the photo's, of what a Gaussian of the photo's longer side / 96 leaves",
-    "band_48": "the same of longer side / 48",
-    "band_24": "the same of longer side / 24; below 1 structure is crushed, above 1 there are blotches",
-    "shapes": "1 less the difference of the autocorrelations up to 1/6 of the longer side; 0.7 is another piece of it",
-    "lines": "share of the photo's long lines and lattices that is kept; 1 where it has none",
-    "missing": "share of the photo's colors that it lacks",
-    "loss": "share of the photo's sharpness, mean |L - blurred L|, that is gone; below 0: it is sharper",
-    "copied": "share of the pixels that lie in verbatim copies of 8x8 px",
-    "shown": "how often the most repeated region of 32x32 px of the photo is shown",
-    "repeat": "the same over its fair share",
-    "regular": "the least autocorrelation over its floor at the first three steps of the lattice; 1 is perfect",
-    "regular_photo": "the same of the photo",
-    "textured": "share of the patches that are not flat",
-    "textured_photo": "the same of the photo",
-}
 REPORT = Output("report", Kind.TABLE, "measures of the result, for machines", asked_by="report", judged_by="fail")
 REPORT_HELP = "measures of the result go to this file, JSON (docs/report.md)"
 FAIL_HELP = "limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3"
 _OF_COPIES = ("texture", "copied", "shown", "repeat")
+_OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
 _LIMIT = re.compile(r"([a-z_]+)([<>])([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
 _BEYOND = {">": operator.gt, "<": operator.lt}
@@ -136,17 +111,20 @@ class Look:
         Of the exemplar, where its pixels are copies.
     exemplar : (height, width, 3) float32, optional
         What the result is made from, where that is not the photo itself but the photo without its drift.
+    labels : (ids, ids) or None
+        Of the photo, and those that were painted.
     """
 
     name: str
     lab: np.ndarray
     source: SourceMap | None = None
     exemplar: np.ndarray | None = None
+    labels: tuple[np.ndarray, np.ndarray] | None = None
 
     @classmethod
-    def of_copies(cls, name: str, exemplar: np.ndarray, source: SourceMap) -> Look:
+    def of_copies(cls, name: str, exemplar: np.ndarray, source: SourceMap, labels: Any = None) -> Look:
         """A result that is made of those pixels of the exemplar."""
-        return cls(name, source.gather(exemplar), source, exemplar)
+        return cls(name, source.gather(exemplar), source, exemplar, labels)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +144,8 @@ class Quality:
         It is known of which place of the photo every pixel is a copy.
     losses : bool
         It is known how much of the photo's texture is lost.
+    painted : bool
+        It is known which labels were painted.
     sigma : float or None
         Scale of the stationarity cost, px; longer side / 32 where it is None.
     contrast : float or None
@@ -184,6 +164,7 @@ class Quality:
     size: tuple[int, int] = (0, 0)
     copies: bool = True
     losses: bool = False
+    painted: bool = False
     sigma: float | None = None
     contrast: float | None = None
     measure: str = "histogram"
@@ -208,8 +189,6 @@ class Quality:
             Width and height of a result, px.
         tile : str, optional
             Along which axes results tile: xy, x, y or none; as the op says when left out.
-        more
-            Further fields.
         """
         spec, tile = op.exemplar.first.spec, tile or op.tile
         sizes = spec.width * spec.height, size[0] * size[1]
@@ -249,14 +228,14 @@ class Quality:
                     log.info("%s: %s", self.op.flag(), line)
         return results | {"report": report}
 
-    def add_to_copies(self, results: dict[str, Any]) -> dict[str, Any]:
-        """The same of an op with one exemplar, whose part 'st' says where its pixels come from."""
+    def add_to_copies(self, results: dict[str, Any], labels: Callable[[], Any] = lambda: None) -> dict[str, Any]:
+        """The same of an op with one exemplar, whose part 'st' says where its pixels come from; `Look.labels`."""
         exemplar, main = self.op.exemplar, results[self.op.main().name]
 
         def seen() -> tuple[np.ndarray, list[Look]]:
             photo, _ = working_values(exemplar, self.session, self.op.working_space)
             source = SourceMap.of_coordinates(results["st"].pixels(), exemplar.first.spec, "st")
-            return photo, [Look.of_copies(main.name, photo, source)]
+            return photo, [Look.of_copies(main.name, photo, source, labels())]
 
         return self.add_to(results, seen)
 
@@ -280,6 +259,7 @@ class Quality:
         axes = [axis for axis, wraps in zip("xy", self.wrap, strict=True) if wraps]
         absent = not self.copies and name in _OF_COPIES
         absent |= not self.losses and name in _OF_LOSSES
+        absent |= not self.painted and name in _OF_LABELS
         absent |= name == "seam" and not axes
         absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
         if absent:
@@ -320,7 +300,7 @@ class Quality:
         return measures
 
     def _of_copies(self, photo: np.ndarray, look: Look) -> dict[str, float]:
-        from ..stationarity.copy_detection import copies_by_source  # scipy is not loaded before it is needed
+        from ..stationarity.copy_detection import copies_by_source, label_copies  # scipy is loaded where it is needed
 
         y, x = look.source.yx
         rows, columns = (
@@ -340,6 +320,8 @@ class Quality:
         copies = copies_by_source(look.source, photo.shape[:2])
         measures["copied"] = copies.exact
         repeated = {} if copies.shown is None else {"shown": copies.shown, "repeat": copies.over_fair}
+        if look.labels is not None and copies.shown is not None:
+            repeated |= dict(zip(_OF_LABELS, label_copies(look.source, *look.labels), strict=True))
         return measures | repeated
 
     # --- what is said of them ---
@@ -390,3 +372,6 @@ class Quality:
                     shown = f"is shown {m['shown']:.1f} times, {m['repeat']:.1f} times its share"
                     copied += f"; the most repeated region of 32x32 {shown}"
                 yield copied
+            if "label" in m:
+                shown = f"is shown {m['label_shown']:.1f} times, {m['label_repeat']:.1f} times its share of the label"
+                yield f"the most repeated region of a painted label, {m['label']:.0f}, {shown}"

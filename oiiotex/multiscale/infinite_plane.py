@@ -211,15 +211,19 @@ def opened(
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
 
 
+def analysis_folder() -> Path:
+    """Where what is found out about exemplars is kept from one run to the next."""
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
+
+
 def _analysed(
     session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool, literal: bool
 ) -> Analysis:
-    import platformdirs
-
     with session.stats.time("Gaussian stacks"):
         stacks = stacks_of(graph, exemplars, literal)
-    folder = Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
-    analysis = analyse(session.device, stacks, dims, correct, session.budget, session.advance, folder)
+    analysis = analyse(session.device, stacks, dims, correct, session.budget, session.advance, analysis_folder())
     _report(graph, exemplars, analysis)
     return analysis
 

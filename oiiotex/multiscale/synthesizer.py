@@ -8,11 +8,12 @@ window holds depends on nothing but its place: `plan` says which pixels of which
 
 from __future__ import annotations
 
+import copy
 import functools
 import logging
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from ..core.source_map import SourceMap
@@ -233,6 +234,19 @@ class Synthesizer:
         self._free: list[tuple[int, Buffers]] = []  # of finished windows, by the pixels that they hold
         self._stepped: dict[int, tuple[bool, Any, Any]] = {}
         self._turn = threading.RLock()
+
+    def keeping(self, kept: float) -> Synthesizer:
+        """The same, where levels keep another share of transfer functions."""
+        return self._with(replace(self._settings, kept=kept))
+
+    def plainly(self) -> Synthesizer:
+        """The same of seed 0, on a plane that does not repeat."""
+        return self._with(replace(self._settings, seed=0, around=None))
+
+    def _with(self, settings: PlaneSettings) -> Synthesizer:
+        other = copy.copy(self)
+        other._settings = settings
+        return other
 
     def window(self, level: int, window: Window) -> State:
         """The pixels of a window of a level's plane.

@@ -23,8 +23,12 @@ from .quilter import Demand, Quilt
 log = logging.getLogger("oiiotex")
 
 
-def painted_labels(fine: Part, meaning: Meaning, size: Size) -> Callable[[Window], np.ndarray]:
+def painted_labels(
+    fine: Part, meaning: Meaning, size: Size, strict: bool = True
+) -> Callable[[Window], np.ndarray]:  # fmt: skip
     """The labels that a fine painting asks for in any window of the result: (height, width) int64, 0 where none.
+
+    Colours that mean no label are none where it is not `strict`.
 
     Raises
     ------
@@ -42,11 +46,11 @@ def painted_labels(fine: Part, meaning: Meaning, size: Size) -> Callable[[Window
             met[as_float(rows[..., channels.alpha]) < 0.5] = 0
         place, stray = meaning.find(met)
         stray &= met != 0
-        if stray.any():
+        if stray.any() and strict:
             strays = Strays()
             strays.add(met, stray, whole.left + x, y)
             raise ImageError(f"the fine painting has {meaning.strays(strays, 'px')}")
-        return np.where(met == 0, 0, meaning.keys[place, 0])
+        return np.where((met == 0) | stray, 0, meaning.keys[place, 0])
 
     return read
 

@@ -154,7 +154,7 @@ def layout(exemplar: QuiltExemplar, grid: Grid, rules: Rules, guided: bool, pixe
         "exemplar": 6 * area,
         "offsets": table.offsets.nbytes,
         "key_map": table.key_map.nbytes,
-        "starts": 4 * len(table.starts),
+        "spans": 16 * len(table.keys),
         **dict.fromkeys(("shown", "shares"), 4 * squares.rows * squares.columns),
         "finer": len(exemplar.finer) * labels,
         "labels": 2 * labels if guided else 2,
@@ -231,12 +231,13 @@ class Quilt:
             order = order[keep]
         self._kept = math.prod(g.shape) - len(order)
         squares = Squares.of(g, *e.lab.shape[:2])
+        spans = squares.spans(t, self.demand.keys, self.rules.reuse)
         inputs = {
             "exemplar": e.lab, "coarse": reduced(e.lab),  # rows x columns x 3, both
             "offsets": t.offsets, "key_map": t.key_map,
-            "starts": offset_table(t.starts), "order": order,
+            "spans": offset_table(spans), "order": order,
             "shown": squares.shown(laid(start.offsets)),  # rows x columns of squares
-            "shares": squares.shares(t, self.demand.keys, self.rules.reuse),  # the same
+            "shares": squares.shares(t.offsets, spans, self.demand.keys, self.rules.reuse),  # the same
             "keys": self.demand.keys.astype(np.int32), "offset": start.offsets,  # rows x columns of cells
             "vertical": start.vertical, "horizontal": start.horizontal,  # rows x columns of cells x patch
         }  # fmt: skip
@@ -316,7 +317,7 @@ class Quilt:
         place = (b["order"], first, cells, b["keys"], b["target"], b["exemplar"], b["coarse_target"], b["coarse"],
                  b["finer"], b["histogram"], b["guide"], b["labels"], b["shown"], b["shares"], progress, *self._lattice,
                  *self._units)  # fmt: skip
-        table = b["offsets"], b["starts"], b["key_map"]
+        table = b["offsets"], b["spans"], b["key_map"]
         tried = b["candidate"], b["cost"], b["price"]
         best = b["best"], b["best_number"]
         run("score", (self.rules.candidates, cells), *plan, *place, *table, *tried)

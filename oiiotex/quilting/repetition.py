@@ -19,6 +19,7 @@ from ..labels.content_table import ContentTable
 from .quilt_plan import Grid
 
 GROWTH = 0.3  # price of a patch that is shown once too often, in exemplar variances of the overlaps' pixels
+OFTEN = 3  # times that patches of one label alone may show the same before mixed ones are taken, too
 UNITS = 256  # of a use, as shares are counted: cl/quilting.cl
 _AT_ONCE = 1 << 18  # offsets that are counted
 _SQUARES = 6  # along the side of what a patch shows, at least
@@ -64,15 +65,32 @@ class Squares:
             corners += np.bincount(y * self.columns + x, minlength=len(corners))
         return _spread(corners, self)
 
-    def shares(self, table: ContentTable, keys: np.ndarray, reuse: float) -> np.ndarray:
+    def spans(self, table: ContentTable, keys: np.ndarray, reuse: float) -> np.ndarray:
+        """Where the patches of each key are when cells with these keys are laid: (keys, 4) int64.
+
+        Offsets from and up to, and keys from and up to, in the table. They are the key's own, with one exception: a
+        label that is wanted alone takes all patches in which it dominates, if patches of nothing else would each be
+        shown more than `OFTEN` times. A stone of one label holds few squares of a patch's size, and a whole area of it
+        would be rows of these few.
+        """
+        of, numbers = table.keys[:, 0], np.arange(len(table.keys))
+        first, last = numbers.copy(), numbers + 1
+        cells = np.bincount(keys.ravel(), minlength=len(table.keys))
+        for key in np.flatnonzero((cells > 0) & (of == table.keys[:, 1])):
+            can = self.shown(table.offsets[table.starts[key] : table.starts[key + 1]]) > 0
+            if cells[key] * self.count**2 > OFTEN * max(1.0, reuse) * np.count_nonzero(can):
+                first[key], last[key] = np.searchsorted(of, of[key]), np.searchsorted(of, of[key], "right")
+        return np.stack([table.starts[first], table.starts[last], first, last], 1)
+
+    def shares(self, offsets: np.ndarray, spans: np.ndarray, keys: np.ndarray, reuse: float) -> np.ndarray:
         """How often each square is due when cells with these keys are laid, `reuse` times: (rows, columns) int32.
 
-        In 1 / `UNITS`. Of a key all squares that its patches can show are shown alike.
+        In 1 / `UNITS`. Of a key all squares that its patches, `spans` of all offsets, can show are shown alike.
         """
-        cells = np.bincount(keys.ravel(), minlength=len(table.keys))
+        cells = np.bincount(keys.ravel(), minlength=len(spans))
         shares = np.zeros((self.rows, self.columns))
         for key in np.flatnonzero(cells):
-            can = self.shown(table.offsets[table.starts[key] : table.starts[key + 1]]) > 0
+            can = self.shown(offsets[spans[key, 0] : spans[key, 1]]) > 0
             shares += np.where(can, cells[key] * self.count**2 / np.count_nonzero(can), 0.0)
         return np.minimum(np.rint(UNITS * reuse * shares), 2**31 - 1).astype(np.int32)
 

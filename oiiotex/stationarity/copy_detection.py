@@ -58,3 +58,26 @@ def most_shown(source: SourceMap, size: tuple[int, int]) -> tuple[float, float]:
     inside = slice(REGION // 2, 1 - REGION // 2)
     shown = float(uniform_filter(used, REGION)[inside, inside].max())
     return shown, shown * used.size / source.packed.size
+
+
+def label_copies(source: SourceMap, ids: np.ndarray, painted: np.ndarray) -> tuple[float, float, float]:
+    """Repetition in the painted label where it is largest: over the fair share, how often shown, the label.
+
+    A label's fair share is how often its area in the exemplar fits into the area where it was painted.
+
+    Parameters
+    ----------
+    source : SourceMap
+        Of every pixel.
+    ids : (h, w) int
+        Of the exemplar, `REGION` a side at least.
+    painted : (height, width) int
+        The labels that were asked for; 0: none.
+    """
+    own, asked = np.bincount(ids.ravel()), np.bincount(painted.ravel())
+    most = (0.0, 0.0, 0.0)
+    for label in np.flatnonzero(asked[1:]) + 1:
+        shown, _ = most_shown(SourceMap(np.where(painted == label, source.packed, NONE)), ids.shape)
+        fair = asked[label] / max(1, own[label] if label < len(own) else 0)
+        most = max(most, (shown / fair, shown, float(label)))
+    return most

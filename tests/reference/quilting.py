@@ -10,6 +10,7 @@ from oiiotex.patchmatch.field import hash_at
 from oiiotex.quilting.quilt_plan import Grid, Plan
 
 COARSE, SHORTLIST, DRAWS = 4, 8, 4
+OFTEN = 3
 LEFT, TOP, RIGHT, BOTTOM = range(4)
 
 
@@ -28,17 +29,37 @@ class Oracle:
         self.square = max(1, grid.step // 6)
         self.shown = np.zeros((len(lab) // self.square + 1, lab.shape[1] // self.square + 1), np.int64)
         self.shares = np.zeros(self.shown.shape)
-        for key, cells in enumerate(np.bincount(keys.ravel(), minlength=len(table.keys))):
-            can = np.zeros(self.shown.shape, bool)
-            for at in table.offsets[table.starts[key] : table.starts[key + 1]].tolist():
-                can[self.squares(at)] = True
-            self.shares[can] += cells * (grid.step // self.square) ** 2 / can.sum()
+        self.taken: dict[int, tuple[range, list[int]]] = {}  # of a key: keys whose patches are taken, and these
+        for key in np.unique(keys).tolist():
+            showing = np.count_nonzero(keys == key) * (grid.step // self.square) ** 2
+            first, second = table.keys[key].tolist()
+            self.taken[key] = self.patches_of(range(key, key + 1))
+            if first == second and showing > OFTEN * max(1, rules.reuse) * self.reached(key).sum():
+                alike = np.flatnonzero(table.keys[:, 0] == first).tolist()
+                self.taken[key] = self.patches_of(range(alike[0], alike[-1] + 1))
+            can = self.reached(key)
+            self.shares[can] += showing / can.sum()
         self.shares = np.rint(256 * rules.reuse * self.shares).astype(np.int64)
         self.progress = 0
         self.plan = Plan.empty(grid)
         h, w = lab.shape[0] // COARSE * COARSE, lab.shape[1] // COARSE * COARSE
         squares = self.lab[:h, :w].reshape(h // COARSE, COARSE, w // COARSE, COARSE, 3)
         self.coarse = (squares.sum((1, 3)) + 8) >> 4
+
+    def patches_of(self, keys: range) -> tuple[range, list[int]]:
+        t = self.table
+        return keys, [at for key in keys for at in t.offsets[t.starts[key] : t.starts[key + 1]].tolist()]
+
+    def reached(self, key: int) -> np.ndarray:
+        """The squares that patches of a key show."""
+        can = np.zeros(self.shown.shape, bool)
+        for at in self.taken[key][1]:
+            can[self.squares(at)] = True
+        return can
+
+    def fits(self, key: int, y: int, x: int) -> bool:
+        height, width = self.table.key_map.shape
+        return 0 <= y < height and 0 <= x < width and int(self.table.key_map[y, x]) in self.taken[key][0]
 
     # neighbours: (i, j) or None, and how far the patch is from them
     def neighbour(self, i: int, j: int, side: int):
@@ -159,13 +180,11 @@ class Oracle:
         off = [(n - 2**25 + 2**31) % 2**32 - 2**31 for n in self.cycles(i, j, at)]
         x, y = ((off @ self.in_step.steps().astype(np.int64) + 2**39) >> 40).tolist()
         y, x = (at >> 16) - y, (at & 0xFFFF) - x
-        height, width = self.table.key_map.shape
-        inside = 0 <= y < height and 0 <= x < width and self.table.key_map[y, x] == key
-        return y << 16 | x if inside else at
+        return y << 16 | x if self.fits(key, y, x) else at
 
     def candidates(self, i: int, j: int, key: int) -> list[int | None]:
-        t, seed = self.table, self.rules.seed
-        first, count = int(t.starts[key]), int(t.starts[key + 1] - t.starts[key])
+        seed, patches = self.rules.seed, self.taken[key][1]
+        count = len(patches)
         ij = np.array([i]), np.array([j])
         found: list[int | None] = []
         for k in range(self.rules.candidates):
@@ -174,7 +193,7 @@ class Oracle:
                 draws = [(k + turn) % count] if k < count else []
             else:
                 draws = [below(hash_at(seed, 0x10000 + DRAWS * k + d, *ij)[0], count) for d in range(DRAWS)]
-            places = [int(t.offsets[first + draw]) for draw in draws]
+            places = [patches[draw] for draw in draws]
             if self.in_step is not None and count > self.rules.candidates and k % 2 == 0:
                 places = [self.moved(i, j, key, at) for at in places]
             found.append(min(places, key=self.use, default=None))
@@ -220,8 +239,7 @@ class Oracle:
             cy, cx = found >> 16, found & 0xFFFF
             for k in range(9):
                 y, x = cy + step * (k // 3 - 1), cx + step * (k % 3 - 1)
-                h, w = self.table.key_map.shape
-                if k == 4 or not (0 <= y < h and 0 <= x < w) or self.table.key_map[y, x] != key:
+                if k == 4 or not self.fits(key, y, x):
                     continue
                 there = whole_cost(y << 16 | x)
                 if there < least:
