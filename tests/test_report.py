@@ -13,8 +13,8 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.filters import patch_synthesis
 from oiiotex.filters.tilereport import SCHEMA
-from oiiotex.stationarity.report_measures import REPORT_MEASURES
 from oiiotex.session import Session
+from oiiotex.stationarity.report_measures import REPORT_MEASURES
 from tests import pictures
 from tests.any_filter import buffer, pixels, quarters
 from tests.conftest import oiiotex, save
