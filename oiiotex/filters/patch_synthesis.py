@@ -15,7 +15,7 @@ from ..core.attributes import mark_as_data
 from ..core.demand import first_channels, materialized
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
-from ..core.parameters import Size, Words, image, param
+from ..core.parameters import Size, SizeRule, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
@@ -41,6 +41,7 @@ log = logging.getLogger("oiiotex")
 
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 11
 _LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
+_SIZE_HELP = "size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size"
 _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {PATCH} when left out"
 
 
@@ -57,7 +58,7 @@ class PatchSynthesis(MaterialOp, InBands):
     within: Image | None = image(None, help=WITHIN)
     weight: Image | None = image(None, help=WEIGHT)
     relevel: bool = param(False, help=RELEVEL)
-    size: Size | None = param(None, ge=5, le=65536, unit="px", help="of the result; the exemplar's own when left out")
+    size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", help=_SIZE_HELP)
     tile: str | None = param(
         None,
         choices=("xy", "x", "y", "none", None),
@@ -199,13 +200,19 @@ class PatchSynthesis(MaterialOp, InBands):
         """All maps, the size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
         maps = self.all_maps()
         self._check(maps)
-        size = self.size or Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
+        size = self.asked_size
         tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
         patch = self.patch or PATCH
         quality = Quality.of_copies(self, session, size, tiling, patch=patch, losses=self.finds_losses)
         if self.within is None:
             self._require_memory(size, session)
         return maps, size, quality
+
+    @property
+    def asked_size(self) -> Size:
+        """The size that `size` says, before a lattice of the photo may change its default."""
+        own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
+        return own.powers_of_two() if self.size == SizeRule.POW2 else self.size or own
 
     @property
     def kept_structure(self) -> float:
@@ -259,7 +266,7 @@ class PatchSynthesis(MaterialOp, InBands):
         if self.relevel and "height" not in kinds_of(self.kinds, len(maps), self.data):
             raise ParameterError("relevel=1: none of the maps is a height: kinds= says which is")
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
-        if self.within is not None and self.size not in (None, own):
+        if self.within is not None and self.asked_size != own:
             raise ParameterError(f"size={self.size}: with within the result is as large as the photo, {own}")
         if self.variants > 1:
             wrong = "within" if self.within is not None else "stmap" if isinstance(self.stmap, Path) else ""

@@ -38,14 +38,13 @@ def filled(op: Stationarize, session: Session) -> Stationarize:
         With a preset.
     session : Session
     """
-    size = op.size or (op.exemplar.first.spec.width, op.exemplar.first.spec.height)
     chosen: dict[str, Any] = {}
     if op.within is None:
         chosen["contrast"] = 0.0 if op.preset == CLEAN else CONTRAST
     if op.preset == KEEP:
         chosen["patch"] = LARGE_PATCH
         if op.amount is None and op.sigmamap is None:
-            chosen["sigma"] = max(size) / LARGE_SIGMA
+            chosen["sigma"] = max(op.asked_size) / LARGE_SIGMA
     plain = replace(op, preset=None, **{name: v for name, v in chosen.items() if getattr(op, name) is None})
     before = ""
     if op.preset == CLEAN and op.mask is None:

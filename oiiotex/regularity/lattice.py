@@ -5,7 +5,7 @@ Candidates are peaks of the normalised autocorrelation: pairs of them span latti
 stripes (rank 1). The one that the autocorrelation is highest on, on the average, is refined to a fraction of a pixel by
 least squares over its peaks, farther and farther away. Whether it is more than chance is asked of the photo itself
 (order_test): rows of cells are shifted against each other at random, and what such a photo shows of the lattice must be
-far below what the photo shows.
+far below what the photo shows, in the whole photo and in each half.
 """
 
 from __future__ import annotations
@@ -18,16 +18,18 @@ from ..core.image import resized
 from ..core.window import Domain
 from ..deferred import np
 from .autocorrelation import Autocorrelation, autocorrelation, high_passed
-from .order_test import order_of
+from .order_test import least_of_halves, order_of
 
 SIDE, LARGEST_SIDE = 256, 1024  # px; longer side that a photo is looked at with: half its own, between these
 _BYTES = 355  # of a pixel at that size, held while it is looked at; measured
 SMALLEST = 4.0  # px at that size: a lattice finer than that is inside of every patch
-CELLS = 2.5  # a period fits into the photo so often at least
+CELLS = 3.0  # the smallest number of periods in a photo, along each vector
 SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank: of rank 2 along every direction
+OF_HALF = 0.5  # of that in each half of the photo: deviations grow with the number of cells
 BINS = 64  # of a phase
 _BLUR = 0.5  # px of a folded autocorrelation
 _AS_GOOD = 0.85  # of the best one's correlation: a lattice with a smaller cell is as good
+STRETCHED = 0.02  # of a period: a larger strain is visible
 STRAIN, RANGE = 4.0, 0.3  # of sizes that fit
 _PEAKS, _TRIED = 24, 4
 
@@ -79,8 +81,8 @@ class Lattice:
     def fitting(self, domain: Domain, multiple: int = 1) -> tuple[int, int]:
         """The size nearest to that of the domain, of multiples alone, on which it closes with hardly a strain.
 
-        A multiple of the periods that is a little nearer is not worth a stretch: what counts is the relative change of
-        the size plus `STRAIN` times the strain.
+        A side on which no strain is visible stays. Otherwise the relative change of the size plus `STRAIN` times the
+        strain is smallest: a slightly nearer multiple of the periods is not worth a stretch.
         """
 
         def along(axis: int, size: int) -> int:
@@ -88,6 +90,8 @@ class Lattice:
             sizes = np.append(size, sizes[sizes % multiple == 0])
             cycles = self.frequencies[:, axis] * sizes[:, None]
             rest = np.abs(cycles - np.rint(cycles)) / sizes[:, None] / np.linalg.norm(self.frequencies, axis=1)
+            if rest[0].max() <= STRETCHED:
+                return size
             return int(sizes[np.argmin(np.abs(sizes - size) / size + STRAIN * rest.max(1))])
 
         return tuple(along(n, size) if domain.wraps[n] else size for n, size in enumerate(domain.size))
@@ -154,7 +158,7 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice 
         if frequencies is not None:
             enough = SURE[len(frequencies)]
             order = order_of(texture, counted, frequencies, enough)
-            if order >= enough:
+            if order >= enough and least_of_halves(texture, counted, frequencies, OF_HALF * enough) >= OF_HALF * enough:
                 lattice = Lattice(frequencies, order, alike.folded(frequencies, BINS, _BLUR))
                 return lattice.scaled(width / small[0], height / small[1])
     return None
