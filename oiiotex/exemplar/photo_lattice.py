@@ -13,6 +13,7 @@ from ..core.parameters import Size, param
 from ..core.window import Domain
 from ..deferred import np
 from ..patchmatch.field import hash_at
+from ..regularity.courses import Courses, find_courses
 from ..regularity.lattice import RANGE, STRETCHED, Lattice, find_lattice
 from ..regularity.offset_prices import InStep
 from ..session import Session
@@ -42,6 +43,14 @@ def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattic
     else:
         log.info("%s: the photo has %s (%.1f deviations above chance)", flag, lattice, lattice.order)
     return lattice
+
+
+def photo_courses(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Courses | None:
+    """The same of courses of unequal height, of a photo that has no lattice."""
+    courses = find_courses(lab, usable)
+    if courses is not None:
+        log.info("%s: the photo has courses: %s", flag, courses)
+    return courses
 
 
 def least_size(size: Size, wraps: tuple[bool, bool]) -> Size:

@@ -25,13 +25,14 @@ from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.heights import RELEVEL, height_tile
 from ..exemplar.material_op import MaterialOp
 from ..exemplar.materials import kinds_of
-from ..exemplar.photo_lattice import fitting_size, least_size, photo_lattice
+from ..exemplar.photo_lattice import fitting_size, least_size, photo_courses, photo_lattice
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
+from ..regularity.courses import InCourses
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..session import Session
@@ -133,6 +134,10 @@ class PatchSynthesis(MaterialOp, InBands):
             recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
             steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
             quality = replace(quality, cycles=tuple(map(float, np.abs(wanted).max(0))), lattice=steps)
+        elif self.kept_structure > 0:
+            courses = seen.remembered(session, photo_courses, self.flag())
+            if courses is not None:
+                recipe = replace(recipe, in_step=InCourses.of(courses, recipe, self.kept_structure))
         budget = self._budget(session)
         look = coarse_looks(parts[0], session) if marked is None and self.variants == 1 else None
 
@@ -170,7 +175,7 @@ class PatchSynthesis(MaterialOp, InBands):
         if session.look is not None:
             session.look(as_float(first["tile"].pixels()), True)
         more = {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
-        if recipe.in_step is not None and quality.is_asked_for:
+        if lattice is not None and quality.is_asked_for:
             more |= regularity_of(lab(), source, recipe)
 
         def looked_at() -> tuple[np.ndarray, list[Look]]:

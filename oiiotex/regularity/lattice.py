@@ -123,16 +123,8 @@ def _looked_at(height: int, width: int) -> tuple[int, int]:
     return round(width * factor), round(height * factor)
 
 
-def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice | None:
-    """The lattice of a photo; None where it shows none.
-
-    Parameters
-    ----------
-    values : (height, width, channels) float32
-        CIE Lab.
-    usable : (height, width) bool or None
-        Pixels that count; None: all.
-    """
+def texture_of(values: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, np.ndarray] | None:
+    """The high-passed photo at the size it is looked at, and its usable pixels; None where too little is left."""
     height, width = values.shape[:2]
     small = _looked_at(height, width)
     if min(small) < 4 * SMALLEST:
@@ -152,6 +144,23 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice 
     texture = high_passed(resized(values, *small).astype(np.float64), counted)
     if not (texture**2).mean() > 1e-4:
         return None
+    return texture, counted
+
+
+def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice | None:
+    """The lattice of a photo; None where it shows none.
+
+    Parameters
+    ----------
+    values : (height, width, channels) float32
+        CIE Lab.
+    usable : (height, width) bool or None
+        Pixels that count; None: all.
+    """
+    seen = texture_of(values, usable)
+    if seen is None:
+        return None
+    (texture, counted), small, (height, width) = seen, _looked_at(*values.shape[:2]), values.shape[:2]
     alike = autocorrelation(texture, counted)
     for candidate in (_plane_lattice, _stripes):
         frequencies = candidate(alike, min(small))

@@ -33,10 +33,13 @@ class Prices:
         Of u and v, in cycles / 2^32: per pixel of the exemplar along x, y, then of the target, then at the corner.
     table : (2^BITS, 2^BITS) int32
         Over v and u; of stripes all rows are alike.
+    warped : bool
+        Both are those of courses instead, as cl/lattice.h, price_of_courses, reads them.
     """
 
     phases: np.ndarray
     table: np.ndarray
+    warped: bool = False
 
     def at(self, x: int, y: int, own_x: np.ndarray, own_y: np.ndarray) -> np.ndarray:
         """Of copying to (x, y) from columns and rows of the exemplar, (rows, columns) int32; as cl/lattice.h has it."""
@@ -68,6 +71,10 @@ class InStep:
     wanted: np.ndarray
     structure: float
     origin: tuple[int, int] = (0, 0)
+
+    def facts(self) -> list[object]:
+        """What a result depends on."""
+        return [self.wanted, *vars(self.lattice).values()]
 
     def moved(self, x: int, y: int) -> InStep:
         """For the part of the result that begins there."""
