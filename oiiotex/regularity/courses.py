@@ -14,6 +14,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ..core.demand import SomeRows
+from ..core.elementary import gaussian_taps
 from ..core.window import Domain
 from ..deferred import np
 from .lattice import texture_of
@@ -51,22 +52,24 @@ class Courses:
         return np.diff(self.joints)
 
     def on_torus(self, domain: Domain) -> np.ndarray:
-        """Joints of a tile: the photo's courses in their order, stretched to close where the tile wraps."""
+        """Joints of a tile: the photo's courses in their order, stretched to close where the tile wraps.
+
+        The wrap lies in the middle of a course, where no joint is taken for a seam.
+        """
         size, heights = domain.size[self.rows], self.heights
         if not domain.wraps[self.rows]:
             if size <= self.extent:
                 return self.joints
             later = np.cumsum(np.tile(heights, int(size / heights.sum()) + 1))
             return np.concatenate([self.joints, self.joints[-1] + later])
-        nearest = math.inf, 0, heights[:1]
+        nearest = math.inf, heights[:1]
         for first in range(len(heights)):
             ends = np.cumsum(np.tile(np.roll(heights, -first), int(size / heights.sum()) + 2))
             count = int(np.abs(ends - size).argmin()) + 1
-            nearest = min(
-                nearest, (abs(float(ends[count - 1]) - size), first, ends[:count]), key=lambda found: found[0]
-            )
-        _, first, ends = nearest
-        return np.sort((self.joints[first] + ends * (size / ends[-1])) % size)
+            nearest = min(nearest, (abs(float(ends[count - 1]) - size), ends[:count]), key=lambda found: found[0])
+        ends = nearest[1] * (size / nearest[1][-1])
+        last = ends[-1] - (ends[-2] if len(ends) > 1 else 0.0)
+        return np.sort((ends + last / 2) % size)
 
     def __str__(self) -> str:
         low, high = self.heights.min(), self.heights.max()
@@ -97,16 +100,20 @@ def find_courses(values: SomeRows, usable: np.ndarray | None = None) -> Courses 
         return None
     axis = 0 if rows else 1
     extent = values.shape[axis]
-    return Courses(rows, joints * (extent / light.shape[axis]), extent)
+    return Courses(rows, np.rint(64 * joints * (extent / light.shape[axis])) / 64, extent)
 
 
 def _profile(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
     """The mean along rows, less its own mean over a wider range."""
     mean = (light * usable).sum(1) / np.maximum(usable.sum(1), 1)
-    reach = np.arange(-12, 13)
-    narrow, wide = (np.exp(-0.5 * (reach / s) ** 2) for s in (THIN, 4 * THIN))
-    taps = narrow / narrow.sum() - wide / wide.sum()
-    return np.convolve(np.pad(mean, 12, "reflect"), taps, "valid")
+    return _blurred(mean, THIN) - _blurred(mean, 4 * THIN)
+
+
+def _blurred(line: np.ndarray, sigma: float) -> np.ndarray:
+    """Through a Gaussian, reflected at its ends; np.convolve would sum by BLAS, which differs between CPUs."""
+    taps = gaussian_taps(sigma, 3.0)
+    padded = np.pad(line, len(taps) // 2, "reflect")
+    return sum(tap * padded[k : k + len(line)] for k, tap in enumerate(taps))
 
 
 def _joints(light: np.ndarray, usable: np.ndarray) -> tuple[float, np.ndarray]:

@@ -23,7 +23,7 @@ from .order_test import least_of_halves, order_of
 SIDE, LARGEST_SIDE = 256, 1024  # px; longer side that a photo is looked at with: half its own, between these
 _BYTES = 355  # of a pixel at that size, held while it is looked at; measured
 SMALLEST = 4.0  # px at that size: a lattice finer than that is inside of every patch
-CELLS = 3.0  # the smallest number of periods in a photo, along each vector
+CELLS, CELLS_OF_PART = 3.0, 2.5  # the smallest number of periods in a photo, along each vector
 SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank: of rank 2 along every direction
 OF_HALF = 0.5  # of that in each half of the photo: deviations grow with the number of cells
 BINS = 64  # of a phase
@@ -147,7 +147,7 @@ def texture_of(values: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray,
     return texture, counted
 
 
-def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice | None:
+def find_lattice(values: SomeRows, usable: np.ndarray | None = None, of_part: bool = False) -> Lattice | None:
     """The lattice of a photo; None where it shows none.
 
     Parameters
@@ -156,6 +156,8 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice 
         CIE Lab.
     usable : (height, width) bool or None
         Pixels that count; None: all.
+    of_part : bool
+        A part of a photo that has been found to have one: fewer periods are enough, and halves are not asked.
     """
     seen = texture_of(values, usable)
     if seen is None:
@@ -163,11 +165,12 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice 
     (texture, counted), small, (height, width) = seen, _looked_at(*values.shape[:2]), values.shape[:2]
     alike = autocorrelation(texture, counted)
     for candidate in (_plane_lattice, _stripes):
-        frequencies = candidate(alike, min(small))
+        frequencies = candidate(alike, min(small) / (CELLS_OF_PART if of_part else CELLS))
         if frequencies is not None:
             enough = SURE[len(frequencies)]
             order = order_of(texture, counted, frequencies, enough)
-            if order >= enough and least_of_halves(texture, counted, frequencies, OF_HALF * enough) >= OF_HALF * enough:
+            half = OF_HALF * enough
+            if order >= enough and (of_part or least_of_halves(texture, counted, frequencies, half) >= half):
                 lattice = Lattice(frequencies, order, alike.folded(frequencies, BINS, _BLUR))
                 return lattice.scaled(width / small[0], height / small[1])
     return None
@@ -228,20 +231,20 @@ def _near_heights(pairs: np.ndarray, maxima: np.ndarray, weight: np.ndarray) -> 
     return np.where(says, maxima[y, x], 0.0).sum(1) / np.maximum(says.sum(1), 1)
 
 
-def _fits(vectors: np.ndarray, side: int) -> bool:
-    """Whether both periods, across the other vector, are neither too small nor too large for the photo."""
+def _fits(vectors: np.ndarray, longest: float) -> bool:
+    """Whether both periods, across the other vector, are neither too small nor too large."""
     area = abs(np.linalg.det(vectors))
     lengths = np.linalg.norm(vectors, axis=1)
-    return bool(area / lengths.max() >= SMALLEST and lengths.max() <= side / CELLS)
+    return bool(area / lengths.max() >= SMALLEST and lengths.max() <= longest)
 
 
-def _plane_lattice(likeness: Autocorrelation, side: int) -> np.ndarray | None:
+def _plane_lattice(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
     """Frequencies of the best lattice of rank 2."""
     ncc, weight = _smoothed(likeness.ncc), likeness.weight
     reach_x, reach_y = likeness.reach
     x, y = likeness.offsets()
     peaks = (_near_maxima(ncc, 2) == ncc) & (weight > 0) & ((y > 0) | ((y == 0) & (x > 0)))
-    peaks &= (x * x + y * y >= SMALLEST**2) & (np.abs(x) <= side / 2) & (np.abs(y) <= side / 2)
+    peaks &= (x * x + y * y >= SMALLEST**2) & (np.maximum(np.abs(x), np.abs(y)) <= min(likeness.reach) / 1.5)
     at = np.stack([x[peaks], y[peaks]], 1).astype(np.float64)
     height = ncc[peaks]
     if len(at) < 2:
@@ -255,7 +258,7 @@ def _plane_lattice(likeness: Autocorrelation, side: int) -> np.ndarray | None:
         for j in chosen[chosen < i]:
             if abs(np.linalg.det(at[[i, j]])) >= SMALLEST**2:
                 vectors = _reduced(at[[i, j]])
-                if _fits(vectors, side):
+                if _fits(vectors, longest):
                     pairs[vectors.tobytes()] = vectors
     if not pairs:
         return None
@@ -266,20 +269,20 @@ def _plane_lattice(likeness: Autocorrelation, side: int) -> np.ndarray | None:
     good = tried[heights >= _AS_GOOD * heights[0]]
     good = good[np.argsort(np.abs(np.linalg.det(good)), kind="stable")]
     refined = [_refined(vectors, ncc, weight) for vectors in [*good[:_TRIED], *tried[:_TRIED]]]
-    heights = [(_height(v, maxima, weight), v) for v in refined if v is not None and _fits(v, side)]
+    heights = [(_height(v, maxima, weight), v) for v in refined if v is not None and _fits(v, longest)]
     if not heights or max(h for h, _ in heights) <= floor:
         return None
     least = floor + _AS_GOOD * (max(h for h, _ in heights) - floor)
     vectors = min((v for h, v in heights if h >= least), key=lambda v: abs(np.linalg.det(v)))
-    while denser := [v for v in _splits(vectors, side) if _height(v, maxima, weight) >= least]:
+    while denser := [v for v in _splits(vectors, longest) if _height(v, maxima, weight) >= least]:
         vectors = denser[0]
     return np.linalg.inv(vectors).T
 
 
-def _splits(vectors: np.ndarray, side: int) -> list[np.ndarray]:
+def _splits(vectors: np.ndarray, longest: float) -> list[np.ndarray]:
     """Lattices with a half or a third of the cell that have all points of this one."""
     matrices = [[[1 / n, 0], [0, 1]] for n in (2, 3)] + [[[k / n, 1 / n], [1, 0]] for n in (2, 3) for k in range(n)]
-    return [v for matrix in matrices if _fits(v := _reduced(np.array(matrix) @ vectors), side)]
+    return [v for matrix in matrices if _fits(v := _reduced(np.array(matrix) @ vectors), longest)]
 
 
 def _refined(vectors: np.ndarray, ncc: np.ndarray, weight: np.ndarray) -> np.ndarray | None:
@@ -314,7 +317,7 @@ def _parabola(before: np.ndarray, peak: np.ndarray, after: np.ndarray) -> np.nda
     return np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
 
 
-def _stripes(likeness: Autocorrelation, side: int) -> np.ndarray | None:
+def _stripes(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
     """The frequency of the best lattice of rank 1."""
     weighted = (likeness.ncc - likeness.mean) * likeness.weight
     x, y = likeness.offsets()
@@ -323,11 +326,11 @@ def _stripes(likeness: Autocorrelation, side: int) -> np.ndarray | None:
     power = np.abs(np.fft.rfft2(weighted, (length, length)))
     fy, fx = np.fft.fftfreq(length)[:, None], np.fft.rfftfreq(length)[None]
     size = np.hypot(fx, fy)
-    power[(size < CELLS / side) | (size > 1 / SMALLEST)] = 0.0
+    power[(size < 1 / longest) | (size > 1 / SMALLEST)] = 0.0
     rows, columns = np.nonzero((_near_maxima(power, 2) == power) & (power > 0))
     order = np.argsort(-power[rows, columns], kind="stable")[:5]
     peaks = np.stack([fx[0, columns[order]], fy[rows[order], 0]], 1)
-    candidates = [peak / k for peak in peaks for k in (1, 2, 3) if np.hypot(*peak) / k >= CELLS / side]
+    candidates = [peak / k for peak in peaks for k in (1, 2, 3) if np.hypot(*peak) / k >= 1 / longest]
     if not candidates:
         return None
     heights = [_over_floor(likeness, c) for c in candidates]
