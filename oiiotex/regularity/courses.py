@@ -54,7 +54,7 @@ class Courses:
     def on_torus(self, domain: Domain) -> np.ndarray:
         """Joints of a tile: the photo's courses in their order, stretched to close where the tile wraps.
 
-        The wrap lies in the middle of a course, where no joint is taken for a seam.
+        None lies near the wrap, where it would be taken for a seam; where that allows it, they lie as in the photo.
         """
         size, heights = domain.size[self.rows], self.heights
         if not domain.wraps[self.rows]:
@@ -62,14 +62,20 @@ class Courses:
                 return self.joints
             later = np.cumsum(np.tile(heights, int(size / heights.sum()) + 1))
             return np.concatenate([self.joints, self.joints[-1] + later])
-        nearest = math.inf, heights[:1]
+        nearest = math.inf, 0, heights[:1]
         for first in range(len(heights)):
             ends = np.cumsum(np.tile(np.roll(heights, -first), int(size / heights.sum()) + 2))
             count = int(np.abs(ends - size).argmin()) + 1
-            nearest = min(nearest, (abs(float(ends[count - 1]) - size), ends[:count]), key=lambda found: found[0])
-        ends = nearest[1] * (size / nearest[1][-1])
-        last = ends[-1] - (ends[-2] if len(ends) > 1 else 0.0)
-        return np.sort((ends + last / 2) % size)
+            nearest = min(
+                nearest, (abs(float(ends[count - 1]) - size), first, ends[:count]), key=lambda found: found[0]
+            )
+        _, first, ends = nearest
+        ends = ends * (size / ends[-1])
+        own, low = self.joints[1 + (first + np.arange(len(ends))) % len(heights)], float(heights.min())
+        places = self.joints[first] + ends
+        if (np.abs((places + size / 2) % size - size / 2) < low / 4).any():
+            places = places + low / 2
+        return np.sort((own + np.rint(places - own)) % size)  # moved by whole pixels: a joint is copied as it is
 
     def __str__(self) -> str:
         low, high = self.heights.min(), self.heights.max()
