@@ -16,7 +16,7 @@ import OpenImageIO as oiio
 from OpenImageIO import ROI, ImageBuf
 
 from .core.op import Kind, Op, Output
-from .core.parameters import Numbers, Parameter, Size, Words
+from .core.parameters import Numbers, Parameter, Size, SizeRule, Words
 from .session import Session
 
 FileName = str | os.PathLike[str]
@@ -32,7 +32,7 @@ __all__ = [
 
 _NAMES = {
     int: "int", float: "float", bool: "bool", str: "str", Path: "FileName", Size: "tuple[int, int]",
-    Numbers: "float | Sequence[float]", Words: "Sequence[str]",
+    Numbers: "float | Sequence[float]", Words: "Sequence[str]", SizeRule: "Literal['pow2']",
 }  # fmt: skip
 _COMMON: tuple[tuple[str, str, int | None, str], ...] = (  # name, type, default, help
     ("colorspace", "str | None", None, "colour space of the images that come first; their own tag where it is None"),

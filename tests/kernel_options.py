@@ -30,7 +30,7 @@ OPTIONS: dict[str, dict[str, object]] = {
     "patchmatch": {
         "PATCH": range(_PATCHES[0], _PATCHES[-1] + 1),
         "CHANNELS": CHANNELS,
-        "LATTICE": [0, 1],
+        "LATTICE": [0, 1, 2],
         "PIECES": [0, 1],
     },
     "potts": {},

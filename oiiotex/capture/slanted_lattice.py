@@ -95,7 +95,7 @@ def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> Sla
         vanishing = vanishing + rest
         if np.abs(rest * looked).max() < _STEP / 4:
             break
-    lattice = find_lattice(*_from_the_front(values, usable, vanishing))
+    lattice = find_lattice(*_from_the_front(values, usable, vanishing), of_part=True)
     if lattice is None or lattice.rank != 2:
         return None
     frequencies = lattice.frequencies
@@ -210,7 +210,7 @@ def _local_frequencies(values: np.ndarray, usable: np.ndarray) -> tuple[np.ndarr
     for top in np.linspace(0, height - high, _PARTS).astype(int):
         for left in np.linspace(0, width - wide, _PARTS).astype(int):
             at = np.s_[top : top + high, left : left + wide]
-            lattice = find_lattice(values[at], usable[at]) if usable[at].mean() > 0.5 else None
+            lattice = find_lattice(values[at], usable[at], of_part=True) if usable[at].mean() > 0.5 else None
             if lattice is not None and lattice.rank == 2:
                 y, x = np.nonzero(usable[at])
                 places.append((left + x.mean() + 0.5, top + y.mean() + 0.5))

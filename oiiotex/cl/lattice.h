@@ -16,6 +16,14 @@ static inline int price_of_offset(__constant uint *phases, const __global int *t
   return table[at.y >> (32 - PHASE_BITS) << PHASE_BITS | at.x >> (32 - PHASE_BITS)];
 }
 
+// The same where phases along one axis come from the table itself: prices of differences, then phases of the exemplar's
+// rows (or columns), then those of the target's. `phases`: 1 for rows, where the exemplar's begin, where the target's.
+static inline int price_of_courses(__constant uint *phases, const __global int *table, int x, int y, int ex, int ey) {
+  uint own = (uint)table[phases[1] + (uint)(phases[0] ? ey : ex)];
+  uint wanted = (uint)table[phases[2] + (uint)(phases[0] ? y : x)];
+  return table[(own - wanted) >> (32 - PHASE_BITS)];
+}
+
 // How far it is out of step, in cycles / 2^32 to both sides.
 static inline int2 phases_of_offset(__constant uint *phases, int x, int y, int ex, int ey) {
   uint2 at = cycles_of_offset(phases, x, y, ex, ey);

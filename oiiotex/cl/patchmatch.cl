@@ -28,7 +28,11 @@
 // Where the exemplar has a lattice, matches out of step with it cost more.
 #if LATTICE
 #define OFFSET_PRICES , __constant uint *phases, const __global int *restrict offset_prices
+#if LATTICE == 2
+#define OFFSET_PRICE(x, y, ex, ey) price_of_courses(phases, offset_prices, x, y, ex, ey)
+#else
 #define OFFSET_PRICE(x, y, ex, ey) price_of_offset(phases, offset_prices, x, y, ex, ey)
+#endif
 #else
 #define OFFSET_PRICES
 #define OFFSET_PRICE(x, y, ex, ey) 0

@@ -7,6 +7,7 @@ From the declaration come the Python signature, the command line's modifiers, `-
 from __future__ import annotations
 
 import dataclasses
+import enum
 import functools
 import inspect
 import keyword
@@ -48,6 +49,17 @@ class Size(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.width}x{self.height}"
+
+    def powers_of_two(self) -> Size:
+        """The nearest power of two of each side; halfway between two, the larger."""
+        floors = (1 << (n.bit_length() - 1) for n in self)
+        return Size(*(2 * low if 2 * n >= 3 * low else low for n, low in zip(self, floors, strict=True)))
+
+
+class SizeRule(enum.StrEnum):
+    """A word that stands for a size, which follows from an input image."""
+
+    POW2 = "pow2"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,11 +170,11 @@ class Parameter:
 
 _ON_THE_LINE = {
     int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name", str: "text",
-    Numbers: "numbers with commas between them", Words: "words with commas between them",
+    Numbers: "numbers with commas between them", Words: "words with commas between them", SizeRule: "pow2",
 }  # fmt: skip
 _IN_PYTHON = {
     int: "a whole number", float: "a number", bool: "True or False", Size: "(width, height)", Path: "a file name",
-    str: "a text", Numbers: "a number or a sequence of them", Words: "a sequence of texts",
+    str: "a text", Numbers: "a number or a sequence of them", Words: "a sequence of texts", SizeRule: "'pow2'",
 }  # fmt: skip
 
 
@@ -331,6 +343,6 @@ def _convert(kind: type, value: Any) -> Any:
         if converted != value or not math.isfinite(converted):
             raise ValueError(value)
         return converted
-    if kind in (bool, str) and not isinstance(value, kind):
+    if kind in (bool, str, SizeRule) and not isinstance(value, bool if kind is bool else str):
         raise TypeError(value)
     return kind(value)

@@ -13,17 +13,18 @@ from ..core.parameters import Size, param
 from ..core.window import Domain
 from ..deferred import np
 from ..patchmatch.field import hash_at
-from ..regularity.lattice import RANGE, Lattice, find_lattice
+from ..regularity.courses import Courses, find_courses
+from ..regularity.lattice import RANGE, STRETCHED, Lattice, find_lattice
 from ..regularity.offset_prices import InStep
 from ..session import Session
 
 log = logging.getLogger("oiiotex")
 
 STRUCTURE = (
-    "how strongly what repeats in the photo at equal distances (tiles, courses, weaves) is kept so; 0: not at all."
-    " Without size the result is then the nearest on which the lattice closes. Nothing changes where there is none"
+    "strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the"
+    " photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No"
+    " effect on a photo without regular repeats"
 )
-STRETCHED = 0.02  # of a period: it is seen
 
 
 def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattice | None:
@@ -42,6 +43,14 @@ def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattic
     else:
         log.info("%s: the photo has %s (%.1f deviations above chance)", flag, lattice, lattice.order)
     return lattice
+
+
+def photo_courses(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Courses | None:
+    """The same of courses of unequal height, of a photo that has no lattice."""
+    courses = find_courses(lab, usable)
+    if courses is not None:
+        log.info("%s: the photo has courses: %s", flag, courses)
+    return courses
 
 
 def least_size(size: Size, wraps: tuple[bool, bool]) -> Size:

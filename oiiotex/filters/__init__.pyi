@@ -561,7 +561,7 @@ def cut(
     stmap : bool | FileName, default False
         True: source coordinates as part 'st' of the result; a file name: there
     structure : float, default 0.5
-        how strongly what repeats in the photo at equal distances (tiles, courses, weaves) is kept so; 0: not at all. Without size the result is then the nearest on which the lattice closes. Nothing changes where there is none; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -2022,7 +2022,7 @@ def patchmatch(
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
-    size: tuple[int, int] | None = None,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -2067,8 +2067,8 @@ def patchmatch(
         how strongly the histogram is held to the photo's at first; it fades out; a number >= 0 and <= 1
     relevel : bool, default False
         True: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
-    size : tuple[int, int] | None, default None
-        of the result; the exemplar's own when left out; (width, height) >= 5 and <= 65536 px
+    size : Literal['pow2'] | tuple[int, int] | None, default None
+        size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size; 'pow2' or (width, height) >= 5 and <= 65536 px
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         along which axes the result tiles; when left out xy, with within none
     variants : int, default 1
@@ -2137,7 +2137,7 @@ def patchmatch(
     weight: ImageLike | None = None,
     contrast: float = 1.0,
     relevel: bool = False,
-    size: tuple[int, int] | None = None,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -2172,7 +2172,7 @@ def patchmatch(
     maps: Sequence[ImageLike] = (),
     contrast: float = 1.0,
     relevel: bool = False,
-    size: tuple[int, int] | None = None,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: int = 1,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -2339,7 +2339,7 @@ def quilt(
     stmap : bool | FileName, default False
         True: source coordinates as part 'st' of the result; a file name: there
     structure : float, default 0.5
-        how strongly what repeats in the photo at equal distances (tiles, courses, weaves) is kept so; 0: not at all. Without size the result is then the nearest on which the lattice closes. Nothing changes where there is none; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -2671,7 +2671,7 @@ def stationarize(
     preset: Literal['even', 'clean', 'keep'] | None = None,
     paper: bool = False,
     relevel: bool = False,
-    size: tuple[int, int] | None = None,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -2736,15 +2736,15 @@ def stationarize(
     order : int | None, default None
         of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis; a whole number >= 2 and <= 4
     structure : float, default 0.5
-        how strongly what repeats in the photo at equal distances (tiles, courses, weaves) is kept so; 0: not at all. Without size the result is then the nearest on which the lattice closes. Nothing changes where there is none; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
     preset : Literal['even', 'clean', 'keep'] | None, default None
         Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side / 4, patch=21; even (structures beyond sigma are evened out, too): sigma = longer side / 32, patch=11; clean (objects are removed): as even, with contrast=0 and the mask of filters.dominant. -v prints the line that makes the same pixels. Default: none of them.
     paper : bool, default False
         MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.
     relevel : bool, default False
         True: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
-    size : tuple[int, int] | None, default None
-        of the result; the exemplar's own when left out; (width, height) >= 5 and <= 65536 px
+    size : Literal['pow2'] | tuple[int, int] | None, default None
+        size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size; 'pow2' or (width, height) >= 5 and <= 65536 px
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
         along which axes the result tiles; when left out xy, with within none
     variants : int, default 1
@@ -2825,7 +2825,7 @@ def stationarize(
     preset: Literal['even', 'clean', 'keep'] | None = None,
     paper: bool = False,
     relevel: bool = False,
-    size: tuple[int, int] | None = None,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -2870,7 +2870,7 @@ def stationarize(
     preset: Literal['even', 'clean', 'keep'] | None = None,
     paper: bool = False,
     relevel: bool = False,
-    size: tuple[int, int] | None = None,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: Literal[1] = 1,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -2916,7 +2916,7 @@ def stationarize(
     preset: Literal['even', 'clean', 'keep'] | None = None,
     paper: bool = False,
     relevel: bool = False,
-    size: tuple[int, int] | None = None,
+    size: Literal['pow2'] | tuple[int, int] | None = None,
     tile: Literal['xy', 'x', 'y', 'none'] | None = None,
     variants: int = 1,
     patch: Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None = None,
@@ -3130,7 +3130,7 @@ def synth(
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     structure : float, default 0.5
-        how strongly what repeats in the photo at equal distances (tiles, courses, weaves) is kept so; 0: not at all. Without size the result is then the nearest on which the lattice closes. Nothing changes where there is none; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None

@@ -17,7 +17,7 @@ from ..core.attributes import mark_as_data
 from ..core.demand import MadeRows, first_channels, materialized
 from ..core.image import Image, Part, channels_of, from_pixels
 from ..core.op import Kind, Output
-from ..core.parameters import Size, Words, image, param
+from ..core.parameters import Size, SizeRule, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
@@ -27,13 +27,14 @@ from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.heights import RELEVEL, height_tile
 from ..exemplar.material_op import MaterialOp
 from ..exemplar.materials import kinds_of
-from ..exemplar.photo_lattice import fitting_size, least_size, photo_lattice
+from ..exemplar.photo_lattice import fitting_size, least_size, photo_courses, photo_lattice
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
 from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
+from ..regularity.courses import InCourses
 from ..regularity.fidelity import GOOD, Fidelity, fidelity
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
@@ -47,6 +48,7 @@ _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _TILES = 1.15  # seam ratio up to which a photo tiles by itself
 _LOOKED_AT = 1 << 24  # pixels of a photo for which that is asked
 _LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
+_SIZE_HELP = "size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size"
 _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {PATCH} when left out"
 
 
@@ -69,7 +71,7 @@ class PatchSynthesis(MaterialOp, InBands):
     within: Image | None = image(None, help=WITHIN)
     weight: Image | None = image(None, help=WEIGHT)
     relevel: bool = param(False, help=RELEVEL)
-    size: Size | None = param(None, ge=5, le=65536, unit="px", help="of the result; the exemplar's own when left out")
+    size: SizeRule | Size | None = param(None, ge=5, le=65536, unit="px", help=_SIZE_HELP)
     tile: str | None = param(
         None,
         choices=("xy", "x", "y", "none", None),
@@ -156,6 +158,10 @@ class PatchSynthesis(MaterialOp, InBands):
             recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
             steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
             quality = replace(quality, cycles=tuple(map(float, np.abs(wanted).max(0))), lattice=steps)
+        elif self.kept_structure > 0:
+            courses = seen.remembered(session, photo_courses, self.flag())
+            if courses is not None:
+                recipe = replace(recipe, in_step=InCourses.of(courses, recipe, self.kept_structure))
         budget = self._budget(session)
         look = coarse_looks(parts[0], session) if marked is None and self.variants == 1 else None
 
@@ -215,7 +221,7 @@ class PatchSynthesis(MaterialOp, InBands):
             session.look(as_float(first["tile"].pixels()), True)
         more = {} if kept is None else kept.measures()
         more |= {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
-        if recipe.in_step is not None and quality.is_asked_for:
+        if lattice is not None and quality.is_asked_for:
             more |= regularity_of(lab(), source, recipe)
 
         def looked_at() -> tuple[np.ndarray, list[Look]]:
@@ -292,13 +298,19 @@ class PatchSynthesis(MaterialOp, InBands):
         """The size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
         maps = self.all_maps()
         self._check(maps)
-        size = self.size or Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
+        size = self.asked_size
         tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
         patch = self.patch or PATCH
         quality = Quality.of_copies(self, session, size, tiling, patch=patch, losses=self.finds_losses)
         if self.within is None:
             self._require_memory(size, session)
         return size, quality
+
+    @property
+    def asked_size(self) -> Size:
+        """The size that `size` says, before a lattice of the photo may change its default."""
+        own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
+        return own.powers_of_two() if self.size == SizeRule.POW2 else self.size or own
 
     @property
     def kept_structure(self) -> float:
@@ -352,7 +364,7 @@ class PatchSynthesis(MaterialOp, InBands):
         if self.relevel and "height" not in kinds_of(self.kinds, len(maps), self.data):
             raise ParameterError("relevel=1: none of the maps is a height: kinds= says which is")
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
-        if self.within is not None and self.size not in (None, own):
+        if self.within is not None and self.asked_size != own:
             raise ParameterError(f"size={self.size}: with within the result is as large as the photo, {own}")
         if self.variants > 1:
             wrong = "within" if self.within is not None else "stmap" if isinstance(self.stmap, Path) else ""

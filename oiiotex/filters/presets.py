@@ -40,13 +40,12 @@ def filled(op: Stationarize, session: Session) -> Stationarize:
         With a preset.
     session : Session
     """
-    size = op.size or (op.exemplar.first.spec.width, op.exemplar.first.spec.height)
     chosen: dict[str, Any] = {}
     if op.within is None:
         chosen["contrast"] = 0.0 if op.preset == CLEAN else CONTRAST
     chosen["patch"], share = (LARGE_PATCH, KEEP_SIGMA_SHARE) if op.preset == KEEP else (SMALL_PATCH, EVEN_SIGMA_SHARE)
     if op.amount is None and op.sigmamap is None:
-        chosen["sigma"] = max(max(size) / share, (op.patch or chosen["patch"]) / 4)
+        chosen["sigma"] = max(max(op.asked_size) / share, (op.patch or chosen["patch"]) / 4)
     plain = replace(op, preset=None, **{name: v for name, v in chosen.items() if getattr(op, name) is None})
     before = ""
     if op.preset == CLEAN and op.mask is None:

@@ -40,7 +40,7 @@ class LevelCheckpoint:
         if constraints.fixed is not None:
             facts += [constraints.fixed.where, constraints.fixed.places.packed, constraints.fixed.is_goal]
         if recipe.in_step is not None:  # large arrays print in part alone
-            facts += [recipe.in_step.wanted, *vars(recipe.in_step.lattice).values()]
+            facts += recipe.in_step.facts()
         self._keeper, self._key = keeper, hash_of(__version__, exemplar, allowed, recipe, *facts)
 
     def latest(self, geometries: Sequence[Geometry]) -> int:

@@ -103,8 +103,8 @@ class Matcher:
         self._device, self._buffers, self.geometry, self._seed = device, buffers, geometry, seed
         self.exemplar = exemplar_rows or ExemplarRows(device, buffers, g, exemplar, allowed)
         self._run = device.program(
-            "patchmatch", PATCH=g.patch, CHANNELS=g.channels, LATTICE=int(offset_prices is not None),
-            PIECES=int(not self.exemplar.whole),
+            "patchmatch", PATCH=g.patch, CHANNELS=g.channels, PIECES=int(not self.exemplar.whole),
+            LATTICE=0 if offset_prices is None else 1 + offset_prices.warped,
         )  # fmt: skip
         tables = () if offset_prices is None else (offset_prices.phases, offset_prices.table)
         self._offset_prices = [device.upload(table) for table in tables]

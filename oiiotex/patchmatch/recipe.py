@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ..core.source_map import require_addressable
 from ..core.window import Domain
 from ..errors import ImageError
+from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
 from .field import Geometry
 
@@ -46,8 +47,8 @@ class Recipe(Domain):
         No region of the exemplar is shown too often, and the result is no flatter than the exemplar.
     reuse : float
         Weight of the penalty on regions that are shown too often, 0 to 1.
-    in_step : InStep or None
-        The lattice of the exemplar that the result keeps.
+    in_step : InStep or InCourses or None
+        The lattice, or the courses, of the exemplar that the result keeps.
     literal : bool
         Levels, iterations, projections and searches are the paper's: it starts at a quarter of the tile, no overshoot,
         all windows on all levels, and of steerable responses what no filter sees stays as it is.
@@ -64,7 +65,7 @@ class Recipe(Domain):
     order: int = 2
     complete: bool = False
     reuse: float = 1.0
-    in_step: InStep | None = None
+    in_step: InStep | InCourses | None = None
     literal: bool = False
 
     def alpha(self, iteration: int) -> float:

@@ -5,7 +5,7 @@ Candidates are peaks of the normalised autocorrelation: pairs of them span latti
 stripes (rank 1). The one that the autocorrelation is highest on, on the average, is refined to a fraction of a pixel by
 least squares over its peaks, farther and farther away. Whether it is more than chance is asked of the photo itself
 (order_test): rows of cells are shifted against each other at random, and what such a photo shows of the lattice must be
-far below what the photo shows.
+far below what the photo shows, in the whole photo and in each half.
 """
 
 from __future__ import annotations
@@ -18,16 +18,18 @@ from ..core.image import resized
 from ..core.window import Domain
 from ..deferred import np
 from .autocorrelation import Autocorrelation, autocorrelation, high_passed
-from .order_test import order_of
+from .order_test import least_of_halves, order_of
 
 SIDE, LARGEST_SIDE = 256, 1024  # px; longer side that a photo is looked at with: half its own, between these
 _BYTES = 355  # of a pixel at that size, held while it is looked at; measured
 SMALLEST = 4.0  # px at that size: a lattice finer than that is inside of every patch
-CELLS = 2.5  # a period fits into the photo so often at least
+CELLS, CELLS_OF_PART = 3.0, 2.5  # the smallest number of periods in a photo, along each vector
 SURE = {1: 7.0, 2: 4.5}  # deviations above photos with shifted rows, by rank: of rank 2 along every direction
+OF_HALF = 0.5  # of that in each half of the photo: deviations grow with the number of cells
 BINS = 64  # of a phase
 _BLUR = 0.5  # px of a folded autocorrelation
 _AS_GOOD = 0.85  # of the best one's correlation: a lattice with a smaller cell is as good
+STRETCHED = 0.02  # of a period: a larger strain is visible
 STRAIN, RANGE = 4.0, 0.3  # of sizes that fit
 _PEAKS, _TRIED = 24, 4
 
@@ -79,8 +81,8 @@ class Lattice:
     def fitting(self, domain: Domain, multiple: int = 1) -> tuple[int, int]:
         """The size nearest to that of the domain, of multiples alone, on which it closes with hardly a strain.
 
-        A multiple of the periods that is a little nearer is not worth a stretch: what counts is the relative change of
-        the size plus `STRAIN` times the strain.
+        A side on which no strain is visible stays. Otherwise the relative change of the size plus `STRAIN` times the
+        strain is smallest: a slightly nearer multiple of the periods is not worth a stretch.
         """
 
         def along(axis: int, size: int) -> int:
@@ -88,6 +90,8 @@ class Lattice:
             sizes = np.append(size, sizes[sizes % multiple == 0])
             cycles = self.frequencies[:, axis] * sizes[:, None]
             rest = np.abs(cycles - np.rint(cycles)) / sizes[:, None] / np.linalg.norm(self.frequencies, axis=1)
+            if rest[0].max() <= STRETCHED:
+                return size
             return int(sizes[np.argmin(np.abs(sizes - size) / size + STRAIN * rest.max(1))])
 
         return tuple(along(n, size) if domain.wraps[n] else size for n, size in enumerate(domain.size))
@@ -119,16 +123,8 @@ def _looked_at(height: int, width: int) -> tuple[int, int]:
     return round(width * factor), round(height * factor)
 
 
-def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice | None:
-    """The lattice of a photo; None where it shows none.
-
-    Parameters
-    ----------
-    values : (height, width, channels) float32
-        CIE Lab.
-    usable : (height, width) bool or None
-        Pixels that count; None: all.
-    """
+def texture_of(values: SomeRows, usable: np.ndarray | None) -> tuple[np.ndarray, np.ndarray] | None:
+    """The high-passed photo at the size it is looked at, and its usable pixels; None where too little is left."""
     height, width = values.shape[:2]
     small = _looked_at(height, width)
     if min(small) < 4 * SMALLEST:
@@ -148,13 +144,33 @@ def find_lattice(values: SomeRows, usable: np.ndarray | None = None) -> Lattice 
     texture = high_passed(resized(values, *small).astype(np.float64), counted)
     if not (texture**2).mean() > 1e-4:
         return None
+    return texture, counted
+
+
+def find_lattice(values: SomeRows, usable: np.ndarray | None = None, of_part: bool = False) -> Lattice | None:
+    """The lattice of a photo; None where it shows none.
+
+    Parameters
+    ----------
+    values : (height, width, channels) float32
+        CIE Lab.
+    usable : (height, width) bool or None
+        Pixels that count; None: all.
+    of_part : bool
+        A part of a photo that has been found to have one: fewer periods are enough, and halves are not asked.
+    """
+    seen = texture_of(values, usable)
+    if seen is None:
+        return None
+    (texture, counted), small, (height, width) = seen, _looked_at(*values.shape[:2]), values.shape[:2]
     alike = autocorrelation(texture, counted)
     for candidate in (_plane_lattice, _stripes):
-        frequencies = candidate(alike, min(small))
+        frequencies = candidate(alike, min(small) / (CELLS_OF_PART if of_part else CELLS))
         if frequencies is not None:
             enough = SURE[len(frequencies)]
             order = order_of(texture, counted, frequencies, enough)
-            if order >= enough:
+            half = OF_HALF * enough
+            if order >= enough and (of_part or least_of_halves(texture, counted, frequencies, half) >= half):
                 lattice = Lattice(frequencies, order, alike.folded(frequencies, BINS, _BLUR))
                 return lattice.scaled(width / small[0], height / small[1])
     return None
@@ -215,20 +231,20 @@ def _near_heights(pairs: np.ndarray, maxima: np.ndarray, weight: np.ndarray) -> 
     return np.where(says, maxima[y, x], 0.0).sum(1) / np.maximum(says.sum(1), 1)
 
 
-def _fits(vectors: np.ndarray, side: int) -> bool:
-    """Whether both periods, across the other vector, are neither too small nor too large for the photo."""
+def _fits(vectors: np.ndarray, longest: float) -> bool:
+    """Whether both periods, across the other vector, are neither too small nor too large."""
     area = abs(np.linalg.det(vectors))
     lengths = np.linalg.norm(vectors, axis=1)
-    return bool(area / lengths.max() >= SMALLEST and lengths.max() <= side / CELLS)
+    return bool(area / lengths.max() >= SMALLEST and lengths.max() <= longest)
 
 
-def _plane_lattice(likeness: Autocorrelation, side: int) -> np.ndarray | None:
+def _plane_lattice(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
     """Frequencies of the best lattice of rank 2."""
     ncc, weight = _smoothed(likeness.ncc), likeness.weight
     reach_x, reach_y = likeness.reach
     x, y = likeness.offsets()
     peaks = (_near_maxima(ncc, 2) == ncc) & (weight > 0) & ((y > 0) | ((y == 0) & (x > 0)))
-    peaks &= (x * x + y * y >= SMALLEST**2) & (np.abs(x) <= side / 2) & (np.abs(y) <= side / 2)
+    peaks &= (x * x + y * y >= SMALLEST**2) & (np.maximum(np.abs(x), np.abs(y)) <= min(likeness.reach) / 1.5)
     at = np.stack([x[peaks], y[peaks]], 1).astype(np.float64)
     height = ncc[peaks]
     if len(at) < 2:
@@ -242,7 +258,7 @@ def _plane_lattice(likeness: Autocorrelation, side: int) -> np.ndarray | None:
         for j in chosen[chosen < i]:
             if abs(np.linalg.det(at[[i, j]])) >= SMALLEST**2:
                 vectors = _reduced(at[[i, j]])
-                if _fits(vectors, side):
+                if _fits(vectors, longest):
                     pairs[vectors.tobytes()] = vectors
     if not pairs:
         return None
@@ -253,20 +269,20 @@ def _plane_lattice(likeness: Autocorrelation, side: int) -> np.ndarray | None:
     good = tried[heights >= _AS_GOOD * heights[0]]
     good = good[np.argsort(np.abs(np.linalg.det(good)), kind="stable")]
     refined = [_refined(vectors, ncc, weight) for vectors in [*good[:_TRIED], *tried[:_TRIED]]]
-    heights = [(_height(v, maxima, weight), v) for v in refined if v is not None and _fits(v, side)]
+    heights = [(_height(v, maxima, weight), v) for v in refined if v is not None and _fits(v, longest)]
     if not heights or max(h for h, _ in heights) <= floor:
         return None
     least = floor + _AS_GOOD * (max(h for h, _ in heights) - floor)
     vectors = min((v for h, v in heights if h >= least), key=lambda v: abs(np.linalg.det(v)))
-    while denser := [v for v in _splits(vectors, side) if _height(v, maxima, weight) >= least]:
+    while denser := [v for v in _splits(vectors, longest) if _height(v, maxima, weight) >= least]:
         vectors = denser[0]
     return np.linalg.inv(vectors).T
 
 
-def _splits(vectors: np.ndarray, side: int) -> list[np.ndarray]:
+def _splits(vectors: np.ndarray, longest: float) -> list[np.ndarray]:
     """Lattices with a half or a third of the cell that have all points of this one."""
     matrices = [[[1 / n, 0], [0, 1]] for n in (2, 3)] + [[[k / n, 1 / n], [1, 0]] for n in (2, 3) for k in range(n)]
-    return [v for matrix in matrices if _fits(v := _reduced(np.array(matrix) @ vectors), side)]
+    return [v for matrix in matrices if _fits(v := _reduced(np.array(matrix) @ vectors), longest)]
 
 
 def _refined(vectors: np.ndarray, ncc: np.ndarray, weight: np.ndarray) -> np.ndarray | None:
@@ -301,7 +317,7 @@ def _parabola(before: np.ndarray, peak: np.ndarray, after: np.ndarray) -> np.nda
     return np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
 
 
-def _stripes(likeness: Autocorrelation, side: int) -> np.ndarray | None:
+def _stripes(likeness: Autocorrelation, longest: float) -> np.ndarray | None:
     """The frequency of the best lattice of rank 1."""
     weighted = (likeness.ncc - likeness.mean) * likeness.weight
     x, y = likeness.offsets()
@@ -310,11 +326,11 @@ def _stripes(likeness: Autocorrelation, side: int) -> np.ndarray | None:
     power = np.abs(np.fft.rfft2(weighted, (length, length)))
     fy, fx = np.fft.fftfreq(length)[:, None], np.fft.rfftfreq(length)[None]
     size = np.hypot(fx, fy)
-    power[(size < CELLS / side) | (size > 1 / SMALLEST)] = 0.0
+    power[(size < 1 / longest) | (size > 1 / SMALLEST)] = 0.0
     rows, columns = np.nonzero((_near_maxima(power, 2) == power) & (power > 0))
     order = np.argsort(-power[rows, columns], kind="stable")[:5]
     peaks = np.stack([fx[0, columns[order]], fy[rows[order], 0]], 1)
-    candidates = [peak / k for peak in peaks for k in (1, 2, 3) if np.hypot(*peak) / k >= CELLS / side]
+    candidates = [peak / k for peak in peaks for k in (1, 2, 3) if np.hypot(*peak) / k >= 1 / longest]
     if not candidates:
         return None
     heights = [_over_floor(likeness, c) for c in candidates]

@@ -35,12 +35,15 @@ class Prices:
     table : (2^BITS, 2^BITS) int32
         Over v and u; of stripes all rows are alike.
     vectors : (rank, 2) float64
-        Of the exemplar's lattice there, px; x and y.
+        Of the exemplar's lattice there, px; x and y. Of courses: the median one.
+    warped : bool
+        Both are those of courses instead, as cl/lattice.h, price_of_courses, reads them.
     """
 
     phases: np.ndarray
     table: np.ndarray
     vectors: np.ndarray
+    warped: bool = False
 
     @property
     def resolved(self) -> bool:
@@ -59,13 +62,23 @@ class Prices:
         own_x, own_y : array of int64
             Of the exemplar, of one shape; x and y are of shapes that go with it.
         """
-        p, half_a_bin = self.phases.astype(np.int64), 1 << (31 - BITS)
         move_x, move_y = np.zeros(own_x.shape), np.zeros(own_x.shape)
-        for n, (step_x, step_y) in zip((0, 2), self.vectors, strict=False):
-            cycles = p[n] * own_x + p[n + 1] * own_y - p[n + 4] * x - p[n + 5] * y + p[8 + n // 2] - half_a_bin
+        for n, (step_x, step_y) in enumerate(self.vectors):
+            cycles = self._cycles(n, x, y, own_x, own_y) - (1 << (31 - BITS))  # half a bin
             away = ((cycles + (1 << 31)) % (1 << 32) - (1 << 31)) / 2.0**32
             move_x, move_y = move_x - away * step_x, move_y - away * step_y
         return own_x + np.rint(move_x).astype(np.int64), own_y + np.rint(move_y).astype(np.int64)
+
+    def _cycles(self, n: int, x: np.ndarray, y: np.ndarray, own_x: np.ndarray, own_y: np.ndarray) -> np.ndarray:
+        """Phase n of the offset and half a bin, in cycles / 2^32, as the kernels have it."""
+        p = self.phases.astype(np.int64)
+        if self.warped:
+            own, at = (own_y, y) if p[0] else (own_x, x)
+            table = self.table.view(np.uint32).astype(np.int64)
+            own = np.clip(own, 0, p[2] - p[1] - 1)
+            return table[p[1] + own] - table[p[2] + at]
+        along_x, along_y, wanted_x, wanted_y = p[[2 * n, 2 * n + 1, 2 * n + 4, 2 * n + 5]]
+        return along_x * own_x + along_y * own_y - wanted_x * x - wanted_y * y + p[8 + n]
 
     def at(self, x: int, y: int, own_x: np.ndarray, own_y: np.ndarray) -> np.ndarray:
         """Of copying to (x, y) from columns and rows of the exemplar, (rows, columns) int32; as cl/lattice.h has it."""
@@ -97,6 +110,10 @@ class InStep:
     wanted: np.ndarray
     structure: float
     origin: tuple[int, int] = (0, 0)
+
+    def facts(self) -> list[object]:
+        """What a result depends on."""
+        return [self.wanted, *vars(self.lattice).values()]
 
     def moved(self, x: int, y: int) -> InStep:
         """For the part of the result that begins there."""

@@ -46,6 +46,30 @@ def order_of(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, e
     return least
 
 
+def least_of_halves(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, enough: float) -> float:
+    """The smallest order in the left, right, upper and lower half, which a lattice that bends or ends does not have.
+
+    Parameters
+    ----------
+    texture, usable, frequencies
+        As of `order_of`; halves have equally many usable pixels.
+    enough : float
+        Below it nothing more is tried.
+    """
+    least = math.inf
+    for axis in (0, 1):
+        counts = np.cumsum(usable.sum(1 - axis))
+        middle = int(np.searchsorted(counts, counts[-1] / 2)) + 1
+        for half in (slice(0, middle), slice(middle, None)):
+            part = (half, slice(None)) if axis == 0 else (slice(None), half)
+            if not usable[part].any():
+                return 0.0
+            least = min(least, order_of(texture[part], usable[part], frequencies, enough))
+            if least < enough:
+                return least
+    return least
+
+
 def _order_along(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray) -> float:
     """The same for rows that are shifted along the first vector alone."""
     bins = [int(np.clip(1 / (_BIN * np.hypot(*f)), *_BINS)) for f in frequencies]
