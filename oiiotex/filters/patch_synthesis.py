@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +13,8 @@ from ..color.config import as_float
 from ..color.lab import working_values
 from ..core.access import InBands
 from ..core.attributes import mark_as_data
-from ..core.demand import MadeRows, first_channels, materialized
-from ..core.image import Image, Part, channels_of, from_pixels
+from ..core.demand import first_channels, materialized
+from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
 from ..core.parameters import Size, SizeRule, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
@@ -24,6 +23,7 @@ from ..errors import ParameterError
 from ..exemplar.coarse_looks import coarse_looks
 from ..exemplar.constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
 from ..exemplar.exemplar_op import ExemplarPixels
+from ..exemplar.first_result import better_of, hint_that_it_tiles, say_fidelity
 from ..exemplar.heights import RELEVEL, height_tile
 from ..exemplar.material_op import MaterialOp
 from ..exemplar.materials import kinds_of
@@ -35,27 +35,17 @@ from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
 from ..regularity.courses import InCourses
-from ..regularity.fidelity import GOOD, Fidelity, fidelity
 from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..session import Session
-from ..stationarity.seam_measures import seam_ratio
 from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality, regularity_of, say_what_was_lost
 
 log = logging.getLogger("oiiotex")
 
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
-_TILES = 1.15  # seam ratio up to which a photo tiles by itself
-_LOOKED_AT = 1 << 24  # pixels of a photo for which that is asked
 _LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
 _SIZE_HELP = "size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size"
 _PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {PATCH} when left out"
-
-
-def chosen(recipe: Recipe) -> str:
-    """What a photo's own line leaves open, spelled out."""
-    sigma = "" if recipe.sigma is None else f"sigma={recipe.sigma:g}:"
-    return f"{sigma}patch={recipe.patch}:contrast={recipe.contrast:g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,27 +185,19 @@ class PatchSynthesis(MaterialOp, InBands):
                 log.warning("%s: within marks no pixel: the photo stays as it is", self.flag())
             source, lost = remade_source(marked, seen.opaque, recipe, constraints, run), None
         else:
-            self._say_whether_it_tiles()
-            synthesis = run(recipe, constraints)
-            with session.stats.time("fidelity"):
-                kept = self._fidelity(seen, synthesis.source, recipe)
+            if self.tiling == "xy" and self.size is None:
+                hint_that_it_tiles(self.flag(), self.exemplar.first)
             other = self.second_choice(recipe)
-            if other is not None and kept is not None and kept.value < GOOD:
-                session = next(stages)
-                second = run(other, constraints, session.advance)
-                better = self._fidelity(seen, second.source, other)
-                log.info("%s: %s with %s: tried %s, too", self.flag(), kept, chosen(recipe), chosen(other))
-                if better.value > kept.value:
-                    synthesis, kept, recipe = second, better, other
-                    quality = replace(quality, sigma=recipe.sigma)
+            synthesis, kept, recipe = better_of(self.flag(), run, constraints, recipe, other, seen, stages)
             source, lost = synthesis.source, synthesis.lost
-            self._say_fidelity(kept, recipe)
+            quality = replace(quality, sigma=recipe.sigma)
+            say_fidelity(self.flag(), kept, recipe, warn=self.judges_itself)
         session.device.collect(session.stats)
         self.say_what_stays()
         tiles = self._tiles(parts, source, session, in_place=marked is not None)
         first, *others = self._with_heights(tiles, source, None if marked is None else ~marked, session)
         if kept is not None:
-            facts = {"oiiotex:chosen": chosen(recipe), "oiiotex:fidelity": f"{kept.value:.3f}"}
+            facts = {"oiiotex:chosen": recipe.scales, "oiiotex:fidelity": f"{kept.value:.3f}"}
             first["tile"] = first["tile"].respecced(lambda spec: [spec.attribute(*fact) for fact in facts.items()])
         if session.look is not None:
             session.look(as_float(first["tile"].pixels()), True)
@@ -234,45 +216,10 @@ class PatchSynthesis(MaterialOp, InBands):
         """What is tried where the first result is not faithful; None: nothing."""
         return None
 
-    def _fidelity(self, seen: ExemplarPixels, source: SourceMap, recipe: Recipe) -> Fidelity | None:
-        photo = first_channels(seen.values, 3)
-
-        def rows(first: int, last: int) -> np.ndarray:
-            return source[first:last].gather(photo)
-
-        result = MadeRows((*source.packed.shape, 3), np.float32, rows)
-        return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x))
-
-    def _say_fidelity(self, kept: Fidelity | None, recipe: Recipe) -> None:
-        """One sentence; a warning where the result is not good by the op's own choice."""
-        if kept is None:
-            return
-        log.info("%s: scales chosen: %s", self.flag(), chosen(recipe))
-        if kept.value < GOOD and self.judges_itself:
-            log.warning(
-                "%s: %s. The photo may hold too few elements to be a texture: crop it, or try preset=clean or --texcut",
-                self.flag(), kept,
-            )  # fmt: skip
-
     @property
     def judges_itself(self) -> bool:
         """Whether scales were left to the op."""
         return False
-
-    def _say_whether_it_tiles(self) -> None:
-        """Hint where a photo needs no synthesis."""
-        part = self.exemplar.first
-        if self.tiling != "xy" or self.size is not None or min(part.window.size) < 4 * PATCH:
-            return
-        if math.prod(part.window.size) > _LOOKED_AT:
-            return
-        gray = as_float(part.pixels()[..., list(channels_of(part.spec).colour)]).mean(-1)
-        ratios = [seam_ratio(gray, axis) for axis in (1, 0)]
-        if max(ratios) <= _TILES:
-            text = (
-                "the photo already tiles (seam ratio %.2f along x, %.2f along y): --texflatten:tile=xy keeps it whole"
-            )
-            log.warning("%s: " + text, self.flag(), *ratios)
 
     def flattened(self, session: Session) -> tuple[PatchSynthesis, dict[str, Part]]:
         """The op whose exemplar is what patches are taken from, and what else is made of it."""

@@ -68,6 +68,12 @@ class Recipe(Domain):
     in_step: InStep | InCourses | None = None
     literal: bool = False
 
+    @property
+    def scales(self) -> str:
+        """Sigma, patch and contrast as modifiers."""
+        sigma = "" if self.sigma is None else f"sigma={self.sigma:g}:"
+        return f"{sigma}patch={self.patch}:contrast={self.contrast:g}"
+
     def alpha(self, iteration: int) -> float:
         """Weight of global histogram matching in an iteration, counted over all levels."""
         return self.contrast if self.flat else self.contrast * max(0.0, 1.0 - iteration / self.iterations)

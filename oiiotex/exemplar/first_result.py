@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first result is checked against its photo: tried again with larger structures, or called what it is."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator
+
+from ..color.config import as_float
+from ..core.demand import MadeRows, first_channels
+from ..core.image import Part, channels_of
+from ..core.source_map import SourceMap
+from ..deferred import np
+from ..patchmatch.constraints import Constraints
+from ..patchmatch.optimization import Synthesis
+from ..patchmatch.recipe import Recipe
+from ..regularity.fidelity import GOOD, Fidelity, fidelity
+from ..session import Session
+from ..stationarity.seam_measures import seam_ratio
+from .exemplar_op import ExemplarPixels
+
+log = logging.getLogger("oiiotex")
+
+TILES = 1.15  # seam ratio up to which a photo tiles by itself
+_LEAST, _MOST = 48, 1 << 24  # px of a side, and of the whole photo, of which that is asked
+
+
+def fidelity_of(seen: ExemplarPixels, source: SourceMap, recipe: Recipe) -> Fidelity | None:
+    """The fidelity of a result that is copied from those pixels; None where it is too small to say."""
+    photo = first_channels(seen.values, 3)
+
+    def rows(first: int, last: int) -> np.ndarray:
+        return source[first:last].gather(photo)
+
+    result = MadeRows((*source.packed.shape, 3), np.float32, rows)
+    return fidelity(photo, seen.usable, result, (recipe.wrap_y, recipe.wrap_x))
+
+
+def better_of(
+    flag: str,
+    run: Callable[..., Synthesis],
+    constraints: Constraints,
+    recipe: Recipe,
+    other: Recipe | None,
+    seen: ExemplarPixels,
+    stages: Iterator[Session],
+) -> tuple[Synthesis, Fidelity | None, Recipe]:
+    """A result, by the other recipe where the first one's is not good and the other's is better.
+
+    Parameters
+    ----------
+    flag : str
+        Of the op, for the log.
+    run : callable
+        (recipe, constraints, advance) -> Synthesis
+    constraints : Constraints
+    recipe : Recipe
+    other : Recipe or None
+        None: there is no other choice.
+    seen : ExemplarPixels
+    stages : iterator of Session
+        One for each run.
+    """
+    session = next(stages)
+    first = run(recipe, constraints, session.advance)
+    with session.stats.time("fidelity"):
+        kept = fidelity_of(seen, first.source, recipe)
+    if other is None or kept is None or kept.value >= GOOD:
+        return first, kept, recipe
+    log.info("%s: %s with %s: trying %s", flag, kept, recipe.scales, other.scales)
+    second = run(other, constraints, next(stages).advance)
+    with session.stats.time("fidelity"):
+        better = fidelity_of(seen, second.source, other)
+    if better is None or better.value <= kept.value:
+        return first, kept, recipe
+    return second, better, other
+
+
+def say_fidelity(flag: str, kept: Fidelity | None, recipe: Recipe, warn: bool) -> None:
+    """Log the scales that were taken; with `warn`, also that the result is not good."""
+    if kept is None:
+        return
+    log.info("%s: scales chosen: %s", flag, recipe.scales)
+    if warn and kept.value < GOOD:
+        advice = "The photo may hold too few elements to be a texture: crop it, or try preset=clean or --texcut"
+        log.warning("%s: %s. %s", flag, kept, advice)
+
+
+def hint_that_it_tiles(flag: str, photo: Part) -> None:
+    """Warn where a photo needs no synthesis."""
+    width, height = photo.window.size
+    if min(width, height) < _LEAST or width * height > _MOST:
+        return
+    gray = as_float(photo.pixels()[..., list(channels_of(photo.spec).colour)]).mean(-1)
+    ratios = [seam_ratio(gray, axis) for axis in (1, 0)]
+    if max(ratios) <= TILES and all(map(math.isfinite, ratios)):
+        log.warning(
+            "%s: the photo already tiles (seam ratio %.2f along x, %.2f along y): --texflatten:tile=xy keeps it whole",
+            flag, *ratios,
+        )  # fmt: skip
