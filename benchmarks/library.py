@@ -130,7 +130,7 @@ def large_catalogue(folder: Path, count: int) -> None:
     digest = "0" * 64
     found = materials(photos, recipe)
     random = np.random.default_rng(1)
-    names = ("seam", "repeat", "loss", "slow", "cost", "cost_photo", "texture", "copied", "normal_length")
+    names = ("fidelity", "seam", "repeat", "loss", "cost", "cost_photo", "texture", "copied", "normal_length")
     with Catalogue(library, create=True) as catalogue:
         used = sorted({file.path for material in found for file in material.maps.values()})
         facts = ((path, os.stat(photos / path)) for path in used)

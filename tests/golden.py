@@ -108,10 +108,10 @@ CASES = {
     "flatten_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texflatten",)),
     "flatten_moss_hdr": Case(
         lambda: 8 * pictures.stained(pictures.moss(112, 96, 3)),
-        ("--texflatten:sigma=20:amount=0.8:keep=none",),
+        ("--texflatten:radius=40:amount=0.8:keep=none",),
         "lin_rec709_scene",
     ),
-    "flatten_alpha_hole": Case(_with_hole, ("--texflatten:sigma=9",)),
+    "flatten_alpha_hole": Case(_with_hole, ("--texflatten:radius=18",)),
     "stationarity_bricks": Case(lambda: pictures.stained(pictures.bricks(96, 128, 1)), ("--texstationarity",)),
     "preview_bricks": Case(
         lambda: pictures.bricks(96, 128, 1),

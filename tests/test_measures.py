@@ -240,7 +240,7 @@ def test_v_prints_the_measures_of_every_tile(caplog, measure, unit):
     )
     for op in ("--texstationarize", "--texpatchmatch"):
         for word in (
-            "texture cost", "seam ratio x", "seam ratio y", "low-frequency energy", "sharpness loss",
+            "fidelity", "texture cost", "seam ratio x", "seam ratio y", "sharpness loss",
             "verbatim copies of 8x8 px; the most repeated region of 32x32",
         ):  # fmt: skip
             assert sum(line.startswith(f"{op}: ") and word in line for line in lines) == 1, word

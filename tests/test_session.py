@@ -63,10 +63,10 @@ def test_what_statistics_ask_for_is_what_they_hold(monkeypatch, measure):
     """Of grids alone: less what the same image takes with a few cells. Of one thread nothing waits to be added up."""
     photo = buffer(np.random.default_rng(0).random((160, 160, 3)).astype(np.float32))
     if measure is None:
-        runs = [lambda s, sigma=sigma: filters.flatten(photo, sigma=sigma, session=s) for sigma in (200, 2)]
+        runs = [lambda s, radius=radius: filters.flatten(photo, radius=radius, session=s) for radius in (200, 4)]
     else:
         runs = [
-            lambda s, sigma=sigma: filters.stationarity(photo, sigma=sigma, measure=measure, session=s)
+            lambda s, radius=radius: filters.stationarity(photo, sigma=sigma, measure=measure, session=s)
             for sigma in (200, 2)
         ]
     runs[0](Session(threads=1))  # what is loaded once is loaded

@@ -2074,9 +2074,9 @@ def patchmatch(
     variants : int, default 1
         so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        side of a patch: the scale up to which detail is copied whole; 13 when left out; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
+        Side of a patch: the scale up to which detail is copied whole. Default: 13.; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
     iterations : int, default 30
-        on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
+        Iterations on the coarsest level; each finer level has one. Default: 30.; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
     reuse : float, default 1.0
@@ -2700,8 +2700,8 @@ def stationarize(
     filters.flatten. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
     kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
     Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
-    drift is removed, the copy is corrected by a gain and an offset in Lab that vary more slowly than sigma. With
-    relevel=True, heights are copies plus a constant for each copied piece.
+    drift is removed, the copy is corrected by a gain and an offset in Lab that vary slowly, but for the rims of stains.
+    With relevel=True, heights are copies plus a constant for each copied piece.
 
     Parameters
     ----------
@@ -2750,9 +2750,9 @@ def stationarize(
     variants : int, default 1
         so many different tiles that go beside each other: up to 7 any beside any; from 8 on edges have two colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say; a whole number >= 1 and <= 64
     patch : Literal[5, 7, 9, 11, 13, 15, 17, 19, 21] | None, default None
-        side of a patch: the scale up to which detail is copied whole; 13 when left out; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
+        Side of a patch: the scale up to which detail is copied whole. Default: 13.; 5 | 7 | 9 | 11 | 13 | 15 | 17 | 19 | 21
     iterations : int, default 30
-        on the coarsest level; each finer one has 3; a whole number >= 1 and <= 1000
+        Iterations on the coarsest level; each finer level has one. Default: 30.; a whole number >= 1 and <= 1000
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
     reuse : float, default 1.0

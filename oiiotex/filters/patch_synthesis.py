@@ -45,7 +45,7 @@ log = logging.getLogger("oiiotex")
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
 _SIZE_HELP = "size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size"
-_PATCH_HELP = f"side of a patch: the scale up to which detail is copied whole; {PATCH} when left out"
+_PATCH_HELP = f"Side of a patch: the scale up to which detail is copied whole. Default: {PATCH}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class PatchSynthesis(MaterialOp, InBands):
         " colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say",
     )
     patch: int | None = param(None, choices=(*_PATCHES, None), unit="px", help=_PATCH_HELP)
-    iterations: int = param(30, ge=1, le=1000, help="on the coarsest level; each finer one has 3")
+    iterations: int = param(30, ge=1, le=1000, help="Iterations on the coarsest level; each finer level has one. Default: 30.")
     uniformity: float = param(
         0.01,
         ge=0,

@@ -41,8 +41,8 @@ class Stationarize(PatchSynthesis):
     --texflatten. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
     kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
     Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
-    drift is removed, the copy is corrected by a gain and an offset in Lab that vary more slowly than sigma. With
-    relevel=1, heights are copies plus a constant for each copied piece.
+    drift is removed, the copy is corrected by a gain and an offset in Lab that vary slowly, but for the rims of stains.
+    With relevel=1, heights are copies plus a constant for each copied piece.
     """
 
     name: ClassVar[str] = "stationarize"

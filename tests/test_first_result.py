@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first result: drift is removed, the layout is kept, and a bad one is never called good."""
+
+from __future__ import annotations
+
+import json
+import logging
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from oiiotex import errors, filters
+from oiiotex.color.config import ColorConfig
+from oiiotex.patchmatch.recipe import COARSEST, Recipe, level_scales
+from oiiotex.regularity.fidelity import GOOD, fidelity
+from oiiotex.regularity.lattice import Lattice
+from oiiotex.regularity.offset_prices import InStep
+from tests import pictures
+from tests.any_filter import buffer, pixels
+
+QUICK = {"iterations": 4}
+TORUS = (True, True)
+
+
+def photo(height: int = 96, width: int = 112, **kind: object) -> oiio.ImageBuf:
+    picture = pictures.stained(pictures.pebbles(height, width, 3)) ** 2.2
+    return buffer(picture, space="lin_rec709_scene", **kind)
+
+
+def lab_of(image: oiio.ImageBuf) -> np.ndarray:
+    lab = np.ascontiguousarray(image.get_pixels(oiio.FLOAT)[..., :3])
+    ColorConfig().to_lab("lin_rec709_scene")(lab)
+    return lab
+
+
+# --- drift and structure are two decisions ---
+
+
+@pytest.mark.parametrize("kind", [oiio.UINT8, oiio.HALF, oiio.FLOAT])
+def test_flatten_is_texflatten_first(kind):
+    given = photo(kind=kind)
+    made = filters.stationarize(given, **QUICK)
+    flat = filters.flatten(given)
+    again = filters.stationarize(flat, flatten=0, **QUICK)
+    np.testing.assert_array_equal(pixels(made), pixels(again))
+
+
+def test_a_copy_corrected_by_the_field_that_is_written_out():
+    given = photo()
+    made = filters.stationarize(given, stmap=True, drift=True, **QUICK)
+    st, field = pixels(made["st"]), pixels(made["drift"])
+    x, y = (np.floor(st[..., k] * n).astype(int) for k, n in ((0, 112), (1, 96)))
+    corrected = lab_of(given) * field[..., :3] + field[..., 3:]
+    np.testing.assert_allclose(lab_of(made["tile"]), corrected[y, x], atol=5e-3)
+    assert np.abs(field[..., 3:]).max() > 1  # there was something to correct
+    # no detail finer than an eighth of the disc, to which the rim of a stain is followed
+    fast = field[..., 3] - gaussian_filter(field[..., 3].astype(float), 0.2 * 112 / 8, mode="nearest")
+    assert fast.std() < 0.1 * field[..., 3].std()
+
+
+def test_without_flatten_nothing_is_corrected():
+    given = photo()
+    made = filters.stationarize(given, flatten=0, drift=True, **QUICK)
+    field = pixels(made["drift"])
+    assert (field[..., :3] == 1).all() and not field[..., 3:].any()
+    known = {p.tobytes() for p in pixels(given).reshape(-1, 3)}
+    assert all(p.tobytes() in known for p in pixels(made["tile"]).reshape(-1, 3))
+
+
+def test_other_maps_of_a_material_are_copies():
+    given, other = photo(), buffer(np.random.default_rng(0).random((96, 112, 3)), space="")
+    made = filters.stationarize(given, maps=[other], n=2, **QUICK)
+    known = {p.tobytes() for p in pixels(other).reshape(-1, 3)}
+    assert all(p.tobytes() in known for p in pixels(made[1]).reshape(-1, 3))
+
+
+def test_data_and_parts_of_a_photo_are_not_flattened_by_default():
+    values = photo().get_pixels(oiio.FLOAT) * 3 - 1
+    known = {p.tobytes() for p in values.reshape(-1, 3)}
+    made = filters.stationarize(buffer(values, space=""), data=True, **QUICK)
+    assert all(p.tobytes() in known for p in pixels(made).reshape(-1, 3))
+    area = np.zeros((96, 112, 1), np.float32)
+    area[30:50, 40:70] = 1
+    given = photo()
+    made = filters.stationarize(given, within=buffer(area, space="", names=("Y",)), **QUICK)
+    np.testing.assert_array_equal(pixels(made)[~area[..., 0].astype(bool)], pixels(given)[~area[..., 0].astype(bool)])
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.5, float("nan")])
+def test_flatten_out_of_range_is_refused(value):
+    with pytest.raises(errors.ParameterError, match="flatten="):
+        filters.stationarize(photo(), flatten=value)
+
+
+# --- the pyramid's start ---
+
+
+def recipe(width: int, height: int, **more: object) -> Recipe:
+    plain = {"sigma": 16.0, "patch": 13, "iterations": 1, "seed": 0, "uniformity": 0.01, "contrast": 0.7, "flat": True}
+    return Recipe(width=width, height=height, wrap_x=True, wrap_y=True, **plain | more)
+
+
+@pytest.mark.parametrize("side", [256, 512, 1024, 4096])
+def test_the_coarsest_level_has_one_size_whatever_the_photo(side):
+    scales = level_scales(recipe(side, side), (side, side, 3))
+    assert round(scales[0] * side) == COARSEST and scales[-1] == 1 and scales == sorted(scales)
+    wide = level_scales(recipe(4 * side, 4 * side), (side, side, 3))
+    assert wide[0] == scales[0]  # a larger tile of the same photo starts at the photo's scale
+    letter = level_scales(recipe(side, side, literal=True), (side, side, 3))
+    assert letter[0] == max(0.25, 64 / side)
+
+
+def test_the_coarsest_level_holds_two_patches():
+    for width, height in ((2048, 128), (60, 60), (40, 300)):
+        scales = level_scales(recipe(width, height), (height, width, 3))
+        assert min(1.0, scales[0]) * min(width, height) >= min(26, min(width, height)) - 1
+
+
+# --- lattices ---
+
+
+def test_matches_move_to_the_nearest_place_in_step():
+    """Against all places around, by the phase that the photo's frequencies give."""
+    frequencies = np.array([[1 / 9.5, 0.01], [-0.02, 1 / 13.0]])
+    lattice = Lattice(frequencies, 9.0, np.zeros((64, 64)))
+    wanted = np.rint(frequencies * [114, 91]) / [114, 91]
+    prices = InStep(lattice, wanted, 0.5).prices((1.0, 1.0), (1.0, 1.0), 0, 1.0)
+    random = np.random.default_rng(0)
+    x, y, own_x, own_y = (random.integers(0, 80, 200) for _ in range(4))
+    found = np.stack(prices.nearest_in_step(x, y, own_x, own_y), -1)
+
+    def away(at: np.ndarray) -> np.ndarray:
+        cycles = at @ frequencies.T - np.stack([x, y], -1) @ wanted.T
+        return (cycles - np.rint(cycles)) @ np.linalg.inv(frequencies).T
+
+    assert np.abs(away(found)).max() <= 0.75  # to a pixel
+    before = away(np.stack([own_x, own_y], -1))
+    moved = found - np.stack([own_x, own_y], -1)
+    assert np.abs(moved + before).max() <= 0.75
+
+
+# --- a bad result is never called good ---
+
+
+def smooth_noise(side: int, seed: int, sigma: float) -> np.ndarray:
+    random = np.random.default_rng(seed).standard_normal((side, side, 3))
+    lab = np.stack([gaussian_filter(random[..., c], sigma, mode="wrap") for c in range(3)], -1)
+    return (10 * lab / lab.std() + [50, 0, 0]).astype(np.float32)
+
+
+def test_fidelity_of_the_same_texture_is_good_and_of_a_crushed_one_is_not():
+    one, other = smooth_noise(256, 1, 4.0), smooth_noise(256, 2, 4.0)
+    assert fidelity(one, None, one, TORUS).value > 0.97
+    assert fidelity(one, None, other, TORUS).value >= GOOD
+    crushed = fidelity(one, None, smooth_noise(256, 3, 0.8), TORUS)
+    assert crushed.value < 0.5 and max(crushed.bands) < 0.8
+    assert "is lost" in str(crushed)
+    blotched = fidelity(one, None, other + 25 * (smooth_noise(256, 4, 10.0) - [50, 0, 0]) / 10, TORUS)
+    assert blotched.value < GOOD and max(blotched.bands) > 1.25
+
+
+def test_fidelity_sees_lost_colors_and_broken_lines():
+    one, other = smooth_noise(256, 1, 1.5), smooth_noise(256, 2, 1.5)
+    light = one.copy()
+    light[::8, ::8] = [95, 0, 40]
+    assert fidelity(light, None, other, TORUS).missing > fidelity(one, None, other, TORUS).missing
+    lined, dashed = one.copy(), other.copy()
+    whole = other.copy()
+    for column in (40, 110, 200):
+        lined[:, column : column + 4] -= [60, 0, 0]
+        whole[:, column + 20 : column + 24] -= [60, 0, 0]
+        for k in range(8):
+            left = (column + 37 * k * k) % 250
+            dashed[32 * k : 32 * k + 32, left : left + 4] -= [60, 0, 0]
+    broken, kept = (fidelity(lined, None, tile, TORUS) for tile in (dashed, whole))
+    assert broken.lines < 0.5 < kept.lines and broken.value < GOOD <= kept.value
+    assert "lines are broken" in str(broken)
+
+
+def test_fidelity_of_what_is_too_small_is_not_said():
+    small = smooth_noise(40, 0, 2.0)
+    assert fidelity(small, None, small, TORUS) is None
+
+
+def few_elements() -> oiio.ImageBuf:
+    """One panel of nested frames: no texture."""
+    y, x = np.mgrid[:128, :128]
+    ring = np.maximum(np.abs(y - 64), np.abs(x - 64)) // 12
+    picture = np.array([[0.8, 0.3, 0.1], [0.1, 0.2, 0.6], [0.7, 0.7, 0.3]])[ring % 3]
+    return buffer(picture * np.random.default_rng(0).uniform(0.6, 1, (128, 128, 1)), space="lin_rec709_scene")
+
+
+def test_what_misses_is_tried_again_and_said(caplog, tmp_path):
+    report = tmp_path / "r.json"
+    with caplog.at_level(logging.INFO, "oiiotex"):
+        made = filters.stationarize(few_elements(), report=report, sigma=None)
+    measures = json.loads(report.read_text())["results"][0]["measures"]
+    assert "trying sigma=32:patch=21" in caplog.text
+    chosen = made.spec().get_string_attribute("oiiotex:chosen")
+    assert f"scales chosen: {chosen}" in caplog.text
+    assert float(made.spec().get_string_attribute("oiiotex:fidelity")) == pytest.approx(measures["fidelity"], abs=1e-3)
+    warned = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+    assert (measures["fidelity"] < GOOD) == any("crop it" in text for text in warned)
+    # the line with the numbers spelled out makes the same pixels
+    values = dict(word.split("=") for word in chosen.split(":"))
+    spelled = {name: int(v) if name == "patch" else float(v) for name, v in values.items()}
+    np.testing.assert_array_equal(pixels(filters.stationarize(few_elements(), **spelled)), pixels(made))
+
+
+def test_a_photo_that_tiles_gets_a_hint(caplog):
+    tiling = pictures.moss(96, 96, 1)
+    tiling = np.concatenate([tiling, tiling[::-1]], 0)
+    tiling = np.concatenate([tiling, tiling[:, ::-1]], 1) ** 2.2
+    with caplog.at_level(logging.WARNING, "oiiotex"):
+        filters.stationarize(buffer(tiling, space="lin_rec709_scene"), **QUICK)
+    assert "already tiles" in caplog.text and "--texflatten:tile=xy" in caplog.text
+    caplog.clear()
+    with caplog.at_level(logging.WARNING, "oiiotex"):
+        filters.stationarize(photo(), **QUICK)
+    assert "already tiles" not in caplog.text
+
+
+def test_reuse_is_a_modifier_of_its_own(tmp_path):
+    shown = []
+    for number, reuse in enumerate((0, 1)):
+        report = tmp_path / f"{number}.json"
+        filters.stationarize(photo(160, 160), reuse=reuse, size=(320, 320), report=report)
+        shown.append(json.loads(report.read_text())["results"][0]["measures"]["repeat"])
+    assert shown[1] < shown[0]
