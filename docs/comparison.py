@@ -172,7 +172,7 @@ random over the same area. From left to right and top to bottom:
 - *photo* is tiled as it is; *make seamless* is the photo blended with itself shifted by half, as paint
   programs do it.
 - *PatchMatch* does not know that it will be tiled (`--texpatchmatch:tile=none`), *toroidal PatchMatch* does.
-- *ours* is `--texstationarize` with each of its measures (MJH17 section 3), all else as it is when left out;
+- *ours* is `--texstationarize` with each of its measures (MJH17 section 3), otherwise by default;
   *by the letter* the same by `paper=1`, with histograms.
 - *Wang tiles* are what `--texpatchmatch:variants=16` makes (MJH17 figure 5), *ours, Wang tiles* the same by
   `--texstationarize`.
@@ -180,8 +180,8 @@ random over the same area. From left to right and top to bottom:
   makes anew what is not in that mask (`--texstationarize:within=`), then takes the whole (compare MJH17
   figures 6 and 7). Where a pane is gray the photo has no dominant texture.
 
-Stationarity cost of each (MJH17 eq. 1, histograms, sigma {sigma:g} px, Lab units; lower is more even), one
-seed. It says how even a result is, not how faithful: look at the pictures. Costs of fidelity, hex tiling, and a judge
+Stationarity cost of each (MJH17 eq. 1, histograms, sigma {sigma:g} px, Lab units; lower is more uniform), one
+seed. It says how uniform a result is, not how faithful: the letter crushes structure and scores best. Look at the pictures. Costs of fidelity, hex tiling, and a judge
 that is not ours are in [benchmarks](../benchmarks/README.md#tiles-judged-from-outside).
 
 {table}
@@ -190,10 +190,9 @@ that is not ours are in [benchmarks](../benchmarks/README.md#tiles-judged-from-o
 
 ## What fails
 
-Three photos above, below what becomes of them, 2 x 2 (MJH17 figure 8). Structure larger than sigma is cut to
-pieces that are everywhere alike; features much smaller than sigma are too small to be drift and too rare to
-vanish, so they repeat; shapes that the eye picks out are nothing out of the ordinary to a histogram. More in
-[all test photos](photos.md).
+Three photos above, below what becomes of them, 2 x 2 (compare MJH17 figure 8). Long ledges become dashes; features much
+smaller than sigma are too small to be drift and too rare to vanish, so they repeat; shapes that the eye picks out are
+ordinary to a histogram. More in [all test photos](photos.md).
 
 ![large structure, tiny features, salient shapes](pictures/comparison_failures.jpg)
 """
