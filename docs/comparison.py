@@ -181,7 +181,8 @@ random over the same area. From left to right and top to bottom:
   figures 6 and 7). Where a pane is gray the photo has no dominant texture.
 
 Stationarity cost of each (MJH17 eq. 1, histograms, sigma {sigma:g} px, Lab units; lower is more uniform), one
-seed. It says how uniform a result is, not how faithful: the letter crushes structure and scores best. Look at the pictures. Costs of fidelity, hex tiling, and a judge
+seed. It says how uniform a result is, not how faithful: the letter crushes structure and scores best.
+Look at the pictures. Costs of fidelity, hex tiling, and a judge
 that is not ours are in [benchmarks](../benchmarks/README.md#tiles-judged-from-outside).
 
 {table}

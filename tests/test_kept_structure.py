@@ -85,7 +85,7 @@ def test_prices_are_those_of_the_phase():
     u = np.cos(2 * np.pi * np.arange(BINS) / BINS)
     lattice = Lattice(frequencies, 9.0, u[:, None] + 0.5 * u)
     kept = InStep(lattice, lattice.on_torus(Domain(90, 80, True, True)), 0.5)
-    prices, (x, y) = Prices(kept.phases(), kept.table(1000.0)), (31, 17)
+    prices, (x, y) = Prices(kept.phases(), kept.table(1000.0), lattice.vectors()), (31, 17)
     own_x, own_y = np.arange(-5, 90), np.arange(-7, 70)
     cycles = np.stack(np.meshgrid(own_x, own_y), -1) @ frequencies.T - kept.wanted @ [x, y]
     at = np.floor(cycles % 1.0 * (1 << BITS) + 0.5).astype(int) % (1 << BITS)

@@ -44,7 +44,7 @@ def stripes(width: int, pitch: int = 40) -> np.ndarray:
 
 
 def test_a_thin_mask_starts_where_it_has_whole_patches():
-    scales = level_scales(160, 160)
+    scales = level_scales(recipe(literal=True), PHOTO.shape)
     geometries = [geometry_at(recipe(), PHOTO.shape, scale) for scale in scales]
     starts = [first_level(mask, geometries, "x") for mask in (None, stripes(40), stripes(15), stripes(10), stripes(7))]
     assert starts[:2] == [0, 0] and starts == sorted(starts) and starts[-1] == len(scales) - 1

@@ -66,7 +66,7 @@ def test_what_statistics_ask_for_is_what_they_hold(monkeypatch, measure):
         runs = [lambda s, radius=radius: filters.flatten(photo, radius=radius, session=s) for radius in (200, 4)]
     else:
         runs = [
-            lambda s, radius=radius: filters.stationarity(photo, sigma=sigma, measure=measure, session=s)
+            lambda s, sigma=sigma: filters.stationarity(photo, sigma=sigma, measure=measure, session=s)
             for sigma in (200, 2)
         ]
     runs[0](Session(threads=1))  # what is loaded once is loaded

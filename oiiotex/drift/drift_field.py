@@ -68,6 +68,7 @@ def drift_of(
     session: Session,
     wraps: tuple[bool, bool] = (False, False),
     usable: np.ndarray | None = None,
+    robust: bool = True,
 ) -> Drift | None:
     """The statistics of an image's first part at that scale, from one pass over its pixels.
 
@@ -82,6 +83,8 @@ def drift_of(
         The image is a torus along y, along x.
     usable : (height, width) bool, optional
         Pixels that count. Default: all with alpha.
+    robust : bool
+        Medians; else the level is a Gaussian mean of half the radius, and contrast is that of the cells around it.
 
     Returns
     -------
@@ -114,7 +117,7 @@ def drift_of(
     scan(image.first, lens, session, look, keep, cell=cell, larger=2, progress=session.advance)
     if not sums[..., 0].any():
         return None
-    return _drift(cells, scratch, radius)
+    return _drift(cells, scratch, radius, robust)
 
 
 def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:
@@ -149,19 +152,20 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
     return out
 
 
-def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float) -> Drift:
+def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: bool) -> Drift:
     """From sums and into arrays of all places, the margin's too; channel by channel, so that little lies between."""
     wraps = cells.wraps
     torus = tuple(slice(MARGIN, -MARGIN) if around else slice(None) for around in wraps)  # has no margin of its own
     sums, level, contrast = (scratch[name][torus] for name in ("sums", "level", "contrast"))
     number, count = sums[..., 0], level.shape[-1]
-    fit = _LocalFit(number, *(smoothing_taps(_PLANE * radius, step) for step in cells.steps), wraps)
+    sigma = _PLANE * radius if robust else radius / 2
+    fit = _LocalFit(number, *(smoothing_taps(sigma, step) for step in cells.steps), wraps)
     disc, safe = _Disc(number > 0, [radius / step for step in cells.steps], wraps), np.maximum(number, 1.0)
     inside = number > 0
     for c in range(count):
         total, squares = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2
         plane = fit.means(total)
-        own = level[..., c] = plane + disc.medians(total / safe - plane)
+        own = level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
         # the sum of squares that is left once the local level, constant in a cell, is subtracted from every value
         left = np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0)
         contrast[..., c] = disc.medians(np.sqrt(left / safe))

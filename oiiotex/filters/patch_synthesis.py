@@ -75,7 +75,9 @@ class PatchSynthesis(MaterialOp, InBands):
         " colours (16 is the whole set of Wang tiles), which part names and the attribute oiiotex:edges say",
     )
     patch: int | None = param(None, choices=(*_PATCHES, None), unit="px", help=_PATCH_HELP)
-    iterations: int = param(30, ge=1, le=1000, help="Iterations on the coarsest level; each finer level has one. Default: 30.")
+    iterations: int = param(
+        30, ge=1, le=1000, help="Iterations on the coarsest level; each finer level has one. Default: 30."
+    )
     uniformity: float = param(
         0.01,
         ge=0,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-from ..regularity.offset_prices import InStep, Prices
+from ..regularity.offset_prices import InStep
 from .photo import Photo
 from .seams import Source
 
@@ -45,7 +45,7 @@ class Search:
         self._offset_prices = None
         if in_step is not None:
             variance = float(lab[self._allowed].var(0).sum())
-            self._offset_prices = Prices(in_step.phases(patch=patch), in_step.table(in_step.most(variance)))
+            self._offset_prices = in_step.prices((1, 1), (1, 1), patch, variance / patch**2)
 
     def placements(
         self, source: Source, places: np.ndarray, compared: np.ndarray, wanted: np.ndarray, at: tuple[int, int]
