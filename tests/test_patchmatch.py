@@ -228,6 +228,36 @@ def test_patchmatch_comes_close_to_the_exact_nearest_neighbours(device):
     assert (np.abs(found.ravel() - exact) < 0.5).mean() > 0.9
 
 
+def test_a_start_from_the_exemplar_is_whole_but_at_its_border_and_differs_by_seed():
+    g = pm.Geometry(30, 40, True, True, exemplar_width=30, exemplar_height=40, patch=5)
+    allowed = np.ones((g.exemplar_rows, g.exemplar_columns), bool)
+    y, x = pm.shifted_field(g, allowed, 1).yx
+    whole = (np.roll(x, -1, 1) - x == 1) & (np.roll(y, -1, 0) - y == 1)
+    assert whole.mean() > (1 - 5 / 30) * (1 - 5 / 40) - 0.01
+    shift = (y - np.arange(40)[:, None]) % 40, (x - np.arange(30)) % 30
+    assert all((np.bincount(n.ravel()).max() / n.size) > 0.8 for n in shift)
+    assert (pm.shifted_field(g, allowed, 2).packed != SourceMap.of(y, x).packed).any()
+
+
+def test_a_start_of_a_larger_tile_shifts_each_piece_by_its_own_distance():
+    g = pm.Geometry(80, 60, True, True, exemplar_width=40, exemplar_height=30, patch=5)
+    y, x = pm.shifted_field(g, np.ones((g.exemplar_rows, g.exemplar_columns), bool), 1).yx
+    shifts = {(int(y[r, c] - r) % 30, int(x[r, c] - c) % 40) for r in range(0, 60, 3) for c in range(0, 80, 3)
+              if y[r, c] < g.exemplar_rows - 1 and x[r, c] < g.exemplar_columns - 1}  # fmt: skip
+    assert len(shifts) == 4
+
+
+def test_a_start_from_the_exemplar_has_only_allowed_patches_and_fills_what_it_is_given():
+    g = pm.Geometry(24, 300, True, True, exemplar_width=31, exemplar_height=27, patch=5)
+    opaque = np.ones((27, 31), bool)
+    opaque[10:14, 8:20] = False
+    allowed = pm.allowed_patches(opaque, g)
+    place = np.zeros((g.rows, g.columns), np.uint32)
+    field = pm.shifted_field(g, allowed, 3, place)
+    assert allowed[field.yx].all()
+    assert (place == field.packed).all()
+
+
 def test_a_field_keeps_its_coherence_when_it_is_upsampled():
     coarse = pm.Geometry(20, 20, True, True, exemplar_width=30, exemplar_height=30, patch=5)
     fine = pm.Geometry(26, 26, True, True, exemplar_width=39, exemplar_height=39, patch=5)

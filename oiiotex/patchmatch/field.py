@@ -155,6 +155,34 @@ def random_field(
     return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
 
 
+def shifted_field(
+    geometry: Geometry, allowed: np.ndarray, seed: int, out: np.ndarray | RowStore | None = None
+) -> SourceMap:
+    """A start from the exemplar itself, shifted by a random distance, instead of blocks of patch size.
+
+    Long lines and large shapes are whole from the first iteration on; only the exemplar's border, which now lies inside
+    the tile, must be resynthesized. A larger target starts as several exemplars, each with its own shift.
+
+    Parameters
+    ----------
+    geometry, allowed, seed, out
+        As of `random_field`.
+    """
+    g = geometry
+    down, right = (max(1, round(n / own)) for n, own in ((g.height, g.exemplar_height), (g.width, g.exemplar_width)))
+    columns = np.arange(g.columns)[None, :]
+    out = np.empty((g.rows, g.columns), np.uint32) if out is None else out
+    for begin in range(0, g.rows, BAND):  # bands keep the temporaries small
+        rows = np.arange(begin, min(begin + BAND, g.rows))[:, None]
+        piece = np.broadcast_arrays(rows * down // g.height, columns * right // g.width)
+        y = (rows + hash_at(seed, 0x5F1D, *piece).astype(np.int64)) % g.exemplar_height
+        x = (columns + hash_at(seed, 0x5F1E, *piece).astype(np.int64)) % g.exemplar_width
+        # patches across the border do not exist: the last inside it stands for them
+        y, x = np.minimum(y, g.exemplar_rows - 1), np.minimum(x, g.exemplar_columns - 1)
+        out[begin : begin + BAND] = SourceMap.of(y, x).packed
+    return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
+
+
 class _RandomPlaces:
     """Draws allowed exemplar patches, as often as they weigh.
 

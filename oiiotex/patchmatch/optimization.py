@@ -7,6 +7,7 @@ Departures from the paper, all measured in benchmarks/README.md:
   with a weight that fades: this keeps the contrast of detail where the photo's slow drift is taken away.
 - The projection goes `OVERSHOOT` times the way: PatchMatch pulls part of the drift back in each iteration.
 - The last vote picks one exemplar pixel for each pixel instead of a mean, which would blur.
+- A tile begins as the exemplar, shifted, instead of as scrambled blocks: long lines and large shapes stay whole.
 - No region is shown again and again, and no texture is lost to flat parts of the photo: use_prices.py.
 - Pixels of the exemplar may be ruled out (alpha, a mask, a label: LSA16 §5.2). Then the exemplar is what is left: only
   this is in histograms, in the fair share of uniformity, and in the means of coarse levels.
@@ -42,7 +43,16 @@ from .constraints import (
     octaves,
 )
 from .exemplar_rows import ExemplarRows
-from .field import Geometry, allowed_patches, bands_of, only_allowed, random_field, upsample_field, variance_of
+from .field import (
+    Geometry,
+    allowed_patches,
+    bands_of,
+    only_allowed,
+    random_field,
+    shifted_field,
+    upsample_field,
+    variance_of,
+)
 from .level_checkpoint import LevelCheckpoint
 from .level_rows import LevelRows, halo
 from .matcher import SEARCHES, Matcher
@@ -154,7 +164,11 @@ def synthesize(
                 if recipe.complete:
                     use_prices.hand_on(device, buffers, levels.prices(level, geometry))
             elif field is None:
-                field = random_field(geometry, patches, recipe.seed, weights, place)
+                # an exemplar with holes, or on a target that has borders, would stay as it is
+                if recipe.complete and all(recipe.wraps) and weights is None and fixed is None and patches.all():
+                    field = shifted_field(geometry, patches, recipe.seed, place)
+                else:
+                    field = random_field(geometry, patches, recipe.seed, weights, place)
                 if fixed is not None:
                     field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
             else:
