@@ -321,7 +321,6 @@ def quilting(far: Far) -> None:
     candidate, cost = far.zeros(np.uint32, n + 1, 65536), far.zeros(np.int64, n + 1, 65536)
     best = far.zeros(np.uint32, n + 1)
     key_map = far.zeros(np.uint32, SIDE - 63, SIDE - 63)
-    spans = np.array([0, 1, 0, 1], np.int32)
     nothing, keys = np.zeros(1, np.int32), far.zeros(np.int32, columns, columns)
     offsets = np.array([AT_E])
     target[n] = 0
@@ -329,7 +328,7 @@ def quilting(far: Far) -> None:
     in_step = np.zeros(10, np.uint32), nothing
     labels = finer, histogram, nothing, nothing
     place = order, 0, n + 1, keys, target, exemplar, coarse, exemplar, *labels, *use, *in_step
-    units, content = (np.int64(0),) * 4, (offsets, spans, key_map)
+    units, content = (np.int64(0),) * 4, (offsets, np.array([0, 1, 0, 1], np.int32), key_map)
     price = far.zeros(np.int64, n + 1, 65536)
     run("score", (0, n), facts(levels=0), *plan, *place, *units, *content, candidate, cost, price)
     assert candidate[n, 0] == AT_E

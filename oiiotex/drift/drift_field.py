@@ -26,7 +26,7 @@ _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
 DEFAULT_RADIUS = 0.2  # of the longer side: less removes the texture's own variation at 1/24 of it
 _PLANE = 2.0  # radii is the sigma that planes are fitted with
-_AT_ONCE = 1 << 18  # values of discs that are sorted together
+_AT_ONCE = 1 << 14  # values of discs that are sorted together, or as many as there are cells
 _PLANES = 20  # of all places that lie between the sums and what is made of them, at most
 _LARGEST_CELL = 512  # px; how many values can lie in a cell is bounded by it
 _NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
@@ -101,7 +101,7 @@ def drift_of(
     places = cells.down + 2 * MARGIN, cells.across + 2 * MARGIN
     layout = dict.fromkeys(("level", "left", "contrast"), ((*places, count), np.float64))
     layout["sums"] = ((*places, 1 + 2 * count), np.float64)
-    beside = 8 * _PLANES * math.prod(places)
+    beside = 8 * _PLANES * max(math.prod(places), _AT_ONCE // 4)
     scratch = session.scratch(layout, f"a radius of {radius:g} px", "increase the radius", beside)
     sums = scratch["sums"][MARGIN:-MARGIN, MARGIN:-MARGIN]
 
@@ -209,8 +209,9 @@ class _Disc:
         steps = (dy + self._reach[0]) * wide + dx + self._reach[1]
         out, flat = np.empty(down * across), padded.ravel()
         corners = (np.arange(down)[:, None] * wide + np.arange(across)).ravel()
-        for first in range(0, len(corners), max(1, _AT_ONCE // len(steps))):
-            at = corners[first : first + max(1, _AT_ONCE // len(steps))]
+        step = max(1, max(_AT_ONCE, len(corners)) // len(steps))
+        for first in range(0, len(corners), step):
+            at = corners[first : first + step]
             around = np.sort(flat[at[:, None] + steps], axis=1)
             number = np.maximum(np.count_nonzero(np.isfinite(around), axis=1), 1)
             rows = np.arange(len(at))

@@ -2724,7 +2724,7 @@ def stationarize(
     drift : bool | FileName, default False
         True: the correction as part 'drift' of the result; a file name: there. Default: 0.
     sigma : float | None, default None
-        Scale in pixels above which the result is statistically uniform; structures below it are kept. Default: longer side / 8, at least patch / 4.; a number >= 0.5 and <= 1000000 px
+        Scale in pixels above which the result is statistically uniform; structures below it are kept. Default: longer side / 8, with within / 32, at least patch / 4.; a number >= 0.5 and <= 1000000 px
     amount : float | None, default None
         instead of sigma: how stationary it shall look, in even steps that hang on the photo (see filters.sigmas); a number >= 0 and <= 1
     contrast : float | None, default None

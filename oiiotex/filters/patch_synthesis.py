@@ -23,7 +23,6 @@ from ..errors import ParameterError
 from ..exemplar.coarse_looks import coarse_looks
 from ..exemplar.constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
 from ..exemplar.exemplar_op import ExemplarPixels
-from ..exemplar.first_result import better_of, hint_that_it_tiles, say_fidelity
 from ..exemplar.heights import RELEVEL, height_tile
 from ..exemplar.material_op import MaterialOp
 from ..exemplar.materials import kinds_of
@@ -108,11 +107,12 @@ class PatchSynthesis(MaterialOp, InBands):
             self.tiling,
             # twice the tile is a flat window already
             sigma=None if sigma is None else min(sigma, 2.0 * max(width, height)),
-            patch=self.patch or PATCH,
+            patch=self.side,
             iterations=self.iterations,
             seed=self.seed,
             uniformity=self.uniformity,
             reuse=self.reuse,
+            shifted=not self.relevel,  # one piece all around the torus cannot be closed by a constant
             contrast=contrast,
             flat=flat,
         )
@@ -123,6 +123,8 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """The tile, and where its pixels come from; of several maps and variants one such mapping each."""
+        from ..exemplar.first_result import better_of, hint_that_it_tiles, say_fidelity  # help needs none of it
+
         size, quality = self.planned(session)
         stages = session.stages()
         with session.stats.time("flatten"):
@@ -249,8 +251,7 @@ class PatchSynthesis(MaterialOp, InBands):
         self._check(maps)
         size = self.asked_size
         tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
-        patch = self.patch or PATCH
-        quality = Quality.of_copies(self, session, size, tiling, patch=patch, losses=self.finds_losses)
+        quality = Quality.of_copies(self, session, size, tiling, patch=self.side, losses=self.finds_losses)
         if self.within is None:
             self._require_memory(size, session)
         return size, quality
@@ -296,6 +297,11 @@ class PatchSynthesis(MaterialOp, InBands):
         return tuple(results)
 
     @property
+    def side(self) -> int:
+        """Of a patch, px."""
+        return self.patch or PATCH
+
+    @property
     def sized(self) -> bool:
         """Whether an image on the stack prescribes the size of the result."""
         return self.within is not None
@@ -326,7 +332,7 @@ class PatchSynthesis(MaterialOp, InBands):
         """Refuse what sizes alone show not to fit; of what `within` makes anew nothing is known."""
         if self.size is None and self.kept_structure > 0 and not self.sized:
             least = least_size(size, ("x" in self.tiling, "y" in self.tiling))
-            size = Size(*(max(n, self.patch or PATCH) for n in least))
+            size = Size(*(max(n, self.side) for n in least))
         recipe, spec = self.recipe(*size), self.exemplar.first.spec
         if self.values().get("amount") is not None or getattr(self, "sigmamap", None) is not None:
             recipe = replace(recipe, sigma=None)  # it hangs on pixels

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..color.lab import lens_of
 from ..core.image import Image, Part
 from ..core.op import Output
 from ..core.parameters import image, param
@@ -63,7 +64,7 @@ class Stationarize(PatchSynthesis):
         le=1e6,
         unit="px",
         help=f"Scale in pixels above which the result is statistically uniform; structures below it are kept. Default:"
-        f" longer side / {SIGMA_SHARE}, at least patch / 4.",
+        f" longer side / {SIGMA_SHARE}, with within / {PAPER_SIGMA_SHARE}, at least patch / 4.",
     )
     amount: float | None = param(
         None,
@@ -96,8 +97,13 @@ class Stationarize(PatchSynthesis):
         " overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.",
     )
     PAPER: ClassVar[dict[str, Any]] = {
-        "flatten": 0.0, "target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None, "patch": PAPER_PATCH,
+        "flatten": 0.0, "target": "exemplar", "contrast": 1.0, "structure": 0.0, "preset": None,
     }  # fmt: skip
+
+    @property
+    def side(self) -> int:
+        """Of a patch, px."""
+        return self.patch or (PAPER_PATCH if self.paper else PATCH)
 
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """As all of its kind; a preset first becomes what it stands for."""
@@ -106,25 +112,24 @@ class Stationarize(PatchSynthesis):
         stages = session.stages()
         return filled(self, next(stages)).compute(next(stages))
 
-    @property
-    def strength(self) -> float:
+    def _strength(self, session: Session) -> float:
         """Share of the drift that is removed."""
         if self.flatten is not None:
             return self.flatten
         colour = kinds_of(self.kinds, 1 + len(self.maps), self.data)[0] == "colour"
-        return 1.0 if colour and self.within is None else 0.0
+        if not colour or self.within is not None:
+            return 0.0
+        return 0.0 if lens_of(self.exemplar, session, self.working_space).space is None else 1.0
 
     def flattened(self, session: Session) -> tuple[Stationarize, dict[str, Part]]:
         """The same with a photo whose drift is removed, and the correction."""
-        part = self.exemplar.first
-        if self.strength == 0:
+        part, strength = self.exemplar.first, self._strength(session)
+        if strength == 0:
             return self, {"drift": correction_part(None, part)}
         allowed = self._allowed()
         flat, drift = session.resources.remembered(
-            ("flattened", id(part), self.strength, None if allowed is None else hash_of(allowed)),
-            lambda: Flattening(amount=self.strength).of(
-                self.flag(), self.exemplar, self.working_space, session, allowed
-            ),
+            ("flattened", id(part), strength, None if allowed is None else hash_of(allowed)),
+            lambda: Flattening(amount=strength).of(self.flag(), self.exemplar, self.working_space, session, allowed),
             part,
         )
         exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
@@ -144,8 +149,9 @@ class Stationarize(PatchSynthesis):
         """MJH17 by the measure that was asked for."""
         order = order_of(self.measure, self.order)
         # far below the size of a patch a projection takes from small tiles what no patch can give back
-        share = PAPER_SIGMA_SHARE if self.paper else SIGMA_SHARE
-        sigma = self.sigma or max(max(width, height) / share, (self.patch or PATCH) / 4)
+        # what is resynthesized within a photo must go with its surroundings, drift and all
+        share = PAPER_SIGMA_SHARE if self.paper or self.within is not None else SIGMA_SHARE
+        sigma = self.sigma or max(max(width, height) / share, self.side / 4)
         contrast = self.contrast if self.contrast is not None else CONTRAST if self.within is None else 0.0
         plain = self._recipe(width, height, sigma, contrast, self.target == "flat")
         # what is made anew within a photo goes with its surroundings, be they flat

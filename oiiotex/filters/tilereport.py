@@ -25,7 +25,6 @@ from ..errors import ImageError, ParameterError
 from ..patchmatch.matcher import match_patches
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import Lost
-from ..regularity.fidelity import Fidelity, fidelity
 from ..regularity.regularity import peaks_over_floor
 from ..session import Session
 from ..stationarity.costs import stationarity_cost, texture_cost
@@ -290,6 +289,8 @@ class Quality:
                 measures[f"quieter_{letter}"] = wrap_percentile(light, axis)
         if any(self.wrap):
             measures["seam"] = max(measures[name] for name in ("seam_x", "seam_y") if name in measures)
+        from ..regularity.fidelity import fidelity  # help needs none of it
+
         exemplar = photo if look.exemplar is None else look.exemplar
         measures["loss"] = 1.0 - sharpness(light) / max(sharpness(exemplar[..., 0]), 1e-12)
         kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
@@ -352,6 +353,8 @@ class Quality:
         for result in report["results"]:
             m, side = result["measures"], max(result["width"], result["height"])
             if "fidelity" in m:
+                from ..regularity.fidelity import Fidelity
+
                 yield str(Fidelity.of_measures(m))
             cost = cost_text(m["cost"], self.measure, self.order, m["cost_photo"])
             yield f"{cost} at sigma {self.sigma or side / 32:g} px"

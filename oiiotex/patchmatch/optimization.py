@@ -164,8 +164,7 @@ def synthesize(
                 if recipe.complete:
                     use_prices.hand_on(device, buffers, levels.prices(level, geometry))
             elif field is None:
-                # an exemplar with holes, or on a target that has borders, would stay as it is
-                if recipe.complete and all(recipe.wraps) and weights is None and fixed is None and patches.all():
+                if _starts_shifted(recipe, weights, patches) and fixed is None:
                     field = shifted_field(geometry, patches, recipe.seed, place)
                 else:
                     field = random_field(geometry, patches, recipe.seed, weights, place)
@@ -201,6 +200,11 @@ def synthesize(
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
         lost = None if prices is None else lost_texture(source, image, patches, geometry)
         return Synthesis(source, field, lost)
+
+
+def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, patches: np.ndarray) -> bool:
+    """An exemplar with holes, or a target with borders, would stay as it is."""
+    return recipe.complete and recipe.shifted and all(recipe.wraps) and weights is None and bool(patches.all())
 
 
 def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budget: int, held: ExemplarHeld) -> None:

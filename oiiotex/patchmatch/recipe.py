@@ -47,6 +47,8 @@ class Recipe(Domain):
         No region of the exemplar is shown too often, and the result is no flatter than the exemplar.
     reuse : float
         Weight of the penalty on regions that are shown too often, 0 to 1.
+    shifted : bool
+        It starts as the exemplar, shifted, where nothing else is prescribed; else from small random blocks.
     in_step : InStep or InCourses or None
         The lattice, or the courses, of the exemplar that the result keeps.
     literal : bool
@@ -65,6 +67,7 @@ class Recipe(Domain):
     order: int = 2
     complete: bool = False
     reuse: float = 1.0
+    shifted: bool = True
     in_step: InStep | InCourses | None = None
     literal: bool = False
 
