@@ -12,9 +12,9 @@ from docs.pictures import beside, pixels, shrunk, test_photo, twice, write_jpeg
 from oiiotex import filters
 from oiiotex.color.lab import working_values
 from oiiotex.core.image import from_buffer
+from oiiotex.exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from oiiotex.filters.measures import scale_folder
 from oiiotex.filters.stationarize import Stationarize
-from oiiotex.patchmatch.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from oiiotex.session import Session
 
 RUST = "rust_barrel_side.jpg"

@@ -342,9 +342,10 @@ def test_a_filter_reads_what_its_access_kind_says(op, monkeypatch):
 @of([op for op in COLOUR if op.name in ("flatten", "stationarity")])
 def test_what_streams_needs_memory_for_its_statistics_alone(op):
     """Coarse ones fit any budget; fine ones are refused with a figure."""
-    apply(op, buffer(PHOTO), Session(budget=1 << 20), sigma=16)
-    with pytest.raises(errors.ImageError, match=r"sigma 1 px needs \d+ MB .* the budget is 0 MB"):
-        apply(op, buffer(PHOTO), Session(budget=1 << 19), sigma=1)
+    scale = "radius" if op.name == "flatten" else "sigma"
+    apply(op, buffer(PHOTO), Session(budget=1 << 20), **{scale: 16})
+    with pytest.raises(errors.ImageError, match=rf"{scale}.* 1 px needs \d+ MB .* the budget is 0 MB"):
+        apply(op, buffer(PHOTO), Session(budget=1 << 19), **{scale: 1})
 
 
 @of(

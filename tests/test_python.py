@@ -54,7 +54,7 @@ def test_the_examples_of_the_guide_run(tmp_path, monkeypatch, capsys):
     for made, seed in zip(names["tiles"], range(2), strict=True):
         np.testing.assert_array_equal(pixels(made), load(tmp_path / f"tile.{seed}.png"))
     said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("cancelled after (3, ")
+    assert said[0].startswith("cancelled after (6, ")
     assert [line.split()[0] for line in said[1:]] == ["ParameterTypeError", "ParameterError", "ParameterTypeError"]
 
 

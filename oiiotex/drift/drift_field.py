@@ -24,10 +24,9 @@ from ..stationarity.grid_statistics import MARGIN, Cells, Surface, close_margins
 
 _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
-DEFAULT_RADIUS = 0.2  # of the longer side: less removes the texture's own variation at 1/24 of it
 _PLANE = 2.0  # radii is the sigma that planes are fitted with
 _AT_ONCE = 1 << 14  # values of discs that are sorted together, or as many as there are cells
-_PLANES = 20  # of all places that lie between the sums and what is made of them, at most
+_PLANES = 24  # of all places that lie between the sums and what is made of them, at most
 _LARGEST_CELL = 512  # px; how many values can lie in a cell is bounded by it
 _NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
 MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
@@ -54,11 +53,6 @@ class Drift:
     contrast: np.ndarray
     overall_level: np.ndarray
     overall_contrast: np.ndarray
-
-
-def default_radius(window: Window) -> float:
-    """Of the disc where none is given, px."""
-    return max(1.0, DEFAULT_RADIUS * max(window.size))
 
 
 def drift_of(

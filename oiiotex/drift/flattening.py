@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..color.lab import lens_of
 from ..core.access import mapped
@@ -13,8 +14,9 @@ from ..core.op import Kind, Output, Space
 from ..core.window import Window
 from ..deferred import np
 from ..session import Session
-from ..stationarity.grid_statistics import MARGIN
-from .drift_field import Correction, correction, default_radius, drift_of
+
+if TYPE_CHECKING:
+    from .drift_field import Correction
 
 log = logging.getLogger("oiiotex")
 
@@ -25,6 +27,7 @@ DRIFT = Output(
     asked_by="drift",
 )
 DRIFT_HELP = "1: the correction as part 'drift' of the result; a file name: there. Default: 0."
+DEFAULT_RADIUS = 0.2  # of the longer side: less removes the texture's own variation at 1/24 of it
 _CENTER = (50.0, 0.0, 0.0)  # of Lab; data are scaled to 0 .. 100
 
 
@@ -35,7 +38,7 @@ class Flattening:
     Attributes
     ----------
     radius : float or None
-        Of the disc, px. None: `default_radius`.
+        Of the disc, px. None: `DEFAULT_RADIUS` of the longer side.
     amount : float
         Share of the drift that is removed, 0 to 1.
     contrast : float
@@ -73,9 +76,12 @@ class Flattening:
         ImageError
             NaN or Inf, or the field does not fit the budget.
         """
+        from ..stationarity.grid_statistics import MARGIN
+        from .drift_field import correction, drift_of  # help needs none of it
+
         part, change = source.first, None
         lens = lens_of(source, session, space)
-        radius = self.radius or default_radius(part.window)
+        radius = self.radius or max(1.0, DEFAULT_RADIUS * max(part.window.size))
         drift = None if self.amount == 0 else drift_of(source, lens, radius, session, self.wraps, usable)
         if drift is None:  # nothing to see, or nothing to do: not even rounding
             return part, correction_part(None, part)

@@ -14,7 +14,6 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np
-from ..drift.drift_field import drift_of
 from ..session import Session
 from ..stationarity.grid_statistics import Surface
 
@@ -51,6 +50,7 @@ class EstimateRoughness(ScanThenMap):
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""
         from ..capture.fine_detail import fine_detail  # what a line alone says needs none of it
+        from ..drift.drift_field import drift_of
 
         part = self.source.first
         lens = lens_of(self.source, session, self.working_space)

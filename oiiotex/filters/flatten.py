@@ -11,8 +11,7 @@ from ..core.access import ScanThenMap
 from ..core.image import Image, Part, derived_spec
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
-from ..drift.drift_field import DEFAULT_RADIUS
-from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening
+from ..drift.flattening import DEFAULT_RADIUS, DRIFT, DRIFT_HELP, Flattening
 from ..exemplar.exemplar_masks import masked_pixels
 from ..exemplar.exemplar_op import MASK
 from ..session import Session

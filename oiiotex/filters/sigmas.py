@@ -18,7 +18,7 @@ from ..core.parameters import Size, image, param
 from ..deferred import np
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.photo_lattice import photo_lattice
-from ..patchmatch.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
+from ..exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from ..session import Session
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .stationarize import Stationarize

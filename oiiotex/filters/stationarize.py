@@ -19,9 +19,9 @@ from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.materials import kinds_of
 from ..exemplar.photo_lattice import STRUCTURE
+from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
-from ..patchmatch.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..regularity.lattice import Lattice
 from ..session import Session
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder

@@ -15,6 +15,7 @@ from .field import Geometry
 
 SCALE = 1.3  # between pyramid levels (MJH17 section 4.2)
 COARSEST = 40  # px: longer side of the exemplar on the coarsest level, where a patch spans a third of it
+COARSEST_AMONG = 64  # px: the same where pixels around it stay: a hole has fewer pixels than its photo
 ROOM = 2  # patches along the shorter side of exemplar and tile there, at least
 PAPER_COARSEST, PAPER_SHARE = 64, 0.25  # the paper's: a quarter of the tile, 64 px of its shorter side at least (4.2)
 
@@ -98,7 +99,8 @@ def level_scales(recipe: Recipe, shape: tuple[int, ...]) -> list[float]:
     if recipe.literal:
         coarsest = max(PAPER_SHARE, PAPER_COARSEST / min(recipe.size))
     else:
-        coarsest = max(COARSEST / max(shape[:2]), ROOM * recipe.patch / min(*recipe.size, *shape[:2]))
+        side = COARSEST if recipe.complete else COARSEST_AMONG
+        coarsest = max(side / max(shape[:2]), ROOM * recipe.patch / min(*recipe.size, *shape[:2]))
     coarsest = min(1.0, coarsest)
     steps = math.ceil(math.log(1.0 / coarsest) / math.log(SCALE) - 0.5)
     return [coarsest ** (1.0 - level / steps) for level in range(steps)] + [1.0]

@@ -21,10 +21,10 @@ from pathlib import Path
 from ..deferred import np
 from ..io.disk_cache import cached_arrays, hash_of
 from ..opencl.device import Device
-from .constraints import coarse_image, coarse_mask
-from .memory import ExemplarHeld
-from .optimization import require_memory, synthesize
-from .recipe import Recipe
+from ..patchmatch.constraints import coarse_image, coarse_mask
+from ..patchmatch.memory import ExemplarHeld
+from ..patchmatch.optimization import require_memory, synthesize
+from ..patchmatch.recipe import Recipe
 
 DEFAULT_COUNT = 9  # sigmas of a scale where nobody says how many
 SIDE = 160  # px; longer side of the small tiles
