@@ -13,10 +13,10 @@ from scipy.stats import wasserstein_distance
 
 from oiiotex import errors, filters
 from oiiotex.core.image import from_buffer
+from oiiotex.exemplar import sigma_scale
 from oiiotex.exemplar.sigma_scale import SigmaTiles, distance, perceived_scale, variation
 from oiiotex.filters.stationarize import Stationarize
 from oiiotex.io.atomic import _host
-from oiiotex.patchmatch import sigma_scale
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
