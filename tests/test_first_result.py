@@ -56,8 +56,8 @@ def test_a_copy_corrected_by_the_field_that_is_written_out():
     corrected = lab_of(given) * field[..., :3] + field[..., 3:]
     np.testing.assert_allclose(lab_of(made["tile"]), corrected[y, x], atol=5e-3)
     assert np.abs(field[..., 3:]).max() > 1  # there was something to correct
-    # no detail finer than an eighth of the disc, to which the rim of a stain is followed
-    fast = field[..., 3] - gaussian_filter(field[..., 3].astype(float), 0.2 * 112 / 8, mode="nearest")
+    # no detail finer than half a cell, an eighth of the disc, to which the rim of a stain is followed
+    fast = field[..., 3] - gaussian_filter(field[..., 3].astype(float), 0.2 * 112 / 16, mode="nearest")
     assert fast.std() < 0.1 * field[..., 3].std()
 
 

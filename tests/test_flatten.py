@@ -66,6 +66,29 @@ def test_a_stain_is_removed_with_its_rim_and_the_texture_stays():
     assert np.corrcoef(detail[0].ravel(), detail[1].ravel())[0, 1] > 0.97
 
 
+def lab_with_spots(*places: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Moss, and the same with brown spots much smaller than the disc."""
+    clean = lab_of(pictures.moss(256, 256, 1) ** 2.2)
+    y, x = np.mgrid[:256, :256]
+    lab = clean.copy()
+    for cy, cx in places:
+        lab += (1 / (1 + np.exp((np.hypot(y - cy, x - cx) - 28) / 2)))[..., None] * np.float32([-18, 20, 30])
+    return clean, lab
+
+
+def test_one_small_stain_is_removed_and_many_objects_stay():
+    left = []
+    for places in (((100, 120),), ((50, 60), (60, 190), (190, 70), (200, 200))):
+        clean, lab = lab_with_spots(*places)
+        picture = np.ascontiguousarray(lab)
+        ColorConfig().from_lab("lin_rec709_scene")(picture)
+        made = lab_of(pixels(filters.flatten(linear(picture))))
+        (y, x), away = places[0], np.s_[:, :, 1]
+        spot = np.s_[y - 15 : y + 15, x - 15 : x + 15]
+        left.append((made - clean)[away][spot].mean() / (lab_of(picture) - clean)[away][spot].mean())
+    assert abs(left[0]) < 0.25 and left[1] > 0.6
+
+
 def test_the_correction_is_written_out():
     photo = linear(pictures.stained(pictures.bricks(80, 96, 3)) ** 2.2)
     made = filters.flatten(photo, drift=True)

@@ -25,10 +25,14 @@ from ..stationarity.grid_statistics import MARGIN, Cells, Surface, close_margins
 _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
 _PLANE = 2.0  # radii is the sigma that planes are fitted with
+_SPOT = 0.4  # of the radius: of the smaller disc, which sees smaller stains
+_NEAR, _FAR = 3.0, 8.0  # deviations from the texture's own variation at which a stain ends, and that it must have
+_MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # how many, and which share of the photo they may cover
 _AT_ONCE = 1 << 14  # values of discs that are sorted together, or as many as there are cells
-_PLANES = 24  # of all places that lie between the sums and what is made of them, at most
+_PLANES = 28  # of all places that lie between the sums and what is made of them, at most
 _LARGEST_CELL = 512  # px; how many values can lie in a cell is bounded by it
 _NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
+_LEAST_IN_SPOTS = 1 / 16
 MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
 _RIDGE = 0.02  # of sigma^2, in the fit of a slope: nothing where there is something to fit, all where there is not
 
@@ -46,6 +50,8 @@ class Drift:
         Median over the disc of the standard deviation in a cell, once the local level is subtracted.
     overall_level, overall_contrast : (channels,) float
         Medians of both over the image.
+    spots : (down + 4, across + 4) float
+        Where a stain smaller than the disc was found, 0 to 1: it may change contrast more than the texture does.
     """
 
     cells: Cells
@@ -53,6 +59,7 @@ class Drift:
     contrast: np.ndarray
     overall_level: np.ndarray
     overall_contrast: np.ndarray
+    spots: np.ndarray
 
 
 def drift_of(
@@ -93,7 +100,7 @@ def drift_of(
     whole, count = image.first.window, lens.count
     cells = Cells.for_sigma(whole, radius, _LARGEST_CELL, _CELLS_PER_RADIUS, wraps)
     places = cells.down + 2 * MARGIN, cells.across + 2 * MARGIN
-    layout = dict.fromkeys(("level", "left", "contrast"), ((*places, count), np.float64))
+    layout = dict.fromkeys(("level", "contrast"), ((*places, count), np.float64)) | {"spots": (places, np.float64)}
     layout["sums"] = ((*places, 1 + 2 * count), np.float64)
     beside = 8 * _PLANES * max(math.prod(places), _AT_ONCE // 4)
     scratch = session.scratch(layout, f"a radius of {radius:g} px", "increase the radius", beside)
@@ -157,17 +164,54 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
     disc, safe = _Disc(number > 0, [radius / step for step in cells.steps], wraps), np.maximum(number, 1.0)
     inside = number > 0
     for c in range(count):
-        total, squares = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2
+        total = sums[..., 1 + c] / SUM_STEPS
         plane = fit.means(total)
-        own = level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
+        level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
+    means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
+    near = _Disc(inside, [_SPOT * radius / step for step in cells.steps], wraps)
+    rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
+    spots = scratch["spots"][torus]
+    if robust:
+        spots[:] = _spots(rest, inside)
+    level += spots[..., None] * rest
+    for c in range(count):
+        total, squares, own = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2, level[..., c]
         # the sum of squares that is left once the local level, constant in a cell, is subtracted from every value
-        left = np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0)
-        contrast[..., c] = disc.medians(np.sqrt(left / safe))
+        spread = np.sqrt(np.maximum(squares - 2.0 * own * total + own**2 * number, 0.0) / safe)
+        contrast[..., c] = disc.medians(spread)
+        if spots.any():
+            contrast[..., c] += spots * (near.medians(spread) - contrast[..., c])
     overall = [np.median(plane[inside], axis=0) for plane in (level, contrast)]
     level[fit.weight <= 0] = overall[0]
-    for name in ("level", "contrast"):
+    for name in ("level", "contrast", "spots"):
         close_margins(scratch[name], wraps)
-    return Drift(cells, scratch["level"], scratch["contrast"], *overall)
+    return Drift(cells, scratch["level"], scratch["contrast"], *overall, scratch["spots"])
+
+
+def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Where a stain is smaller than the disc, 0 to 1: one or two compact places far from the texture's own variation.
+
+    More of them are objects, such as windows in a wall, or the texture itself.
+
+    Parameters
+    ----------
+    rest : (down, across, channels) float64
+        What the level leaves, as medians over a smaller disc.
+    inside : (down, across) bool
+        Cells that have pixels.
+    """
+    typical = np.maximum(_NOISE, 1.4826 * np.median(np.abs(rest[inside]), axis=0))  # a deviation, from the median
+    away = np.where(inside, (np.abs(rest) / typical).max(-1), 0.0)
+    if not (away > _FAR).any():
+        return np.zeros(inside.shape)
+    from scipy.ndimage import label  # few photos have one: it is slow to import
+
+    places, _ = label(away > _NEAR)
+    found = np.unique(places[away > _FAR])
+    spots = np.isin(places, found)
+    if len(found) > _MOST_SPOTS or np.count_nonzero(spots) > _LARGEST_SPOTS * np.count_nonzero(inside):
+        return np.zeros(inside.shape)
+    return spots * np.clip((away - _NEAR) / _NEAR, 0.0, 1.0)
 
 
 class _Disc:
@@ -283,7 +327,8 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     """Bring local levels to `target` and local contrast to the overall one.
 
     The gain is ((G + 1) / (g + 1)) ^ contrast for an overall contrast G and a local g in Lab units, within 1/2 and 2:
-    what has no detail must not have its noise raised. Pixels outside a mask are corrected by what lies around it.
+    what has no detail must not have its noise raised. A stain may lend its color to every element, so contrast goes
+    down to 1/16 there. Pixels outside a mask are corrected by what lies around it.
 
     Parameters
     ----------
@@ -296,7 +341,8 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     """
     count = drift.level.shape[-1]
     gain = ((drift.overall_contrast + _NOISE) / (drift.contrast + _NOISE)) ** contrast
-    gain = 1.0 + amount * (np.clip(gain, 1.0 / MOST_GAIN, MOST_GAIN) - 1.0)
+    least = 1.0 / MOST_GAIN + drift.spots[..., None] * (_LEAST_IN_SPOTS - 1.0 / MOST_GAIN)
+    gain = 1.0 + amount * (np.clip(gain, least, MOST_GAIN) - 1.0)
     field = np.zeros((*drift.level.shape[:2], 8), np.float32)
     field[..., :4] = 1.0
     field[..., :count] = gain
