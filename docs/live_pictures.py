@@ -29,13 +29,13 @@ def cut(name: str, folder: Path, window: oiio.ROI, width: int) -> str:
 
 
 def tile(browser: object, folder: Path) -> None:
-    """Rust and its tile, with seeds to choose from."""
-    name = cut("rust_barrel_side", folder, oiio.ROI(0, 620, 60, 520), 512)
+    """Pebbles and their tile, with seeds to choose from."""
+    name = cut("pebbles_beach_shadow", folder, oiio.ROI(0, 1000, 0, 1000), 512)
     with served(folder, name, "--iscolorspace", SPACE) as url:
         page = opened(browser, url)
         page.wait_for_selector("[data-tile=whole]")
         page.keyboard.press("v")
-        page.locator("select[title^=Even]").select_option('"even"')
+        page.locator("select[title^=Keep]").select_option('"keep"')
         page.wait_for_timeout(500)
         page.wait_for_selector("[data-tile=whole]")
         page.wait_for_timeout(4000)
