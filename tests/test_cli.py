@@ -325,7 +325,7 @@ def test_a_full_disk_keeps_the_old_output(tmp_path, photo):
       mount -t tmpfs -o size=64k none {tmp_path}/small 2>/dev/null || exit 77
       cp {photo} {tmp_path}/small/old.png && cp {tmp_path}/small/old.png {tmp_path}/before.png
       {shlex.quote(sys.executable)} -m oiiotex.cli.main {photo} \\
-        --texstationarize:size=400x400:structure=0:iterations=2 -d uint16 -o {tmp_path}/small/old.png
+        --texstationarize:size=400x400:structure=0:sigma=16:iterations=2 -d uint16 -o {tmp_path}/small/old.png
       code=$?
       cmp {tmp_path}/small/old.png {tmp_path}/before.png && ls -A {tmp_path}/small | wc -l && exit $code
     """

@@ -112,7 +112,8 @@ class PatchSynthesis(MaterialOp, InBands):
             seed=self.seed,
             uniformity=self.uniformity,
             reuse=self.reuse,
-            shifted=not self.relevel,  # one piece all around the torus cannot be closed by a constant
+            # one piece all around the torus cannot be leveled by a constant
+            shifted="height" not in kinds_of(self.kinds, 1 + len(self.maps), self.data),
             contrast=contrast,
             flat=flat,
         )

@@ -19,7 +19,7 @@ from ..labels.content_table import ContentTable
 from .quilt_plan import Grid
 
 GROWTH = 0.3  # price of a patch that is shown once too often, in exemplar variances of the overlaps' pixels
-OFTEN = 3  # times that patches of one label alone may show the same before mixed ones are taken, too
+OFTEN = 10  # times that patches of one label alone may show the same before mixed ones are taken, too
 UNITS = 256  # of a use, as shares are counted: cl/quilting.cl
 _AT_ONCE = 1 << 18  # offsets that are counted
 _SQUARES = 6  # along the side of what a patch shows, at least
