@@ -2080,7 +2080,7 @@ def patchmatch(
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
     reuse : float, default 1.0
-        Weight of the penalty on regions of the photo that are shown more than 2.5 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
+        Weight of the penalty on regions of the photo that are shown more than 2 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
     resume : bool, default False
         keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
@@ -2756,7 +2756,7 @@ def stationarize(
     uniformity : float, default 0.01
         how strongly the use of all parts of the exemplar is evened out; above 0.1 it costs coherence; a number >= 0 and <= 1
     reuse : float, default 1.0
-        Weight of the penalty on regions of the photo that are shown more than 2.5 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
+        Weight of the penalty on regions of the photo that are shown more than 2 times. 0: none; the result is closer to the photo and repeats more. Default: 1.; a number >= 0 and <= 1
     resume : bool, default False
         keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None

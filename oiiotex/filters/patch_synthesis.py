@@ -87,7 +87,7 @@ class PatchSynthesis(MaterialOp, InBands):
         1.0,
         ge=0,
         le=1,
-        help="Weight of the penalty on regions of the photo that are shown more than 2.5 times. 0: none; the result is"
+        help="Weight of the penalty on regions of the photo that are shown more than 2 times. 0: none; the result is"
         " closer to the photo and repeats more. Default: 1.",
     )
     resume: bool = param(
