@@ -28,11 +28,12 @@ _PLANE = 2.0  # radii is the sigma that planes are fitted with
 _SPOT = 0.4  # of the radius: of the smaller disc, which sees smaller stains
 _NEAR, _FAR = 3.0, 8.0  # deviations from the texture's own variation at which a stain ends, and that it must have
 _MOST_SPOTS, _LARGEST_SPOTS = 2, 0.15  # how many, and which share of the photo they may cover
+_MOST_CELLS = 1 << 14  # in which they are looked for: of a photo up to 16 radii wide
 _AT_ONCE = 1 << 13  # values of discs that are sorted together, or as many as there are cells
 _PLANES = 28  # of all places that lie between the sums and what is made of them, at most
 _LARGEST_CELL = 512  # px; how many values can lie in a cell is bounded by it
 _NOISE = 1.0  # Lab: contrast below it is taken for noise and hardly raised
-_LEAST_IN_SPOTS = 1 / 16
+_LEAST_IN_SPOTS = 1 / 16  # of contrast: a stain lends its color to every element
 MOST_GAIN = 2.0  # contrast is at most doubled and at least halved
 _RIDGE = 0.02  # of sigma^2, in the fit of a slope: nothing where there is something to fit, all where there is not
 
@@ -85,7 +86,7 @@ def drift_of(
     usable : (height, width) bool, optional
         Pixels that count. Default: all with alpha.
     robust : bool
-        Medians; else the level is a Gaussian mean of half the radius, and contrast is that of the cells around it.
+        Medians; else the level is a Gaussian mean of half the radius, and contrast is 0.
 
     Returns
     -------
@@ -124,7 +125,7 @@ def drift_of(
 def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np.ndarray:
     """Number, sums and sums of squares of values on the integer grid, per cell of a row of cells.
 
-    Whole numbers held in doubles, which add them exactly in any order.
+    Integers held in doubles, which add them exactly in any order.
 
     Parameters
     ----------
@@ -161,18 +162,30 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
     number, count = sums[..., 0], level.shape[-1]
     sigma = _PLANE * radius if robust else radius / 2
     fit = _LocalFit(number, *(smoothing_taps(sigma, step) for step in cells.steps), wraps)
-    disc, safe = _Disc(number > 0, [radius / step for step in cells.steps], wraps), np.maximum(number, 1.0)
-    inside = number > 0
+    inside, safe = number > 0, np.maximum(number, 1.0)
+    disc, near = (_Disc(inside, [share * radius / step for step in cells.steps], wraps) for share in (1.0, _SPOT))
     for c in range(count):
         total = sums[..., 1 + c] / SUM_STEPS
         plane = fit.means(total)
         level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
-    means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
-    near = _Disc(inside, [_SPOT * radius / step for step in cells.steps], wraps)
-    rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
-    spots = scratch["spots"][torus]
     if robust:
-        spots[:] = _spots(rest, inside)
+        _add_contrast(level, contrast, scratch["spots"][torus], sums, disc, near)
+    overall = [np.median(plane[inside], axis=0) for plane in (level, contrast)]
+    level[fit.weight <= 0] = overall[0]
+    for name in ("level", "contrast", "spots"):
+        close_margins(scratch[name], wraps)
+    return Drift(cells, scratch["level"], scratch["contrast"], *overall, scratch["spots"])
+
+
+def _add_contrast(
+    level: np.ndarray, contrast: np.ndarray, spots: np.ndarray, sums: np.ndarray, disc: _Disc, near: _Disc
+) -> None:
+    """Fill `spots` and `contrast`, and let `level` follow what is in spots; arrays as of `Drift`."""
+    number, count = sums[..., 0], level.shape[-1]
+    inside, safe = number > 0, np.maximum(number, 1.0)
+    means = sums[..., 1 : 1 + count] / SUM_STEPS / safe[..., None]
+    rest = np.stack([near.medians(means[..., c] - level[..., c]) for c in range(count)], -1)
+    spots[:] = _spots(rest, inside)
     level += spots[..., None] * rest
     for c in range(count):
         total, squares, own = sums[..., 1 + c] / SUM_STEPS, sums[..., 1 + count + c] / SUM_STEPS**2, level[..., c]
@@ -181,11 +194,6 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
         contrast[..., c] = disc.medians(spread)
         if spots.any():
             contrast[..., c] += spots * (near.medians(spread) - contrast[..., c])
-    overall = [np.median(plane[inside], axis=0) for plane in (level, contrast)]
-    level[fit.weight <= 0] = overall[0]
-    for name in ("level", "contrast", "spots"):
-        close_margins(scratch[name], wraps)
-    return Drift(cells, scratch["level"], scratch["contrast"], *overall, scratch["spots"])
 
 
 def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
@@ -202,7 +210,7 @@ def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """
     typical = np.maximum(_NOISE, 1.4826 * np.median(np.abs(rest[inside]), axis=0))  # a deviation, from the median
     away = np.where(inside, (np.abs(rest) / typical).max(-1), 0.0)
-    if not (away > _FAR).any():
+    if inside.size > _MOST_CELLS or not (away > _FAR).any():
         return np.zeros(inside.shape)
     places = _connected(away > _NEAR)
     found = np.unique(places[away > _FAR])

@@ -23,7 +23,7 @@ from .exemplar_op import ExemplarPixels
 log = logging.getLogger("oiiotex")
 
 TILES = 1.15  # seam ratio up to which a photo tiles by itself
-_LEAST, _MOST = 48, 1 << 24  # px of a side, and of the whole photo, of which that is asked
+_LEAST = 48  # px of a side of which that is asked
 
 
 def fidelity_of(seen: ExemplarPixels, source: SourceMap, recipe: Recipe) -> Fidelity | None:
@@ -89,8 +89,7 @@ def say_fidelity(flag: str, kept: Fidelity | None, recipe: Recipe, warn: bool) -
 
 def hint_that_it_tiles(flag: str, photo: Part) -> None:
     """Warn where a photo needs no synthesis."""
-    width, height = photo.window.size
-    if min(width, height) < _LEAST or width * height > _MOST:
+    if min(photo.window.size) < _LEAST:
         return
     gray = as_float(photo.pixels()[..., list(channels_of(photo.spec).colour)]).mean(-1)
     ratios = [seam_ratio(gray, axis) for axis in (1, 0)]

@@ -190,7 +190,7 @@ class PatchSynthesis(MaterialOp, InBands):
                 log.warning("%s: within marks no pixel: the photo stays as it is", self.flag())
             source, lost = remade_source(marked, seen.opaque, recipe, constraints, run), None
         else:
-            if self.tiling == "xy" and self.size is None:
+            if self.tiling == "xy" and self.size is None and self.holds_photo(session):
                 hint_that_it_tiles(self.flag(), self.exemplar.first)
             other = self.second_choice(recipe)
             synthesis, kept, recipe = better_of(self.flag(), run, constraints, recipe, other, seen, stages)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contrast of zooms without end: how much of a transfer function each level keeps.
+"""The contrast of endless zooms: how much of a transfer function each level keeps.
 
 Not in HRRG08. A turn of a loop adds the exemplar's finest octaves and keeps the coarse ones as transfer functions.
 These fade a little on every level, so that colors do not drift away. How much may fade without a loss of contrast
@@ -59,7 +59,7 @@ def _seen(maker: Synthesizer, analysis: Analysis, level: int) -> np.ndarray:
 
 
 def _variance(values: np.ndarray) -> tuple[int, int]:
-    """Squared count times the variance, and the squared count: whole numbers."""
+    """Squared count times the variance, and the squared count: integers."""
     return values.size * int(np.square(values).sum()) - int(values.sum()) ** 2, values.size**2
 
 
@@ -69,7 +69,7 @@ def _more(one: tuple[int, int], own: tuple[int, int], per_cent: int) -> bool:
 
 
 def with_contrast(maker: Synthesizer, analysis: Analysis, folder: Path | None, key: str) -> Synthesizer:
-    """A maker of zooms without end that holds the exemplar's contrast.
+    """A maker of endless zooms that holds the exemplar's contrast.
 
     The seed has no say, nor has what repeats: all zooms into an exemplar keep as much.
 
