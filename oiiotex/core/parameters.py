@@ -170,7 +170,7 @@ class Parameter:
 
 _ON_THE_LINE = {
     int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name", str: "text",
-    Numbers: "numbers with commas between them", Words: "words with commas between them", SizeRule: "pow2",
+    Numbers: "comma-separated list of numbers", Words: "comma-separated list of words", SizeRule: "pow2",
 }  # fmt: skip
 _IN_PYTHON = {
     int: "a whole number", float: "a number", bool: "True or False", Size: "(width, height)", Path: "a file name",
