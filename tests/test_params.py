@@ -75,8 +75,8 @@ def test_a_declaration_keeps_its_facts():
         ("stmap", "0 or 1 or a file name"),
         ("mode", "xy | x | none"),
         ("patch", "0 | 1 | 5 | 7"),
-        ("colour", "numbers with commas between them"),
-        ("words", "words with commas between them"),
+        ("colour", "comma-separated list of numbers"),
+        ("words", "comma-separated list of words"),
     ],
 )
 def test_allowed_says_type_range_and_unit(name, words):
