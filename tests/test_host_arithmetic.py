@@ -99,7 +99,7 @@ def test_as_oiiotool(folder, chain):
 
 
 REFUSED = (
-    ("rgb.exr --addc 0.1,x -o o.exr", "value=0.1,x: allowed is numbers"),
+    ("rgb.exr --addc 0.1,x -o o.exr", "value=0.1,x: allowed is comma-separated list of numbers"),
     ("rgb.exr --clamp:min=low -o o.exr", "min=low"),
     ("rgb.exr --clamp:minimum=0 -o o.exr", "did you mean 'min'"),
     ("rgb.exr --saturate much -o o.exr", "scale=much"),
