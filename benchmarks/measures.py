@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
+from scipy.ndimage import gaussian_filter
 
-from oiiotex.stationarity.seam_measures import low_frequency, sharpness, wrap_percentile
+from oiiotex.stationarity.seam_measures import sharpness, wrap_percentile
 
 __all__ = ["data_folder", "load", "low_frequency", "luma", "sharpness", "tile_figures", "wrap_percentile"]
 
 LUMA = np.array([0.299, 0.587, 0.114])
+_SLOW = 16.0  # px
 
 
 def data_folder() -> Path:
@@ -40,6 +42,11 @@ def tile_figures(rgb: np.ndarray, clean: np.ndarray) -> tuple[float, ...]:
         sharpness(gray) / sharpness(clean),
         float(gray.std() / clean.std()),
     )
+
+
+def low_frequency(gray: np.ndarray) -> float:
+    """LowF: standard deviation of a plane blurred with sigma 16 px on the torus."""
+    return float(gaussian_filter(gray, _SLOW, mode="wrap").std())
 
 
 def load(path: Path, longer_side: int) -> oiio.ImageBuf:

@@ -22,7 +22,7 @@ log = logging.getLogger("oiiotex")
 
 STRUCTURE = (
     "strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the"
-    " photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No"
+    " photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No"
     " effect on a photo without regular repeats"
 )
 

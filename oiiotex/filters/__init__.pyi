@@ -561,7 +561,7 @@ def cut(
     stmap : bool | FileName, default False
         True: source coordinates as part 'st' of the result; a file name: there
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -2339,7 +2339,7 @@ def quilt(
     stmap : bool | FileName, default False
         True: source coordinates as part 'st' of the result; a file name: there
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -2736,7 +2736,7 @@ def stationarize(
     order : int | None, default None
         of measure=moments: up to which; 2 (mean and variance) when left out, 3 adds skewness, 4 kurtosis; a whole number >= 2 and <= 4
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     preset : Literal['even', 'clean', 'keep'] | None, default None
         Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side / 4, patch=21; even (structures beyond sigma are evened out, too): sigma = longer side / 32, patch=11; clean (objects are removed): as even, with contrast=0 and the mask of filters.dominant. -v prints the line that makes the same pixels. Default: none of them.
     paper : bool, default False
@@ -3130,7 +3130,7 @@ def synth(
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     structure : float, default 0.5
-        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds a whole number of them. No effect on a photo without regular repeats; a number >= 0 and <= 1
+        strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None

@@ -34,7 +34,6 @@ from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
 from ..regularity.courses import InCourses
-from ..regularity.lattice import Lattice
 from ..regularity.offset_prices import InStep
 from ..session import Session
 from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality, regularity_of, say_what_was_lost
@@ -145,7 +144,7 @@ class PatchSynthesis(MaterialOp, InBands):
         wraps = "x" in self.tiling, "y" in self.tiling
         width, height = fitting_size(self.flag(), lattice, size, self.size is not None or self.sized, wraps)
         sigmas = self.sigmas(width, height)
-        recipe = self.controlled(self.recipe(width, height), seen, lattice, session)
+        recipe = self.controlled(self.recipe(width, height), seen, session)
         if sigmas is not None:  # of what has one sigma for all, the photo made stationary
             recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
         if lattice is not None:
@@ -311,7 +310,7 @@ class PatchSynthesis(MaterialOp, InBands):
         """The sigma at each pixel of a result of this size, where they differ."""
         return None
 
-    def controlled(self, recipe: Recipe, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> Recipe:
+    def controlled(self, recipe: Recipe, seen: ExemplarPixels, session: Session) -> Recipe:
         """The recipe with what follows from the photo."""
         return recipe
 

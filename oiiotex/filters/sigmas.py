@@ -17,7 +17,6 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import Size, image, param
 from ..deferred import np
 from ..exemplar.exemplar_op import ExemplarPixels
-from ..exemplar.photo_lattice import photo_lattice
 from ..exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from ..session import Session
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
@@ -79,9 +78,8 @@ class Sigmas(Whole):
         require_tiles(session.device, how.recipe(width, height), (spec.height, spec.width), session.budget)
         with session.stats.time("read and colour"):
             lab, opaque = working_values(self.exemplar, session, self.working_space)
-        lattice = photo_lattice(self.flag(), lab[..., :3], opaque)
         seen = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
-        recipe = how.controlled(how.recipe(width, height), seen, lattice, session)
+        recipe = how.controlled(how.recipe(width, height), seen, session)
         tiles = SigmaTiles(session.device, lab, opaque, recipe, session.budget, seen.why)
         scale = perceived_scale(tiles, self.n, session.advance, scale_folder())
         amounts = np.linspace(0, 1, self.n)

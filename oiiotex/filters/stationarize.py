@@ -22,7 +22,6 @@ from ..exemplar.photo_lattice import STRUCTURE
 from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
-from ..regularity.lattice import Lattice
 from ..session import Session
 from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .patch_synthesis import PATCH, PatchSynthesis
@@ -163,7 +162,7 @@ class Stationarize(PatchSynthesis):
         """Of one whole tile."""
         return self.within is None and self.variants == 1 and not self.paper
 
-    def controlled(self, recipe: Recipe, seen: ExemplarPixels, lattice: Lattice | None, session: Session) -> Recipe:
+    def controlled(self, recipe: Recipe, seen: ExemplarPixels, session: Session) -> Recipe:
         """With the sigma of `amount` (MJH17 section 4.4)."""
         if self.amount is None:
             return recipe

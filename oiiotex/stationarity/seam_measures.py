@@ -8,15 +8,6 @@ from __future__ import annotations
 
 from ..deferred import np
 
-_SLOW = 16.0  # px; what is slower repeats visibly when tiled
-
-
-def low_frequency(gray: np.ndarray) -> float:
-    """LowF: standard deviation of a plane blurred with sigma 16 px on the torus; what repeats visibly when tiled."""
-    from scipy.ndimage import gaussian_filter  # when it is needed: it is slow to import
-
-    return float(gaussian_filter(gray, _SLOW, mode="wrap").std())
-
 
 def sharpness(gray: np.ndarray) -> float:
     """mean |Y - G1 Y|, G1 a Gaussian of 1 px on the torus."""
