@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PHOTO ?=
 EXTRAS := cpu,linker,demo
 
-.PHONY: demo test test-all lint docs golden benchmark plugin extension clean
+.PHONY: demo test test-all lint docs golden benchmark plugin extension blender clean
 
 demo: $(VENV)/demo
 	@$(BIN)/python -m docs.device
@@ -48,6 +48,13 @@ golden: $(VENV)/test  # renew the golden images: look at them before you commit
 
 extension:  # of Blender, one zip: docs/hosts.md
 	$(PYTHON) hosts/blender/build.py oiiotex_blender.zip
+
+blender: $(VENV)/blender/made  # an environment of its own (bpy pins an older NumPy), in which Blender's tests run
+
+$(VENV)/blender/made: $(VENV)/checked
+	$(PYTHON) -m venv $(VENV)/blender
+	$(VENV)/blender/bin/python -m pip install -qq "bpy>=4.2"
+	@touch $@
 
 benchmark: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[benchmark]"

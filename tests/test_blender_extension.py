@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The extension in Blender itself: its tile is the program's, in the image's colour space, with the line that makes it.
 
-Wants bpy as test_cryptomatte_blender does. Blender hangs where it ends, so it is left by os._exit.
+Requires bpy as test_cryptomatte_blender does. Blender hangs where it ends, so it is left by os._exit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from oiiotex.service.settings import Settings
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import save
-from tests.test_cryptomatte_blender import BLENDER
+from tests.test_cryptomatte_blender import BLENDER, needs_blender
 
 BUILD = Path(__file__).parents[1] / "hosts" / "blender" / "build.py"
 SCRIPT = """
@@ -143,7 +143,7 @@ def test_what_speaks_to_the_process_needs_neither_blender_nor_our_package(folder
     assert done.stdout.splitlines()[1] == "cancelled"
 
 
-@pytest.mark.skipif(BLENDER is None, reason="no bpy: pip install bpy, or OIIOTEX_BLENDER=/path/to/python")
+@needs_blender
 def test_a_tile_is_the_programs(folder):
     line = [BLENDER, "-c", SCRIPT, str(folder), sys.executable]
     there = os.environ | {"BLENDER_USER_RESOURCES": str(folder / "user")}

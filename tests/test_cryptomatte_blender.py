@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Blender's own compositor picks labels by name from what --texlabel:cryptomatte=1 writes.
 
-Wants bpy (PyPI, Python 3.11), in this environment or, as its numpy is an older one, in one of its own:
-OIIOTEX_BLENDER=/path/to/python. Both libraries bring an OpenImageIO, so Blender runs in a process of its own anyway.
+Requires bpy (PyPI, Python 3.11) in an environment of its own, since it pins an older NumPy: `make blender` makes one,
+and OIIOTEX_BLENDER=/path/to/python names another.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import os
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -21,8 +21,14 @@ from tests.conftest import load, oiiotex, save
 from tests.test_label_parts import ids_of, parts_of
 from tests.test_labels import quarters
 
-BLENDER = os.environ.get("OIIOTEX_BLENDER") or (sys.executable if importlib.util.find_spec("bpy") else None)
-pytestmark = pytest.mark.skipif(BLENDER is None, reason="no bpy: pip install bpy, or OIIOTEX_BLENDER=/path/to/python")
+MADE = Path(sys.prefix) / "blender" / "bin" / "python"  # by `make blender`
+BLENDER = os.environ.get("OIIOTEX_BLENDER") or (str(MADE) if MADE.exists() else None)
+HAS_WHEEL = sys.version_info[:2] == (3, 11) and (sys.platform, platform.machine()) == ("linux", "x86_64")
+needs_blender = pytest.mark.skipif(
+    BLENDER is None,
+    reason="no bpy: make blender" if HAS_WHEEL else "no bpy: its wheels are for Python 3.11 on x86-64 Linux",
+)
+pytestmark = needs_blender
 SIDE = 128
 SCRIPT = f"""
 import sys

@@ -17,10 +17,12 @@ def name_of_space(image) -> str:
 
 
 def pixels_of(image) -> np.ndarray:
-    """(height, width, channels) float32, the top row first."""
+    """(height, width, channels), the top row first: float32, or the uint8 that Blender holds of an 8-bit image."""
     pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
     image.pixels.foreach_get(pixels)
-    return np.ascontiguousarray(pixels.reshape(image.size[1], image.size[0], image.channels)[::-1])
+    pixels = np.ascontiguousarray(pixels.reshape(image.size[1], image.size[0], image.channels)[::-1])
+    # what is decided from 8 bits is decided as from the file
+    return pixels if image.is_float else np.rint(pixels * 255).astype(np.uint8)
 
 
 def new_image(name: str, pixels: np.ndarray, line: str, like=None):
@@ -29,7 +31,7 @@ def new_image(name: str, pixels: np.ndarray, line: str, like=None):
     Parameters
     ----------
     name : str
-    pixels : (height, width, 1, 3 or 4) array
+    pixels : (height, width, 1, 3 or 4) float or uint8
         The top row first.
     line : str
         What makes it.
@@ -38,7 +40,7 @@ def new_image(name: str, pixels: np.ndarray, line: str, like=None):
     """
     height, width, channels = pixels.shape
     full = np.ones((height, width, 4), np.float32)
-    full[..., : max(3, channels)] = pixels
+    full[..., : max(3, channels)] = pixels / np.float32(255) if pixels.dtype == np.uint8 else pixels
     image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=like is None or like.is_float)
     image.colorspace_settings.name = "Non-Color" if like is None else like.colorspace_settings.name
     image.pixels.foreach_set(full[::-1].ravel())  # Blender's rows begin at the bottom

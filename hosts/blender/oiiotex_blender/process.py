@@ -38,7 +38,7 @@ class Process:
         ----------
         op : str
         maps : list of (pixels, space)
-            What it is made of: (height, width, channels) float32, in a colour space or None for data.
+            What it is made of: (height, width, channels) float32 or uint8, in a colour space or None for data.
         values : dict
             Its modifiers.
         parts : str, optional
@@ -194,9 +194,10 @@ def _facts(pixels, space):
     """What service/pictures.py wants to know of an image."""
     height, width, count = pixels.shape
     place = [0, 0, width, height, 0, 0, width, height]
+    kind = "uint8" if pixels.dtype.kind == "u" else "float"
     tags = [["oiio:ColorSpace", "string", space]] if space else []
     part = {
-        "name": "image", "place": place, "type": "float", "channels": CHANNELS[count],
-        "alpha": 3 if count == 4 else -1, "stored": "float", "exact": False, "attributes": tags,
+        "name": "image", "place": place, "type": kind, "channels": CHANNELS[count],
+        "alpha": 3 if count == 4 else -1, "stored": kind, "exact": False, "attributes": tags,
     }  # fmt: skip
     return {"source": "image", "parts": [part]}
