@@ -16,7 +16,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.opencl import device as devices
-from tests import forked, pictures
+from tests import forked, pictures, skips
 from tests.kernel_options import require_known
 
 
@@ -153,3 +153,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     until = os.environ.get("OIIOTEX_SLOW_UNTIL")
     if until and item.get_closest_marker("slow") and time.monotonic() - _begun > float(until):
         pytest.skip("LEFT OUT: the time for slow tests is over")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """In CI a test that is skipped for a reason that skips.toml does not list is a failure."""
+    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
+    if os.environ.get("CI") != "true" or terminal is None:
+        return
+    told = [report.longrepr for report in terminal.stats.get("skipped", ())]
+    for reason in skips.unexpected(one[2] if isinstance(one, tuple) else str(one) for one in told):
+        terminal.write_line(f"SKIPPED IN CI: {reason}: .ci/run installs what is missing, or tests/skips.toml says why")
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
