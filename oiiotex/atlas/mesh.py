@@ -104,6 +104,8 @@ def read_mesh(path: Path, width: int, height: int, tiles: tuple[int, int] = (1, 
     name = path.name
     if not len(faces):
         raise ImageError(f"{name} has no triangles")
+    if faces.min() < 0 or faces.max() >= len(points):
+        raise ImageError(f"{name} has triangles without vertices: expected indices from 0 to {len(points) - 1}")
     used = np.unique(faces)
     broken = np.count_nonzero(~np.isfinite(points[used]).all(-1))
     if broken:

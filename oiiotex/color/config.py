@@ -8,6 +8,7 @@ import functools
 import os
 from collections.abc import Callable
 from importlib import resources
+from pathlib import Path
 
 from ..core.attributes import TAG
 from ..core.image import Image, channels_of
@@ -46,7 +47,9 @@ class ColorConfig:
         require_regular(self.path)
         try:
             self._config = ocio.Config.CreateFromFile(self.path)
-        except (ocio.Exception, ocio.ExceptionMissingFile) as error:
+            if os.path.exists(self.path) and not self.path.endswith(".ocioz"):
+                Path(self.path).read_text("utf-8")  # bindings fail later, at the first name that is not UTF-8
+        except (ocio.Exception, ocio.ExceptionMissingFile, UnicodeDecodeError) as error:
             raise ColorError(f"{self.path}: not a colour config that can be used: {one_line(str(error))}") from error
         self._names = oiio.ColorConfig(self.path)  # knows the names that OpenImageIO tags files with
         if interchange is not None and interchange[1] not in INTERCHANGE_SPACES:

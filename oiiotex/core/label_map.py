@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..deferred import np, oiio
-from ..errors import one_line
+from ..errors import ImageError, one_line
 from .attributes import COUNT, NAMES, PARENTS, RHO
 from .image import Image, Part
+
+MOST_LABELS = 1 << 24  # tables by id stay small
 
 
 @dataclass(frozen=True)
@@ -48,8 +50,8 @@ class LabelMap:
 
     @property
     def ids(self) -> np.ndarray:
-        """All of them, (height, width)."""
-        return self.part.pixels()[..., 0]
+        """All of them, (height, width); raises ImageError where one is above `MOST_LABELS`."""
+        return required_ids(self.part.pixels()[..., 0], self.part.name)
 
     @property
     def scale(self) -> float:
@@ -59,13 +61,14 @@ class LabelMap:
     @property
     def count(self) -> int:
         """How many labels there are; 0 where nothing says it."""
-        return self.part.spec.get_int_attribute(COUNT)
+        count = self.part.spec.get_int_attribute(COUNT)
+        return count if 0 <= count <= MOST_LABELS else 0  # files come from strangers
 
     def parents(self, count: int) -> np.ndarray:
         """The label of the next coarser level that holds label i + 1, (count,) int64; 0 where nothing says it."""
         text = self.part.spec.get_string_attribute(PARENTS)
-        parents = [int(word) for word in text.split(",")] if text else []
-        return np.array((parents + [0] * count)[:count], np.int64)
+        known = [int(word) if re.fullmatch("[0-9]{1,8}", word) else 0 for word in text.split(",")]
+        return np.array((known + [0] * count)[:count], np.int64)
 
     def name(self, label: int) -> str:
         """What a label is called: by whoever named it, else by its level and id."""
@@ -86,6 +89,14 @@ class LabelMap:
         except (ValueError, RecursionError):
             return []
         return [one_line(name) if isinstance(name, str) else "" for name in names] if isinstance(names, list) else []
+
+
+def required_ids(ids: np.ndarray, name: str) -> np.ndarray:
+    """The ids of part `name`, (height, width); an ImageError where one is above `MOST_LABELS`."""
+    most = int(ids.max(initial=0))
+    if most > MOST_LABELS:
+        raise ImageError(f"{name} has label {most}: expected ids from 0 to {MOST_LABELS}; number the labels from 1")
+    return ids
 
 
 def holds_ids(part: Part) -> bool:

@@ -10,7 +10,7 @@ from ..charts.drawing import GAP, Sheet, coloured, sampled, shown_pixels
 from ..core.access import ScanThenMap
 from ..core.attributes import SIGMA, SUPERPIXELS
 from ..core.image import Image
-from ..core.label_map import LabelMap, holds_ids, label_maps
+from ..core.label_map import LabelMap, holds_ids, label_maps, required_ids
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
@@ -53,7 +53,7 @@ class LabelView(ScanThenMap):
         photo = None if holds_ids(self.source.first) else self.source.first
         spec = labels[0].part.spec
         step = max(1, -(-max(spec.width, spec.height) // self.side))
-        maps = [sampled(one.part, step)[..., 0].astype(np.int64) for one in labels]
+        maps = [required_ids(sampled(one.part, step)[..., 0], one.part.name).astype(np.int64) for one in labels]
         lightness, panels = None, []
         if photo is not None:
             picture = shown_pixels(sampled(photo, step), photo, session)
@@ -84,7 +84,7 @@ def _tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
     above: dict[int, tuple[float, float]] = {}  # left and right of each label of the level above
     for depth, (one, ids) in enumerate(zip(reversed(labels), reversed(maps), strict=True)):
         top = GAP + depth * row
-        areas = np.bincount(ids.ravel(), minlength=one.count + 1)[1:] + 1e-9
+        areas = np.bincount(ids.ravel())[1:]
         parents = one.parents(len(areas))
         places = _places(areas, parents, above, float(width))
         for label, (left, right) in places.items():
@@ -100,11 +100,11 @@ def _tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
 def _places(
     areas: np.ndarray, parents: np.ndarray, above: dict[int, tuple[float, float]], width: float
 ) -> dict[int, tuple[float, float]]:
-    """Left and right of every label: side by side within their parent, by area."""
+    """Left and right of every label that has pixels: side by side within their parent, by area."""
     parents = np.where(np.isin(parents, list(above)), parents, 0)
     places = {}
-    for parent in np.unique(parents):
-        members = np.flatnonzero(parents == parent)
+    for parent in np.unique(parents[areas > 0]):
+        members = np.flatnonzero((parents == parent) & (areas > 0))
         left, right = above.get(int(parent), (0.0, width))
         edges = left + (right - left) * np.concatenate([[0], areas[members].cumsum() / areas[members].sum()])
         places |= {int(m) + 1: (float(a), float(b)) for m, a, b in zip(members, edges, edges[1:], strict=False)}

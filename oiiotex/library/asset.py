@@ -40,6 +40,9 @@ from ..session import SHORT_OF_MEMORY, Session
 from .catalogue import SIDECAR
 
 SCHEMA = "oiiotex.asset/2"
+# what is read of a sidecar, and of its files
+_SIDECAR = {"name": str, "key": str, "status": str, "reasons": list, "files": list}
+_FILE = {"path": str, "bytes": int, "sha256": str}
 _RESIZES = {"--resize", "--resample", "--fit", "--pixelaspect", "--rotate", "--warp", "--st_warp", "--texrectify"}
 _STEP = 0.1  # of a height map's range, between neighbours
 
@@ -128,7 +131,7 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
     Raises
     ------
     Error
-        It says nothing, or nothing that this version reads.
+        It cannot be read, is of another schema, or lacks something.
     """
     try:
         sidecar = json.loads((folder / SIDECAR).read_bytes())
@@ -136,6 +139,14 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
         raise Error(f"{folder / SIDECAR}: {error}") from error
     if not isinstance(sidecar, dict) or sidecar.get("schema") != SCHEMA:
         raise Error(f"{folder / SIDECAR}: not of schema {SCHEMA}")
+    for key, kind in _SIDECAR.items():
+        if not isinstance(sidecar.get(key), kind):
+            raise Error(f"{folder / SIDECAR}: '{key}' is missing or of another type: expected {kind.__name__}")
+    for file in sidecar["files"]:
+        if not isinstance(file, dict) or any(not isinstance(file.get(key), kind) for key, kind in _FILE.items()):
+            raise Error(f"{folder / SIDECAR}: 'files' has an entry without {', '.join(_FILE)}")
+    if not all(isinstance(text, str) for text in sidecar["reasons"]):
+        raise Error(f"{folder / SIDECAR}: 'reasons' must be texts")
     return sidecar
 
 

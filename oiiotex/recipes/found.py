@@ -8,6 +8,7 @@ import re
 import shutil
 import stat
 import zipfile
+import zlib
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -153,7 +154,7 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
                 )
             with archive.open(file.member) as packed, open(target, "wb") as out:
                 shutil.copyfileobj(packed, out, 1 << 20)
-    except (OSError, KeyError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
+    except (OSError, KeyError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError) as error:
         raise Error(f"{file}: {error}") from error
 
 
