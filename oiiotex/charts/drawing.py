@@ -88,6 +88,7 @@ class Sheet:
         ink : 3 floats
             sRGB, 0 to 1.
         """
+        text = text.encode("utf-8", "replace").decode()  # names in files of strangers may be no UTF-8
         if not oiio.ImageBufAlgo.render_text(self._buffer, left, baseline, text, size, "", ink):
             self._buffer.geterror()
 

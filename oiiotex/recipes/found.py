@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import stat
+import struct
 import zipfile
 import zlib
 from collections import defaultdict
@@ -26,6 +27,11 @@ _MOST_MEMBER = 8 << 30  # bytes that a member of an archive may have
 _LARGE = 64 << 20  # bytes from which on a member may not unpack to more than
 _MOST_UNPACKED = 200  # times what it takes in the archive: zeros, which fill disks
 _CHANNELS = "RGB"
+# as zipfile fails on broken archives, which it says nothing of
+_BROKEN_ARCHIVE = (
+    OSError, ValueError, KeyError, IndexError, EOFError, RuntimeError, NotImplementedError, struct.error, zlib.error,
+    zipfile.BadZipFile,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,7 @@ def extract(photos: Path, file: MapFile, target: Path) -> None:
                 )
             with archive.open(file.member) as packed, open(target, "wb") as out:
                 shutil.copyfileobj(packed, out, 1 << 20)
-    except (OSError, KeyError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError) as error:
+    except _BROKEN_ARCHIVE as error:
         raise Error(f"{file}: {error}") from error
 
 
@@ -200,7 +206,7 @@ def _images(photos: Path, path: str) -> list[MapFile]:
     try:
         with zipfile.ZipFile(photos / path) as archive:
             members = [info.filename for info in archive.infolist() if not info.is_dir()]
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile) as error:  # ValueError: of names
+    except _BROKEN_ARCHIVE as error:
         raise Error(f"{path}: {error}") from error
     return [
         MapFile(path, member)
