@@ -230,9 +230,9 @@ def quilts() -> None:
     parts = labelled("stone_breccia", 768)
     if parts is None:
         return
-    level = len(parts) - 1
-    ids = parts[f"label.{level}"].get_pixels(oiio.UINT32)[..., 0]
-    wanted = np.argsort(-np.bincount(ids.ravel()), kind="stable")[:3]
+    areas = {n: np.bincount(parts[f"label.{n}"].get_pixels(oiio.UINT32).ravel())[1:] for n in range(1, len(parts))}
+    level = max(n for n, counts in areas.items() if len(counts) >= 3)
+    wanted = 1 + np.argsort(-areas[level], kind="stable")[:3]
     y, x = np.mgrid[:60, :90]
     guide = wanted[np.where(np.hypot(y - 30, x - 30) < 20, 1, np.where(x + 12 * np.sin(y / 8) > 60, 2, 0))]
     held = oiio.ImageBuf(oiio.ImageSpec(90, 60, 1, oiio.UINT32))
