@@ -15,7 +15,8 @@ from oiiotex import filters
 from oiiotex.core.demand import PieceCache
 from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
-from oiiotex.live.painting import Steps, fine_of, paintings_in
+from oiiotex.live.history import Steps
+from oiiotex.live.painting import fine_of, paintings_in
 from oiiotex.live.palette import COARSE, FINE, Palette, require_replaceable
 from tests import test_painting
 from tests.conftest import save

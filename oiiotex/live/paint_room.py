@@ -20,9 +20,10 @@ from ..deferred import np
 from ..errors import Error, ImageError, ParameterError
 from ..io.reading import read
 from ..service.client import BRUSH, EXPORT, Client, Request
+from .history import Steps
 from .hub import Hub, Page
 from .lines import line, output_name, word_of
-from .painting import Steps, fine_of, paintings_in
+from .painting import fine_of, paintings_in
 from .palette import COARSE, FINE, LAYERS, Layers, Palette, palette_of
 
 _MOST_TIMES = 64
