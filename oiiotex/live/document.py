@@ -3,17 +3,16 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..errors import Error, ParameterError
 from ..filters.measures import MEASURES
 from ..filters.presets import PRESETS
-from ..io.atomic import temporary_beside
+from ..io.atomic import written
 from ..io.documents import read_document
 
 VERSION = 1
@@ -118,6 +117,7 @@ _FIELDS: dict[str, dict[str, Any]] = {
         "layer": _one_of("coarse", "fine"), "label": _number(0, 255, whole=True),
         "finer": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
     },
+    "history": {"step": _number(-1, 999_999, whole=True)},
 }  # fmt: skip
 
 
@@ -148,6 +148,7 @@ def default_state(display: str, view: str, side: int) -> State:
             "brush": 64.0,
             "seed": 0,
         },
+        "history": {"step": -1},  # of the painting, that is shown; -1: the last
     }
 
 
@@ -176,7 +177,7 @@ class Document:
 
     def __init__(self, path: Path, state: State, source: str, views: Mapping[str, Sequence[str]]):
         self.path, self.state, self._source, self._views = path, state, source, views
-        self.changed = False
+        self._changes = self._saved = 0
         if path.exists():
             self._read()
 
@@ -212,7 +213,7 @@ class Document:
         changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
         if changed:
             self.state[room] |= changed
-            self.changed = True
+            self._changes += 1
         return changed
 
     def _checked(self, room: str, values: Mapping[str, Any]) -> State:
@@ -230,14 +231,33 @@ class Document:
     def _is_view(self, view: Mapping[str, Any]) -> bool:
         return view["view"] in self._views.get(view["display"], ())
 
+    def unsaved(self) -> Callable[[], None] | None:
+        """What writes the state as it is now, whole or not at all, on any thread; None where it was written.
+
+        As long as it raises ImageError, because the disk is full or the folder read-only, there is something unsaved.
+        """
+        if self._changes == self._saved:
+            return None
+        content = {"oiiotex.live": VERSION, "source": self._source} | self.state
+        text, changes = json.dumps(content, indent=1) + "\n", self._changes
+
+        def write() -> None:
+            with written(self.path) as file:
+                file.write(text.encode())
+            self._saved = changes
+
+        return write
+
     def save(self) -> None:
-        """Write it, whole or not at all, if something has changed."""
-        if not self.changed:
-            return
-        self.changed = False
-        content = {"oiiotex.live": VERSION, "source": self._source} | copy.deepcopy(self.state)
-        with temporary_beside(self.path) as temporary:
-            temporary.write_text(json.dumps(content, indent=1) + "\n")
+        """Write it, if something has changed.
+
+        Raises
+        ------
+        ImageError
+            It cannot be written.
+        """
+        if write := self.unsaved():
+            write()
 
     def beside(self, what: str) -> Path:
         """A file that goes with it."""

@@ -19,6 +19,7 @@ from ..core.image import Image
 from ..errors import Error
 from ..io.reading import read
 from ..multiscale.graph import read_graph
+from ..service.settings import reserved_folder
 from ..session import Session
 from .document import Document, default_state
 from .guard import LOOPBACK, Guard, token_for
@@ -63,7 +64,7 @@ def serve(
     Raises
     ------
     Error
-        Something is not installed, the port is taken, or the document is another's.
+        Something is not installed, the port is taken, or the document is another photo's or open in another server.
     """
     try:
         import starlette
@@ -110,9 +111,11 @@ def _hub(
     side = min(256, 1 << min(first.first.spec.width, first.first.spec.height).bit_length() - 1)
     state = default_state(*usual_view(session.color, space), side)
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
-    opened = Document(document or Path(f"{stem}.texlive.json"), state, name, views(session.color))
+    path = document or Path(f"{stem}.texlive.json")
+    spare = reserved_folder(path)
+    opened = Document(path, state, name, views(session.color))
     source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
-    hub = Hub(source, opened, session)
+    hub = Hub(source, opened, session, spare)
     hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
     return hub
 
@@ -134,7 +137,7 @@ def _application(hub: Hub) -> Starlette:
 
     @contextlib.asynccontextmanager
     async def while_it_runs(_: Starlette) -> AsyncIterator[None]:
-        saving = asyncio.create_task(hub.save_now_and_then())
+        saving = asyncio.create_task(hub.autosave())
         try:
             yield
         finally:

@@ -101,6 +101,13 @@ function showLooking() {
   looking.exposure.value = exposure;
 }
 
+/** As long as something is not saved, why; "": all is. */
+function showUnsaved(text) {
+  if (!text && !$("unsaved").hidden) shell.status("Saved again");
+  $("unsaved").textContent = text;
+  $("unsaved").hidden = !text;
+}
+
 const KEYS = [
   ["1 2 3", "Rooms"], ["F", "Fit the picture"], ["Wheel", "Zoom"], ["Middle drag, Space drag", "Pan"],
   ["C", "Copy the line"], ["+ -", "Exposure, a quarter stop"], ["?", "This list"],
@@ -159,6 +166,7 @@ on("message", (message) => {
     if (first) build();
     for (const room of Object.values(rooms)) room.refresh(true);
     showLooking();
+    showUnsaved(message.unsaved);
     shell.status("");
   } else if (message.do === "set") {
     Object.assign(shell.state[message.room], message.values);
@@ -172,6 +180,8 @@ on("message", (message) => {
       shell.status(text);
       rooms.paint?.waitFor(text);
     }
+  } else if (message.do === "unsaved") {
+    showUnsaved(message.text);
   } else if (message.do === "note") {
     shell.status(message.text);
   } else if (message.do === "error") {
@@ -188,6 +198,7 @@ on("link", (there) => {
   $("link").classList.toggle("wrong", !there);
 });
 
+addEventListener("pagehide", () => rooms[current]?.hide?.());
 $("copy").addEventListener("click", copyLine);
 $("help").addEventListener("click", help);
 connect();
