@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import Error, ParameterError
+from ..errors import Error, ImageError, ParameterError
 from ..filters.measures import MEASURES
 from ..filters.presets import PRESETS
 from ..io.atomic import written
@@ -19,6 +19,8 @@ VERSION = 1
 MOST_VARIANTS = 64
 LEAST_PAINTED, MOST_PAINTED = 64, 4096  # px, of a painting's side
 _MOST_THUMBNAIL = 60_000  # letters
+
+KEPT = "Until the computer is restarted, the next --texlive of this document finds it in"
 
 State = dict[str, Any]
 
@@ -168,6 +170,8 @@ class Document:
     views : dict of str -> list of str
         Displays of the colour config, and their views: no others can be set. A document that was made with another
         config may name others; those of `state` then stay.
+    left : Path, optional
+        Where `save` writes what cannot be written to `path`.
 
     Raises
     ------
@@ -175,14 +179,19 @@ class Document:
         The file is no such document, of a later version, or of another photo.
     """
 
-    def __init__(self, path: Path, state: State, source: str, views: Mapping[str, Sequence[str]]):
-        self.path, self.state, self._source, self._views = path, state, source, views
+    def __init__(
+        self, path: Path, state: State, source: str, views: Mapping[str, Sequence[str]], left: Path | None = None
+    ):
+        self.path, self.state, self._source, self._views, self._left = path, state, source, views, left
         self._changes = self._saved = 0
         if path.exists():
-            self._read()
+            self._read(path)
+        if left is not None and left.exists():
+            self._read(left)
+            self._changes += 1
 
-    def _read(self) -> None:
-        content = read_document(self.path)
+    def _read(self, path: Path) -> None:
+        content = read_document(path)
         if not isinstance(content, dict) or "oiiotex.live" not in content:
             raise Error(f"{self.path} is no document of --texlive: document=FILE says another one")
         if content["oiiotex.live"] != VERSION:
@@ -231,7 +240,7 @@ class Document:
     def _is_view(self, view: Mapping[str, Any]) -> bool:
         return view["view"] in self._views.get(view["display"], ())
 
-    def unsaved(self) -> Callable[[], None] | None:
+    def unsaved(self) -> Callable[..., None] | None:
         """What writes the state as it is now, whole or not at all, on any thread; None where it was written.
 
         As long as it raises ImageError, because the disk is full or the folder read-only, there is something unsaved.
@@ -241,15 +250,18 @@ class Document:
         content = {"oiiotex.live": VERSION, "source": self._source} | self.state
         text, changes = json.dumps(content, indent=1) + "\n", self._changes
 
-        def write() -> None:
-            with written(self.path) as file:
+        def write(path: Path = self.path) -> None:
+            with written(path) as file:
                 file.write(text.encode())
-            self._saved = changes
+            if path is not self._left:
+                self._saved = changes
+                if self._left is not None:
+                    self._left.unlink(missing_ok=True)
 
         return write
 
     def save(self) -> None:
-        """Write it, if something has changed.
+        """Write it, if something has changed; where that fails, to `left`, from which the next server reads it.
 
         Raises
         ------
@@ -257,7 +269,13 @@ class Document:
             It cannot be written.
         """
         if write := self.unsaved():
-            write()
+            try:
+                write()
+            except ImageError as error:
+                if self._left is None:
+                    raise
+                write(self._left)
+                raise ImageError(f"{error}. {KEPT} {self._left}") from error
 
     def beside(self, what: str) -> Path:
         """A file that goes with it."""

@@ -22,6 +22,7 @@ from ..errors import Error, ImageError, ParameterError
 from ..quilting.painted_plans import changed_box
 from ..service.client import BRUSH
 from ..service.messages import LinkError
+from .document import KEPT
 from .history import Steps, fine_of, paintings_in
 from .hub import Hub, Page
 from .lines import line, output_name, word_of
@@ -115,7 +116,10 @@ class PaintRoom:
 
     def close(self) -> None:
         """The same, at the end."""
-        self._steps.save()
+        try:
+            self._steps.save()
+        except ImageError as error:
+            raise ImageError(f"{error}. {KEPT} {self._hub.spare}") from error
 
     def forget(self) -> None:
         """The resident process is another one."""

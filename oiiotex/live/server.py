@@ -113,7 +113,7 @@ def _hub(
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
     path = document or Path(f"{stem}.texlive.json")
     spare = reserved_folder(path)
-    opened = Document(path, state, name, views(session.color))
+    opened = Document(path, state, name, views(session.color), spare / "document.json")
     source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
     hub = Hub(source, opened, session, spare)
     hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
