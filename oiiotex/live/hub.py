@@ -21,7 +21,7 @@ from ..color.display import Shown, shown_by, views
 from ..core.image import Image, Part, channels_of
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import Error, ParameterError
+from ..errors import Error, ParameterError, one_line
 from ..io.documents import require_plain
 from ..io.writing import write
 from ..service.client import BRUSH, EXPORT, Client, connect
@@ -232,7 +232,7 @@ class Hub:
         except Error as error:
             self.tell({"do": "error", "text": f"oiiotex ERROR: {error}"})
         except Exception as error:
-            log.exception("live")
+            log.error("oiiotex ERROR: internal, %s: %s", type(error).__name__, one_line(str(error)))
             self.tell({"do": "error", "text": f"oiiotex ERROR: internal, {type(error).__name__}: {error}"})
 
     def tell(self, message: dict[str, Any], but: Page | None = None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 import threading
 import webbrowser
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING
 from ..color.display import usual_view, views
 from ..core.attributes import TAG
 from ..core.image import Image
-from ..errors import Error
+from ..errors import Error, one_line
 from ..io.reading import read
 from ..multiscale.graph import read_graph
 from ..service.settings import reserved_folder
@@ -78,6 +79,8 @@ def serve(
     listening = _listening(host, port)
     port = listening.getsockname()[1]
     guarded = Guard(application, token, _names(host))
+    for logger in ("uvicorn.error", "asyncio"):
+        logging.getLogger(logger).addFilter(_in_one_line)
     config = uvicorn.Config(
         guarded, log_level="error", access_log=False, server_header=False, ws="websockets-sansio",
         ws_max_size=MOST_UPLOAD, limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=2, lifespan="on",
@@ -88,6 +91,15 @@ def serve(
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     with listening:
         uvicorn.Server(config).run(sockets=[listening])
+
+
+def _in_one_line(record: logging.LogRecord) -> bool:
+    """What strangers' bytes lead to fills no terminal."""
+    text = record.getMessage()
+    if record.exc_info and record.exc_info[1] is not None:
+        text += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]}"
+    record.msg, record.args, record.exc_info = one_line(text)[:300], (), None
+    return True
 
 
 def _hub(
