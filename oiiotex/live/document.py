@@ -141,15 +141,7 @@ def default_state(display: str, view: str, side: int) -> State:
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
         "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
-        "paint": {
-            "width": 1024,
-            "height": 1024,
-            "layer": "coarse",
-            "label": 1,
-            "finer": 0,
-            "brush": 64.0,
-            "seed": 0,
-        },
+        "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
         "history": {"step": -1},  # of the painting, that is shown; -1: the last
     }
 
