@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -192,21 +193,39 @@ def tiny(tmp_path) -> Iterator[Path]:
         subprocess.run(["umount", "-l", str(path)], check=True)
 
 
-def test_a_full_disk_is_said_on_the_page_and_all_is_saved_when_there_is_room(browser, small, tiny, runtime):
+def fill(disk: Path) -> None:
+    with open(disk / "large", "wb", buffering=0) as file, contextlib.suppress(OSError):
+        while file.write(bytes(4096)):
+            pass
+
+
+def remount(disk: Path, how: str) -> None:
+    subprocess.run(["mount", "-o", f"remount,{how}", str(disk)], check=True)
+
+
+@pytest.mark.parametrize(
+    ("close", "open_again", "why"),
+    [
+        (fill, lambda disk: (disk / "large").unlink(), "No space left on device"),
+        (lambda disk: remount(disk, "ro"), lambda disk: remount(disk, "rw"), "cannot be written"),
+    ],
+    ids=("full", "read-only"),
+)
+def test_a_disk_that_takes_nothing_is_said_and_all_is_saved_when_it_does(
+    browser, small, tiny, runtime, close, open_again, why
+):
     for name in ("photo.png", "photo.texlive.json"):
         shutil.copy(small / name, tiny)
     server = served(tiny, runtime)
     try:
         page = opened(browser, server.url)
-        with open(tiny / "large", "wb", buffering=0) as file, contextlib.suppress(OSError):
-            while file.write(bytes(4096)):
-                pass
+        close(tiny)
         stroke(page, (0.3, 0.3), (0.6, 0.6))
         at_step(page, 1, 1)  # painting goes on
         after = pixels_of(page, "texture")
         page.wait_for_selector("#unsaved:not([hidden])")
         said = page.inner_text("#unsaved")
-        assert said.startswith("Not saved: ") and "No space left on device" in said and str(tiny) in said
+        assert said.startswith("Not saved: ") and why in said and str(tiny) in said
         assert "Your work is kept in memory, and saving is tried again." in said
         for width in (800, 1280, 1920):  # all of it can be read
             page.set_viewport_size({"width": width, "height": 720})
@@ -218,13 +237,73 @@ def test_a_full_disk_is_said_on_the_page_and_all_is_saved_when_there_is_room(bro
         late.wait_for_selector("#unsaved:not([hidden])")
         late.close()
         assert not (tiny / "photo.paint" / "000001.npz").exists()
-        (tiny / "large").unlink()
+        open_again(tiny)
         page.wait_for_selector("#unsaved", state="hidden")
         assert (tiny / "photo.paint" / "000001.npz").exists()
         assert json.loads((tiny / "photo.texlive.json").read_text())["history"] == {"step": 1}
         page.reload()
         page.wait_for_selector("[data-step='1']")
         np.testing.assert_array_equal(pixels_of(page, "texture"), after)
+        page.close()
+    finally:
+        server.end()
+
+
+def test_a_photo_with_other_labels_begins_another_painting_and_keeps_the_steps(browser, small, runtime):
+    server = served(small, runtime)
+    page = opened(browser, server.url)
+    stroke(page, (0.3, 0.3), (0.6, 0.6))
+    at_step(page, 1, 1)
+    before = pixels_of(page, "texture")
+    page.close()
+    server.end()
+    files = {path.name: path.read_bytes() for path in (small / "photo.paint").iterdir()}
+    photo = (small / "photo.png").read_bytes()
+    save(pictures.pebbles(80, 72, seed=3), small / "photo.png")
+    server = served(small, runtime)
+    page = opened(browser, server.url)
+    at_step(page, 2, 2)
+    assert "step 1 is kept, but cannot be shown: " in page.inner_text("#status.wrong")
+    page.keyboard.press("Control+z")
+    wait(page, "document.querySelector('#status').textContent.includes('step 1 is kept')")
+    page.close()
+    server.end()
+    assert files.items() <= {path.name: path.read_bytes() for path in (small / "photo.paint").iterdir()}.items()
+    (small / "photo.png").write_bytes(photo)
+    server = served(small, runtime)
+    try:
+        page = opened(browser, server.url)
+        at_step(page, 1, 2)
+        np.testing.assert_array_equal(pixels_of(page, "texture"), before)
+        page.close()
+    finally:
+        server.end()
+
+
+def test_strokes_are_not_lost_with_the_server_nor_with_the_room(browser, small, runtime):
+    server = served(small, runtime)
+    page = opened(browser, server.url)
+    try:
+        page.locator(".swatch").nth(1).click()
+        view = page.locator("canvas[aria-label=Painting]").bounding_box()
+        page.mouse.move(view["x"] + 0.3 * view["width"], view["y"] + 0.4 * view["height"])
+        page.mouse.down()
+        page.mouse.move(view["x"] + 0.5 * view["width"], view["y"] + 0.5 * view["height"])
+        page.keyboard.press("3")  # another room, with the button down: the stroke ends
+        page.mouse.move(view["x"] + 0.9 * view["width"], view["y"] + 0.5 * view["height"])
+        page.keyboard.press("2")
+        page.mouse.move(view["x"] + 0.9 * view["width"], view["y"] + 0.9 * view["height"])
+        page.mouse.up()
+        at_step(page, 1, 1)
+        assert page.evaluate("import('./main.js').then((m) => m.rooms.paint.painting)") is None
+        server.end(signal.SIGKILL)
+        page.wait_for_selector("#link.wrong")
+        stroke(page, (0.3, 0.6), (0.6, 0.3), label=2)
+        server = served(small, runtime, f":port={server.port}")
+        at_step(page, 2, 2)
+        colour = page.evaluate("import('./main.js').then((m) => m.rooms.paint.labels[2].colour)")
+        layer = load(small / "photo.paint" / "000002.png")
+        assert (layer[..., :3] == np.array(colour.split(","), int)).all(-1).mean() > 0.05
         page.close()
     finally:
         server.end()

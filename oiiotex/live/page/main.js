@@ -65,7 +65,6 @@ function build() {
   buildLooking();
   $("name").textContent = shell.facts.source;
   document.title = `${shell.facts.source} - oiiotex`;
-  open(rooms[wantedRoom()] ? wantedRoom() : kinds[0][0]);
 }
 
 const looking = {};
@@ -165,6 +164,7 @@ on("message", (message) => {
     shell.facts = message;
     if (first) build();
     for (const room of Object.values(rooms)) room.refresh(true);
+    if (first) open(rooms[wantedRoom()] ? wantedRoom() : Object.keys(rooms)[0]);
     showLooking();
     showUnsaved(message.unsaved);
     shell.status("");
