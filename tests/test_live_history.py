@@ -144,6 +144,7 @@ def test_size_seed_and_a_new_painting_are_steps_and_undo_brings_back_all(browser
         again.end()
 
 
+@pytest.mark.slow
 def test_two_pages_paint_at_once_and_none_takes_the_others_work_away(browser, small, runtime):
     server = served(small, runtime)
     try:
@@ -249,6 +250,7 @@ def test_a_disk_that_takes_nothing_is_said_and_all_is_saved_when_it_does(
         server.end()
 
 
+@pytest.mark.slow
 def test_a_photo_with_other_labels_begins_another_painting_and_keeps_the_steps(browser, small, runtime):
     server = served(small, runtime)
     page = opened(browser, server.url)
@@ -280,6 +282,7 @@ def test_a_photo_with_other_labels_begins_another_painting_and_keeps_the_steps(b
         server.end()
 
 
+@pytest.mark.slow
 def test_strokes_are_not_lost_with_the_server_nor_with_the_room(browser, small, runtime):
     server = served(small, runtime)
     page = opened(browser, server.url)

@@ -133,6 +133,7 @@ export class Viewer {
   /** End a stroke though the pointer is still down. */
   letGo() {
     if (this.painting === null) return;
+    this.pointers.delete(this.painting); // what is left of the drag pans nothing
     this.painting = null;
     this.paint.up();
   }
