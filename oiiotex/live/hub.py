@@ -355,9 +355,9 @@ class Hub:
     async def save_all(self) -> None:
         """Save the document and what rooms have made; pages are told when that fails, and when it succeeds again."""
         failed = []
-        for saved in (self._save_document(), *(room.save_work() for room in self.keepers)):
+        for save in (self._save_document, *(room.save_work for room in self.keepers)):
             try:
-                await saved
+                await save()
             except Error as error:
                 failed.append(str(error))
             except Exception as error:  # a fault of ours ends no autosave
