@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -37,11 +38,13 @@ class Served:
     process : subprocess.Popen
     """
 
-    def __init__(self, folder: Path, *words: str, live: str = "", runtime: Path):
+    def __init__(self, folder: Path, *words: str, live: str = "", runtime: Path, errors: IO[bytes] | None = None):
         line = [sys.executable, "-P", "-m", "oiiotex.cli.main", "--cache", "1024", *words]
         line.append(f"--texlive:open=0:token={TOKEN}{live}")
         environment = os.environ | {"XDG_RUNTIME_DIR": str(runtime)}
-        self.process = subprocess.Popen(line, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            line, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True
+        )
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().split()[0]
         self.port = int(self.url.split(":")[2].split("/")[0])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import subprocess
 import sys
@@ -67,3 +68,12 @@ def nobody_left(run: subprocess.Popen) -> bool:
             return True
         time.sleep(0.02)
     return False
+
+
+def full_disk(patch: pytest.MonkeyPatch, number: int = errno.ENOSPC) -> None:
+    """Have what is written beside files fail, as a full disk does, until the patch is undone."""
+
+    def refused(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    patch.setattr("oiiotex.io.atomic.temporary_beside", refused)

@@ -284,17 +284,21 @@ def test_a_stroke_changes_its_neighbourhood_alone_and_is_undone_to_the_bit(page,
     assert done.returncode == 0, done.stderr
     labels = load(folder / "labels.exr", table["level"] - 1)[..., 0]  # after the picture comes label.1
     assert (labels[painted] == chosen).mean() > 0.8
-    # a painting from elsewhere is a step of this one
+    # a painting from elsewhere is a step of this one; what was undone stays in the history before it
     ids = np.full((384, 512, 1), table["labels"][0]["id"])
     ids[100:250, 200:400] = table["labels"][2]["id"]
     save(ids, folder / "elsewhere.exr", "uint32")
     page.get_by_role("button", name="Open", exact=True).click()
     page.get_by_role("button", name="elsewhere.exr").click()
-    page.wait_for_selector("[data-step='2']")
-    assert not (folder / "photo.paint" / "000002.fine.png").exists()
+    page.wait_for_selector("[data-step='4']")
+    assert not (folder / "photo.paint" / "000004.fine.png").exists()
     brought = pixels_of(page, "texture")
     assert (brought != after).any(-1)[100:250, 200:400].mean() > 0.9
     np.testing.assert_array_equal(brought, shown_of(copied_line(page), folder, SPACE))
+    for step, wanted in ((3, after), (2, refined), (1, after), (0, before)):
+        page.keyboard.press("Control+z")
+        page.wait_for_selector(f"[data-step='{step}']")
+        np.testing.assert_array_equal(pixels_of(page, "texture"), wanted)
 
 
 def test_two_pages_see_the_same_and_a_killed_server_is_reopened(page, browser, served, folder):

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
+import errno
 import json
 import os
 import socket
 import struct
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +23,16 @@ pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[
 
 from oiiotex.cli.parse import split_modifiers
 from oiiotex.errors import Error, ParameterError
+from oiiotex.io import atomic
 from oiiotex.live.document import Document, default_state
 from oiiotex.live.guard import token_for
+from oiiotex.live.hub import Hub, Source
 from oiiotex.live.lines import text_of, word_of
+from oiiotex.session import Session
 from tests import pictures
 from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import oiiotex, save
+from tests.faults import full_disk
 
 VIEWS = {"d": ["v"], "e": ["w"]}  # of a colour config
 
@@ -262,6 +268,55 @@ def test_a_document_is_reopened_and_anothers_refused(tmp_path):
     path.write_text("{}")
     with pytest.raises(Error, match="no document of --texlive"):
         Document(path, state, "photo.png", VIEWS)
+
+
+def test_autosave_goes_on_after_a_full_disk_and_keeps_the_last_state(tmp_path, monkeypatch):
+    path, left, told = tmp_path / "x.texlive.json", tmp_path / "spare.json", []
+    state = default_state("d", "v", 256)
+
+    def opened() -> Document:
+        return Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS, left)
+
+    hub = Hub(Source(None, "", (), "x", None, 256), opened(), Session(), tmp_path)
+    monkeypatch.setattr(hub, "tell", told.append)
+    monkeypatch.setattr("oiiotex.live.hub.SAVE_EVERY", 0.01)
+    monkeypatch.setattr("oiiotex.live.hub.RETRY_EVERY", 0.01)
+
+    async def until(condition: Callable[[], bool]) -> None:
+        async with asyncio.timeout(20):
+            while not condition():
+                await asyncio.sleep(0.01)
+
+    async def work() -> None:
+        saving = asyncio.create_task(hub.autosave())
+        for seed, kind in enumerate((errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EDQUOT), 1):
+            why = f"{path}: {os.strerror(kind)}. Your work is kept in memory, and saving is tried again."
+            with monkeypatch.context() as patch:
+                full_disk(patch, kind)
+                hub.document.change("tile", {"seed": seed, "structure": 0.1})
+                await until(lambda: bool(hub.unsaved))
+                hub.document.change("tile", {"structure": 0.2})
+                await asyncio.sleep(0.05)  # it is tried again, and said once
+                assert told == [{"do": "unsaved", "text": f"Not saved: {why}"}] and hub.unsaved == f"Not saved: {why}"
+            await until(lambda: not hub.unsaved)
+            assert told[1:] == [{"do": "unsaved", "text": ""}]
+            tile = json.loads(path.read_text())["tile"]
+            assert (tile["seed"], tile["structure"]) == (seed, 0.2)
+            told.clear()
+        assert not saving.done()
+        saving.cancel()
+
+    asyncio.run(work())
+    hub.document.change("tile", {"seed": 99})
+    with monkeypatch.context() as patch:  # at its end the server tells where it is, and the next one finds it
+        real = atomic.temporary_beside
+        patch.setattr(atomic, "temporary_beside", lambda to: real(to) if to == left else real(Path("/dev/null/x")))
+        with pytest.raises(Error, match=r"Until the computer is restarted, the next --texlive .* in .*spare"):
+            hub.document.save()
+    again = opened()
+    assert again.state["tile"]["seed"] == 99 and json.loads(path.read_text())["tile"]["seed"] != 99
+    again.save()
+    assert json.loads(path.read_text())["tile"]["seed"] == 99 and not left.exists()
 
 
 def test_views_that_the_config_has_not_are_refused_and_left_out_of_a_document(tmp_path):

@@ -15,10 +15,12 @@ from oiiotex import filters
 from oiiotex.core.demand import PieceCache
 from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
-from oiiotex.live.painting import Steps, fine_of, paintings_in
-from oiiotex.live.palette import COARSE, FINE, Palette, require_replaceable
+from oiiotex.live.history import Steps, fine_of, paintings_in
+from oiiotex.live.palette import COARSE, FINE, LAYERS, Palette, extended, require_replaceable, step_facts
+from oiiotex.quilting.painted_plans import changed_box
 from tests import test_painting
 from tests.conftest import save
+from tests.faults import full_disk
 from tests.test_labelgrowth import ids_buffer
 
 CACHE = PieceCache(1 << 24)
@@ -60,12 +62,17 @@ def test_layers_are_read_back_and_say_what_they_are_of(palette, tmp_path):
     painting[FINE][1, :4], painting[FINE][3, 4:] = 1, 2
     files = {layer: tmp_path / f"{layer}.png" for layer in painting}
     for layer, plane in painting.items():
-        palette.write(layer, files[layer], plane)
+        palette.write(layer, files[layer], plane, {"seed": 7, "change": "Stroke \u00e9"})
     np.testing.assert_equal(palette.read_layers(files, CACHE), painting)
     legend = json.loads(oiio.ImageBuf(str(files[FINE])).spec()["oiiotex:legend"])
     assert legend == {
         "1": {"name": "label.1/300", "colour": "0,204,255"}, "2": {"name": "label.1/5", "colour": "77,77,128"},
     }  # fmt: skip
+    assert step_facts(files[COARSE], CACHE) == {"seed": 7, "change": "Stroke \u00e9"}
+    for facts in ({"seed": -1}, {"seed": True}, {"seed": 1 << 32}, {"seed": 1, "change": "x" * 1000}, {"change": 1}):
+        palette.write(COARSE, tmp_path / "broken.png", painting[COARSE], facts)
+        with pytest.raises(ImageError, match=r"broken\.png: its oiiotex:step is broken: expected seed, an integer"):
+            step_facts(tmp_path / "broken.png", PieceCache(1 << 24))
 
 
 def test_paintings_from_elsewhere_are_ids_or_colours(palette, tmp_path):
@@ -128,42 +135,144 @@ def plan(path: Path, coarse: np.ndarray, fine: np.ndarray | None = None, side: i
 
 
 def test_two_steps_differ_within_a_box_of_what_is_painted_anew(tmp_path):
-    steps, nothing = Steps(tmp_path), np.zeros((640, 640), np.uint8)
+    nothing = np.zeros((640, 640), np.uint8)
     cells = np.zeros((27, 27), np.uint32)
     other = cells.copy()
     other[4, 5:7] = 1
-    plan(steps.plan(0), cells)
-    plan(steps.plan(1), other)
-    budget = 1 << 26
-    assert steps.changed(0, 1, (nothing, nothing), budget) == (5 * 24 - 32, 4 * 24 - 32, 7 * 24 + 32, 5 * 24 + 32)
-    assert steps.changed(0, 0, (nothing, nothing), budget).empty
+    plan(tmp_path / "0.npz", cells)
+    plan(tmp_path / "1.npz", other)
+
+    def box(before: int, after: int, fine: tuple) -> tuple | None:
+        return changed_box(tmp_path / f"{before}.npz", tmp_path / f"{after}.npz", fine, 1 << 26)
+
+    assert box(0, 1, (nothing, nothing)) == (5 * 24 - 32, 4 * 24 - 32, 7 * 24 + 32, 5 * 24 + 32)
+    assert box(0, 0, (nothing, nothing)).empty
     # the first of a fine layer: the tiles of 128 px around it that a cut within 32 px of it may change
     fine = nothing.copy()
     fine[300:330, 400:420] = 1
-    plan(steps.plan(2), cells, cells)
-    assert steps.changed(0, 2, (nothing, fine), budget) == (256, 256, 512, 384)
+    plan(tmp_path / "2.npz", cells, cells)
+    assert box(0, 2, (nothing, fine)) == (256, 256, 512, 384)
     # another patch of the fine layer shows where that is painted, and nowhere else
     far, near = cells.copy(), cells.copy()
     far[2, 2], near[13, 17] = 1, 1
-    plan(steps.plan(3), cells, far)
-    assert steps.changed(2, 3, (fine, fine), budget).empty
-    plan(steps.plan(4), cells, near)
-    assert steps.changed(2, 4, (fine, fine), budget) == (256, 256, 512, 384)
-    plan(steps.plan(5), cells, side=320)
-    assert steps.changed(0, 5, (nothing, nothing), budget) is None
+    plan(tmp_path / "3.npz", cells, far)
+    assert box(2, 3, (fine, fine)).empty
+    plan(tmp_path / "4.npz", cells, near)
+    assert box(2, 4, (fine, fine)) == (256, 256, 512, 384)
+    plan(tmp_path / "5.npz", cells, side=320)
+    assert box(0, 5, (nothing, nothing)) is None
 
 
-def test_steps_that_are_joined_or_dropped_take_their_fine_layers_with_them(tmp_path):
-    steps = Steps(tmp_path / "photo.paint")
-    steps.begin()
-    for step, painted in enumerate((False, True, False, True)):
-        for path in (steps.picture(step), steps.plan(step), *([steps.fine(step)] if painted else [])):
-            path.write_text(str(step))
-    steps.join(0, 2)  # the looks at a stroke that took the fine layer away
+@pytest.fixture
+def spare(tmp_path) -> Path:
+    path = tmp_path / "spare"
+    path.mkdir()
+    return path
+
+
+def make(steps: Steps, *, fine: bool = False, text: str = "") -> int:
+    """A step whose files say which it is."""
+    step = steps.start()
+    for path in (steps.picture(step), steps.plan(step), *([steps.fine(step)] if fine else [])):
+        path.write_text(text or str(step))
+    return step
+
+
+def test_looks_at_a_stroke_are_joined_and_take_their_fine_layers_with_them(tmp_path, spare):
+    steps = Steps(tmp_path / "photo.paint", spare)
+    make(steps)
+    steps.save()
+    looks = [make(steps, fine=True), make(steps, text="the last"), make(steps, fine=True), make(steps, text="the last")]
+    assert steps.join(looks) == 1 and steps.numbers == [0, 1] and steps.last == 1
+    steps.save()
     assert [path.name for path in sorted(steps.folder.iterdir())] == [
         "000000.npz", "000000.png", "000001.npz", "000001.png",
     ]  # fmt: skip
-    assert steps.picture(1).read_text() == steps.plan(1).read_text() == "2"
+    assert steps.picture(1).read_text() == steps.plan(1).read_text() == "the last"
+    assert not list(spare.iterdir())
+
+
+def test_a_history_takes_no_file_away_and_none_ones_place(tmp_path, spare):
+    steps = Steps(tmp_path / "photo.paint", spare)
+    steps.folder.mkdir()
+    for name in ("mine.png", "000000.png", "000000.npz", "000000.fine.png", "000004.txt", "000001.png"):
+        (steps.folder / name).write_text(f"the user's {name}")
+    before = {path.name: path.read_text() for path in steps.folder.iterdir()}
+    assert steps.numbers == [0] and make(steps, fine=True) == 5 and make(steps) == 6
+    steps.forget(0)  # not one that was just started
+    steps.forget(6)
+    steps.save()
+    after = {path.name: path.read_text() for path in steps.folder.iterdir()}
+    assert after == before | {"000005.png": "5", "000005.npz": "5", "000005.fine.png": "5"}
+    assert steps.numbers == [0, 5]
+
+
+def test_a_link_is_no_folder_of_steps(tmp_path, spare):
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    for name in ("000000.png", "000000.npz"):
+        (outside / name).write_text("")
+    linked = Steps(tmp_path / "linked.paint", spare)
+    linked.folder.symlink_to(outside)
+    assert linked.last == -1
+    make(linked)
+    with pytest.raises(ImageError, match=r"linked\.paint: is no folder, and steps of the painting go there"):
+        linked.save()
+    assert len(list(outside.iterdir())) == 2 and linked.numbers == [0]
+
+
+def test_steps_that_the_disk_does_not_take_are_kept_and_saved_later(tmp_path, spare, monkeypatch):
+    steps = Steps(tmp_path / "photo.paint", spare)
+    make(steps)
+    steps.save()
+    for _ in range(2):
+        make(steps, fine=True)
+    with monkeypatch.context() as patch:
+        full_disk(patch)
+        with pytest.raises(ImageError, match=r"photo\.paint/000001\.png: No space left on device"):
+            steps.save()
+    assert steps.unsaved and steps.numbers == [0, 1, 2] and steps.picture(2).read_text() == "2"
+    again = Steps(steps.folder, spare)  # a server that was killed then, and started again
+    assert again.numbers == [0, 1, 2] and make(again) == 3
+    again.save()
+    assert not again.unsaved and not list(spare.iterdir()) and len(list(again.folder.iterdir())) == 10
+    # others were saved meanwhile: those in memory come after them
+    for name in ("000001.png", "000001.npz"):
+        (spare / name).write_text("late")
+    late = Steps(steps.folder, spare)
+    assert late.numbers == [0, 1, 2, 3, 4] and late.picture(4).read_text() == "late"
+
+
+def test_a_canvas_is_cut_off_or_extended_by_its_commonest_label():
+    painting = layers()
+    painting[FINE][:3, :2] = 1
+    larger = extended(painting, 100, 70)
+    assert larger[COARSE].shape == larger[FINE].shape == (70, 100)
+    for layer in LAYERS:
+        np.testing.assert_array_equal(larger[layer][:64, :96], painting[layer])
+    assert (larger[COARSE][64:] == 2).all() and (larger[COARSE][:, 96:] == 2).all() and not larger[FINE][:, 2:].any()
+    for layer, plane in extended(painting, 80, 90).items():
+        np.testing.assert_array_equal(plane[:64], painting[layer][:, :80])
+
+
+def test_a_canvas_of_another_size_keeps_its_patches(tmp_path, spare):
+    coarse = np.full((160, 200), 1)
+    coarse[:, 120:] = 2
+    steps, photo = Steps(tmp_path, spare), test_painting.photo()
+
+    def painted(ids: np.ndarray, name: str, **more: object) -> np.ndarray:
+        return filters.paint(photo, ids_buffer(ids), plan=tmp_path / name, **more).get_pixels(oiio.FLOAT)
+
+    shown = painted(coarse, "000000.npz", patch=16)
+    larger = np.full((200, 260), 1)
+    larger[:160, :200] = coarse
+    around = painted(larger, "larger.npz", before=steps.resized(0, (260, 200), 1 << 26))
+    np.testing.assert_array_equal(around[:128, :168], shown[:128, :168])  # as far as two patches from the old border
+    assert (around[:160, :200] == shown).mean() > 0.9
+    anew = painted(larger, "anew.npz", patch=16, seed=0)
+    assert (anew[:128, :168] != shown[:128, :168]).any()
+    smaller = painted(coarse[:100, :90], "smaller.npz", before=steps.resized(0, (90, 100), 1 << 26))
+    np.testing.assert_array_equal(smaller[:68, :58], shown[:68, :58])
 
 
 def test_a_table_takes_no_other_files_place(tmp_path):
@@ -179,32 +288,12 @@ def test_a_table_takes_no_other_files_place(tmp_path):
             require_replaceable(path)
 
 
-def test_a_new_painting_takes_its_own_steps_away_and_nothing_else(tmp_path):
-    steps = Steps(tmp_path / "photo.paint")
-    steps.folder.mkdir()
-    (steps.folder / "mine.png").write_text("mine")
-    for name in ("000000.png", "000000.fine.png", "000000.npz", "000000.x4.npz", "000001.png.txt"):
-        (steps.folder / name).write_text("")
-    steps.begin()
-    assert sorted(path.name for path in steps.folder.iterdir()) == ["000001.png.txt", "mine.png"]
-    outside = tmp_path / "outside"
-    outside.mkdir()
-    for name in ("000000.png", "000000.npz"):
-        (outside / name).write_text("")
-    linked = Steps(tmp_path / "linked.paint")
-    linked.folder.symlink_to(outside)
-    assert linked.last == -1
-    with pytest.raises(ImageError, match=r"linked\.paint: is no folder, and steps of the painting go there"):
-        linked.begin()
-    assert len(list(outside.iterdir())) == 2
-
-
-def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(tmp_path):
+def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(tmp_path, spare):
     coarse = np.full((160, 200), 1)
     coarse[:, 120:] = 2
     fine = np.zeros_like(coarse)
     fine[40:120, 30:110] = 2
-    steps, photo = Steps(tmp_path), test_painting.photo()
+    steps, photo = Steps(tmp_path, spare), test_painting.photo()
 
     def painted(name: str, **more: object) -> np.ndarray:
         path = tmp_path / name
@@ -225,5 +314,3 @@ def test_a_painting_many_times_larger_is_sewn_around_the_patches_that_are_shown(
         ).all((2, 3))
         assert same[demanded].all() and demanded.mean() > 0.6
     assert (anew["offsets"][::3, ::3][: len(small), : small.shape[1]] == shown["offsets"]).mean() < 0.1
-    steps.forget(0)
-    assert not before.exists()

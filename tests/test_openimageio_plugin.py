@@ -278,13 +278,22 @@ def test_a_stale_socket_is_replaced(shell, folder):
         ('{"oiiotex": 1, "photo": "nowhere.png", "size": "8x8"}', "bad.oiiotex", "nowhere.png: No such file"),
         ('{"oiiotex": 1, "photo": "bad.oiiotex", "size": "8x8"}', "bad.oiiotex", "is a texture already"),
         ('{"oiiotex": 1, "photo": "photo.png", "colorspace": "no such", "size": "8x8"}', "bad.oiiotex", "no such"),
+        ('{"oiiotex": 1, "photo": "/etc/hosts", "size": "8x8"}', "bad.oiiotex", "lies outside the document's folder"),
+        ("{", f"bad.oiiotex?seed={'9' * 9000}", "has 9005 letters: expected 1000 at most"),
     ],
+    ids=("json", "query", "none", "itself", "space", "outside", "long"),
 )
 def test_errors_are_one_line(shell, folder, content, name, text):
     (folder / "bad.oiiotex").write_text(content)
     done = shell(BIN / "oiiotool", name, "--cut", "8x8", "-o", "cut.png")
     said = [line for line in (done.stdout + done.stderr).splitlines() if "oiiotex ERROR: " in line]
     assert done.returncode != 0 and len(said) == 1 and text in said[0], done.stdout + done.stderr
+
+
+def test_a_name_that_is_longer_than_a_command_line_is_said(shell):
+    line = "import OpenImageIO as o; o.ImageInput.open('bad.oiiotex?seed=' + '9' * 200_000); print(o.geterror())"
+    done = shell(sys.executable, "-c", line)  # oiiotool itself crashes
+    assert "oiiotex ERROR: the name of the file is too long: expected 4096 letters at most" in done.stdout, done.stderr
 
 
 def test_a_name_that_is_no_utf8_is_said(shell, folder):

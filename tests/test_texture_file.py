@@ -78,6 +78,11 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
         ({}, "?sed=7", r"'\?sed=7': allowed behind \? is seed, size"),
         ({}, "?seed=seven", "seed=seven: allowed is a whole number"),
         ({}, "?size=8", "size=8: allowed is WIDTHxHEIGHT"),
+        ({}, f"?seed={'9' * 9000}", r"what is behind '\?' has 9005 letters: expected 1000 at most"),
+        ({}, f"?size={'9' * 990}", r"size=9{60}: allowed is WIDTHxHEIGHT"),
+        ({}, f"?seed={'9' * 990}", r"seed=9{60}: allowed is a whole number"),
+        ({"colorspace": "x" * 1001}, "", r"colorspace='x{60}'\.\.\.: expected 1000 letters at most"),
+        ({"photo": "a\0b"}, "", r"photo='a\\x00b'\.\.\.: expected 1000 letters at most, none NUL"),
     ],
 )
 def test_what_is_wrong_in_a_document_is_said(folder, changes, query, text):
@@ -97,6 +102,52 @@ def test_what_is_no_document_is_said(folder, content, text):
     assert text in answer(json.dumps({"name": str(folder / "bad.oiiotex")}))["error"]
     with pytest.raises(ImageError, match="No such file"):
         read_texture_file(str(folder / "none.oiiotex?seed=7"))
+
+
+def test_a_name_that_is_too_long_is_said(folder):
+    for name in (
+        "x" * 9000,
+        f"{'x/' * 4000}wall.oiiotex",
+        f"{'x' * 300}.oiiotex",
+        "a\0.oiiotex",
+        f"{'x' * 9000}?seed=7",
+    ):
+        with pytest.raises(ImageError, match=r"has \d+ letters: expected 4096 at most|File name too long") as caught:
+            read_texture_file(name)
+        assert len(str(caught.value)) < 500
+    for word in ("{", "[]", "7", '{"name": 7}', '{"texture": "{}"}', '{"texture": 7}', "[" * 100_000):
+        assert answer(word) == {"error": "what the door was asked is malformed"}
+
+
+def test_files_outside_the_documents_folder_are_refused_unless_they_are_allowed(folder, tmp_path, monkeypatch):
+    monkeypatch.delenv("OIIOTEX_TEXTURE_PATH", raising=False)
+    (tmp_path / "below").mkdir()
+    photo, below = folder / "tagged.exr", tmp_path / "below" / "photo.exr"
+    below.write_bytes(photo.read_bytes())
+    (tmp_path / "link.exr").symlink_to(photo)
+    (tmp_path / "inside.exr").symlink_to(below)
+    (tmp_path / "folder").symlink_to(folder)
+    up = os.path.relpath(photo, tmp_path)
+    for where in ("below/photo.exr", str(below), "below/../below/photo.exr", "inside.exr"):
+        file = read_texture_file(wall(tmp_path, photo=where))
+        assert os.path.samefile(file.photo, below)
+    graph = {"exemplars": [{"id": "a", "file": str(photo)}], "edges": [{"from": "a", "to": "a", "r": 2}]}
+    (tmp_path / "graph.json").write_text(json.dumps(graph))
+    elsewhere = (
+        {"photo": str(photo)}, {"photo": up}, {"photo": "link.exr"}, {"photo": "folder/tagged.exr"},
+        {"photo": "/nowhere.exr"}, {"photo": None, "graph": str(folder / "loop.json")}, {"photo": None, "tiles": up},
+        {"photo": "below/photo.exr", "plan": "/etc/passwd", "size": None, "seed": None},
+        {"photo": None, "graph": "graph.json"},
+    )  # fmt: skip
+    for changes in elsewhere:
+        text = "lies outside the document's folder.*: expected a file in it, or in a folder that .OIIOTEX_TEXTURE_PATH"
+        with pytest.raises(ImageError, match=text):
+            read_texture_file(wall(tmp_path, **changes))
+    monkeypatch.setenv("OIIOTEX_TEXTURE_PATH", os.pathsep.join(("/none", "relative", "", str(folder))))
+    for changes in (*elsewhere[:4], elsewhere[8]):
+        assert read_texture_file(wall(tmp_path, **changes))
+    with pytest.raises(ImageError, match="lies outside"):
+        read_texture_file(wall(tmp_path, photo="/etc/passwd"))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is unreadable for root")

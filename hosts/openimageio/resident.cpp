@@ -29,6 +29,7 @@ namespace {
 constexpr char magic[4]      = { 'o', 'x', 's', 1 };  // VERSION of messages.py
 constexpr uint32_t most_text = 16 << 20;              // bytes of a message
 constexpr int most_memories  = 64;                    // of a message
+constexpr size_t most_word   = 64 << 10;              // bytes of what the door is asked; Linux takes 128 KB
 constexpr int start_seconds  = 60;                    // that the process may take until it listens
 constexpr int reply_seconds  = 600;                   // without a sign of life
 
@@ -150,6 +151,8 @@ private:
                         std::memcpy(&number, CMSG_DATA(part) + n * sizeof number, sizeof number);
                         memories->emplace_back(number);
                     }
+            if (memories->size() > most_memories)
+                throw Error("the oiiotex process sends what is no message");
         }
     }
 };
@@ -225,6 +228,10 @@ std::string printed_by(const std::vector<std::string>& words)
         if (count <= 0)
             break;
         text.append(piece, count);
+        if (text.size() > most_text) {
+            kill(child, SIGKILL);
+            break;
+        }
     }
     while (waitpid(child, nullptr, 0) < 0 && errno == EINTR) {}
     return text;
@@ -241,6 +248,8 @@ Json ask_door(const Json& question)
     } catch (const Json::exception&) {
         throw Error("the name of the file is not UTF-8");
     }
+    if (word.size() > most_word)
+        throw Error("the name of the file is too long: expected 4096 letters at most, and 1000 behind '?'");
     const std::string text   = printed_by({ python, "-I", "-m", "oiiotex.service.door", word });
     const Json answer        = Json::parse(text, nullptr, false);
     if (!answer.is_object()) {

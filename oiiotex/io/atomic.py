@@ -11,6 +11,7 @@ import stat
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from ..errors import ImageError
 
@@ -53,6 +54,23 @@ def temporary_beside(path: Path) -> Iterator[Path]:
     finally:
         temporary.unlink(missing_ok=True)
         _live.discard(temporary)
+
+
+@contextlib.contextmanager
+def written(path: Path) -> Iterator[BinaryIO]:
+    """A new file that takes the path's place, whole or not at all.
+
+    Raises
+    ------
+    ImageError
+        It cannot be written: the disk is full, or the folder read-only.
+    """
+    path = path.absolute()  # which disk it is on is what a user must know
+    try:
+        with temporary_beside(path) as temporary, open(temporary, "wb") as file:
+            yield file
+    except OSError as error:
+        raise ImageError(f"{path}: {error.strerror}") from error
 
 
 @contextlib.contextmanager

@@ -1,15 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Palettes of painting programs: .gpl (GIMP, Krita, Inkscape) and .aco (Photoshop)."""
+"""Palettes of painting programs, .gpl (GIMP, Krita, Inkscape) and .aco (Photoshop), and PNGs with a palette."""
 
 from __future__ import annotations
 
+import json
 import struct
-from collections.abc import Callable, Sequence
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from ..deferred import np
 from ..errors import ImageError, one_line
-from .atomic import temporary_beside
+from .atomic import temporary_beside, written
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 class Paint(NamedTuple):
@@ -37,6 +42,44 @@ def write_palette(path: Path, paints: Sequence[Paint]) -> None:
     text = _writer(path)(path.stem, paints)
     with temporary_beside(path) as temporary:
         temporary.write_bytes(text)
+
+
+def write_indexed(
+    path: Path, ids: np.ndarray, colours: dict[int, tuple[int, int, int]], texts: Mapping[str, Any]
+) -> None:
+    """Write ids, (height, width) uint8, as a PNG whose palette has their colours.
+
+    OpenImageIO writes no palettes.
+
+    Parameters
+    ----------
+    path : Path
+    ids : (height, width) uint8
+    colours : dict of int to (int, int, int)
+        By id; black is that of others.
+    texts : mapping
+        What is written as JSON, by name.
+
+    Raises
+    ------
+    ImageError
+        The file cannot be written.
+    """
+    height, width = ids.shape
+    palette = bytes(channel for index in range(256) for channel in colours.get(index, (0, 0, 0)))
+    rows = np.zeros((height, width + 1), np.uint8)  # each begins with the number of its filter, none
+    rows[:, 1:] = ids
+    chunks = (
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)),
+        (b"PLTE", palette),
+        *((b"tEXt", f"{name}\0{json.dumps(value)}".encode()) for name, value in texts.items()),
+        (b"IDAT", zlib.compress(rows.tobytes(), 3)),
+        (b"IEND", b""),
+    )
+    with written(path) as file:
+        file.write(_SIGNATURE)
+        for name, data in chunks:
+            file.write(struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)))
 
 
 def _writer(path: Path) -> Callable[[str, Sequence[Paint]], bytes]:

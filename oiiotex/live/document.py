@@ -3,23 +3,24 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import Error, ParameterError
+from ..errors import Error, ImageError, ParameterError
 from ..filters.measures import MEASURES
 from ..filters.presets import PRESETS
-from ..io.atomic import temporary_beside
+from ..io.atomic import written
 from ..io.documents import read_document
 
 VERSION = 1
 MOST_VARIANTS = 64
 LEAST_PAINTED, MOST_PAINTED = 64, 4096  # px, of a painting's side
 _MOST_THUMBNAIL = 60_000  # letters
+
+KEPT = "Until the computer is restarted, the next --texlive of this document finds it in"
 
 State = dict[str, Any]
 
@@ -118,6 +119,7 @@ _FIELDS: dict[str, dict[str, Any]] = {
         "layer": _one_of("coarse", "fine"), "label": _number(0, 255, whole=True),
         "finer": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
     },
+    "history": {"step": _number(-1, 999_999, whole=True)},
 }  # fmt: skip
 
 
@@ -139,15 +141,8 @@ def default_state(display: str, view: str, side: int) -> State:
         "view": {"display": display, "view": view, "exposure": 0.0},
         "variants": {"list": []},
         "zoom": {"x": middle, "y": middle, "zoom": 0.0, "seed": 0, "lock": 0, "keys": [], "frames": 96},
-        "paint": {
-            "width": 1024,
-            "height": 1024,
-            "layer": "coarse",
-            "label": 1,
-            "finer": 0,
-            "brush": 64.0,
-            "seed": 0,
-        },
+        "paint": {"width": 1024, "height": 1024, "layer": "coarse", "label": 1, "finer": 0, "brush": 64.0, "seed": 0},
+        "history": {"step": -1},  # of the painting, that is shown; -1: the last
     }
 
 
@@ -167,6 +162,8 @@ class Document:
     views : dict of str -> list of str
         Displays of the colour config, and their views: no others can be set. A document that was made with another
         config may name others; those of `state` then stay.
+    left : Path, optional
+        Where `save` writes what cannot be written to `path`.
 
     Raises
     ------
@@ -174,14 +171,19 @@ class Document:
         The file is no such document, of a later version, or of another photo.
     """
 
-    def __init__(self, path: Path, state: State, source: str, views: Mapping[str, Sequence[str]]):
-        self.path, self.state, self._source, self._views = path, state, source, views
-        self.changed = False
+    def __init__(
+        self, path: Path, state: State, source: str, views: Mapping[str, Sequence[str]], left: Path | None = None
+    ):
+        self.path, self.state, self._source, self._views, self._left = path, state, source, views, left
+        self._changes = self._saved = 0
         if path.exists():
-            self._read()
+            self._read(path)
+        if left is not None and left.exists():
+            self._read(left)
+            self._changes += 1
 
-    def _read(self) -> None:
-        content = read_document(self.path)
+    def _read(self, path: Path) -> None:
+        content = read_document(path)
         if not isinstance(content, dict) or "oiiotex.live" not in content:
             raise Error(f"{self.path} is no document of --texlive: document=FILE says another one")
         if content["oiiotex.live"] != VERSION:
@@ -212,7 +214,7 @@ class Document:
         changed = {name: value for name, value in checked.items() if self.state[room][name] != value}
         if changed:
             self.state[room] |= changed
-            self.changed = True
+            self._changes += 1
         return changed
 
     def _checked(self, room: str, values: Mapping[str, Any]) -> State:
@@ -230,14 +232,42 @@ class Document:
     def _is_view(self, view: Mapping[str, Any]) -> bool:
         return view["view"] in self._views.get(view["display"], ())
 
+    def unsaved(self) -> Callable[..., None] | None:
+        """What writes the state as it is now, whole or not at all, on any thread; None where it was written.
+
+        As long as it raises ImageError, because the disk is full or the folder read-only, there is something unsaved.
+        """
+        if self._changes == self._saved:
+            return None
+        content = {"oiiotex.live": VERSION, "source": self._source} | self.state
+        text, changes = json.dumps(content, indent=1) + "\n", self._changes
+
+        def write(path: Path = self.path) -> None:
+            with written(path) as file:
+                file.write(text.encode())
+            if path is not self._left:
+                self._saved = changes
+                if self._left is not None:
+                    self._left.unlink(missing_ok=True)
+
+        return write
+
     def save(self) -> None:
-        """Write it, whole or not at all, if something has changed."""
-        if not self.changed:
-            return
-        self.changed = False
-        content = {"oiiotex.live": VERSION, "source": self._source} | copy.deepcopy(self.state)
-        with temporary_beside(self.path) as temporary:
-            temporary.write_text(json.dumps(content, indent=1) + "\n")
+        """Write it, if something has changed; where that fails, to `left`, from which the next server reads it.
+
+        Raises
+        ------
+        ImageError
+            It cannot be written.
+        """
+        if write := self.unsaved():
+            try:
+                write()
+            except ImageError as error:
+                if self._left is None:
+                    raise
+                write(self._left)
+                raise ImageError(f"{error}. {KEPT} {self._left}") from error
 
     def beside(self, what: str) -> Path:
         """A file that goes with it."""

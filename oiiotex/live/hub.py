@@ -21,7 +21,7 @@ from ..color.display import Shown, shown_by, views
 from ..core.image import Image, Part, channels_of
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import Error
+from ..errors import Error, ParameterError, one_line
 from ..io.documents import require_plain
 from ..io.writing import write
 from ..service.client import BRUSH, EXPORT, Client, connect
@@ -32,6 +32,7 @@ from ..session import Session
 from .document import Document
 
 SAVE_EVERY = 0.5  # s, at most, that are lost
+RETRY_EVERY = 2.0  # s, where it could not be saved
 MOST_PAGES = 16
 MOST_TASKS = 64  # that pages have asked for and are not done
 _PATIENCE = 10.0  # s between two restarts of the resident process
@@ -103,10 +104,20 @@ class Hub:
     document : Document
     session : Session
         Whose settings the resident process has; whose colours pictures are shown by.
+    spare : Path
+        A folder in memory, where rooms keep what the disk does not take.
+
+    Attributes
+    ----------
+    unsaved : str
+        Why something is not saved; '': all is.
+    keepers : list
+        Rooms that have work of their own to save: `save_work` and, at the end, `close`.
     """
 
-    def __init__(self, source: Source, document: Document, session: Session):
-        self.source, self.document, self.session = source, document, session
+    def __init__(self, source: Source, document: Document, session: Session, spare: Path):
+        self.source, self.document, self.session, self.spare = source, document, session, spare
+        self.unsaved, self.keepers = "", list[Any]()
         self.pages: set[Page] = set()
         self._client: Client | None = None
         self._connecting = asyncio.Lock()
@@ -221,7 +232,7 @@ class Hub:
         except Error as error:
             self.tell({"do": "error", "text": f"oiiotex ERROR: {error}"})
         except Exception as error:
-            log.exception("live")
+            log.error("oiiotex ERROR: internal, %s: %s", type(error).__name__, one_line(str(error)))
             self.tell({"do": "error", "text": f"oiiotex ERROR: internal, {type(error).__name__}: {error}"})
 
     def tell(self, message: dict[str, Any], but: Page | None = None) -> None:
@@ -299,6 +310,8 @@ class Hub:
             self.begin(self._taken(page, self.rooms[asked["room"]].take(page, asked, data)))
             return
         room = asked["room"]
+        if room == "history":
+            raise ParameterError("history: is set by the Paint room alone")
         changed = self.document.change(room, asked["values"])
         if changed:
             self.tell({"do": "set", "room": room, "values": changed}, but=page)
@@ -312,6 +325,7 @@ class Hub:
             "photo": None if spec is None else [spec.width, spec.height],
             "views": views(self.session.color),
             "document": self.document.path.name,
+            "unsaved": self.unsaved,
         }
 
     # --- colours ---
@@ -332,19 +346,38 @@ class Hub:
 
     # --- to the end ---
 
-    async def save_now_and_then(self) -> None:
-        """Save the document whenever it has changed."""
+    async def autosave(self) -> None:
+        """Save whatever has changed, for ever."""
         while True:
-            await asyncio.sleep(SAVE_EVERY)
+            await asyncio.sleep(RETRY_EVERY if self.unsaved else SAVE_EVERY)
+            await self.save_all()
+
+    async def save_all(self) -> None:
+        """Save the document and what rooms have made; pages are told when that fails, and when it succeeds again."""
+        failed = []
+        for save in (self._save_document, *(room.save_work for room in self.keepers)):
             try:
-                await asyncio.to_thread(self.document.save)
+                await save()
             except Error as error:
-                self.tell({"do": "error", "text": f"oiiotex ERROR: {error}"})
-                await asyncio.sleep(5)
+                failed.append(str(error))
+            except Exception as error:  # a fault of ours ends no autosave
+                failed.append(f"internal, {type(error).__name__}: {error}")
+        text = f"Not saved: {failed[0]}. Your work is kept in memory, and saving is tried again." if failed else ""
+        if text != self.unsaved:
+            self.unsaved = text
+            self.tell({"do": "unsaved", "text": text})
+
+    async def _save_document(self) -> None:
+        if write := self.document.unsaved():
+            await asyncio.to_thread(write)
 
     def close(self) -> None:
         """Save, and let the resident process go."""
-        self.document.save()
+        for save in (self.document.save, *(room.close for room in self.keepers)):
+            try:
+                save()
+            except Error as error:
+                log.error("Not saved: %s", error)
         if self._client is not None:
             with contextlib.suppress(LinkError):
                 self._client.close()

@@ -2,15 +2,16 @@
 """Room Paint: a painting of labels, coarse and fine, becomes texture (LSA16 section 6.2, figures 13 to 15).
 
 An edit makes its neighbourhood anew. Where the fine layer has nothing, the coarse one stays; what it has lies inside
-the label that it is part of.
+the label that it is part of. Every change is a step that is added to the history (`history`), from which nothing is
+taken away.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
-import os
-from collections.abc import Callable
+from collections.abc import Coroutine, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +19,18 @@ from ..color.config import as_float
 from ..core.window import Window
 from ..deferred import np
 from ..errors import Error, ImageError, ParameterError
-from ..io.reading import read
-from ..service.client import BRUSH, EXPORT, Client, Request
+from ..quilting.painted_plans import changed_box
+from ..service.client import BRUSH
+from ..service.messages import LinkError
+from .document import KEPT
+from .history import Steps, fine_of, paintings_in
 from .hub import Hub, Page
 from .lines import line, output_name, word_of
-from .painting import Steps, fine_of, paintings_in
-from .palette import COARSE, FINE, LAYERS, Layers, Palette, palette_of
+from .palette import COARSE, FINE, LAYERS, Layers, Palette, extended, palette_of, step_facts
+from .sewing import Sewing
 
 _MOST_TIMES = 64
-_PATCHES = 16, 64  # px, the least and the largest
+_OWN = {"width", "height", "seed"}  # values of the document that are the painting's
 
 
 class PaintRoom:
@@ -39,11 +43,13 @@ class PaintRoom:
 
     def __init__(self, hub: Hub):
         self._hub = hub
-        self._steps = Steps(hub.document.beside("paint"))
-        self._table = hub.document.beside("palette.json")
+        hub.keepers.append(self)
+        self._steps = Steps(hub.document.beside("paint"), hub.spare)
+        self._sewing = Sewing(hub, self._steps, hub.document.beside("palette.json"))
         self._palette: Palette | None = None
-        self._step = -1
-        self._begun: int | None = None  # the step before a stroke that goes on
+        self._step, self._seed, self._change = -1, 0, ""
+        self._going: tuple[Page, list[int]] | None = None  # whose stroke goes on, and looks at it so far
+        self._wanted: set[str] = set()  # of _OWN, what a page has set and the painting has not yet
         self._layers: Layers | None = None
         self._made: dict[str, Any] | None = None  # the texture, as the resident process says it
         self._pixels: np.ndarray | None = None  # as they are sent: of the photo's channels, float32
@@ -53,13 +59,15 @@ class PaintRoom:
         """A page opens the room when it is looked at."""
 
     async def changed(self, room: str, names: set[str]) -> None:
-        """Another size or seed is another painting; another view looks otherwise."""
+        """Another size or seed is a step; another view looks otherwise."""
         if room == "view" and self._pixels is not None:
             self._show_texture()
             self._show_palette()
-        if room == "paint" and names & {"width", "height", "seed"} and self._layers is not None:
-            async with self._turn:
-                await self._new()
+        if room == "paint" and names & _OWN:
+            self._wanted |= names & _OWN
+            if self._layers is not None:
+                async with self._turn:
+                    await self._reshape()
 
     async def take(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         """What a page asks for: strokes, one after the other."""
@@ -69,18 +77,18 @@ class PaintRoom:
         if do == "line":
             self._hub.tell({"do": "line", "room": "paint", "text": self.line()})
             return
-        work = None
+        work, refused = None, ""
         async with self._turn:
             if do == "open":
-                await self._open(page)
+                refused = await self._open(page)
             elif do == "stroke":
                 await self._stroke(asked, data, page)
             elif do == "undo":
-                await self._go(self._step - 1)
+                refused = await self._go(n for n in reversed(self._steps.numbers) if n < self._step)
             elif do == "redo":
-                await self._go(self._step + 1)
+                refused = await self._go(n for n in self._steps.numbers if n > self._step)
             elif do == "save":
-                work = self._save(int(asked["times"]))
+                work = await self._saving(int(asked["times"]))
             elif do == "new":
                 await self._new(int(asked["label"]))
             elif do == "paintings":
@@ -89,12 +97,29 @@ class PaintRoom:
                 await self._bring(asked["name"])
             else:
                 raise ValueError(do)
+        if refused:
+            raise ImageError(refused)
         if work is not None:  # others paint on meanwhile
             await work
 
     def leave(self, page: Page) -> None:
-        """A stroke that it has begun ends here."""
-        self._begun = None
+        """A stroke that it has begun ends here, as the looks at it."""
+        if self._going is not None and self._going[0] is page:
+            self._going = None
+
+    async def save_work(self) -> None:
+        """Move steps that are in memory to the disk."""
+        if self._steps.unsaved and self._going is None:
+            async with self._turn:
+                if self._going is None:
+                    await asyncio.to_thread(self._steps.save)
+
+    def close(self) -> None:
+        """The same, at the end."""
+        try:
+            self._steps.save()
+        except ImageError as error:
+            raise ImageError(f"{error}. {KEPT} {self._hub.spare}") from error
 
     def forget(self) -> None:
         """The resident process is another one."""
@@ -104,7 +129,7 @@ class PaintRoom:
 
     async def _opened_palette(self) -> Palette:
         if self._palette is None:
-            self._palette = await palette_of(self._hub, self._table)
+            self._palette, self._sewing.table = await palette_of(self._hub, self._sewing.table)
         return self._palette
 
     def _show_palette(self, page: Page | None = None) -> None:
@@ -114,39 +139,66 @@ class PaintRoom:
 
     # --- the painting ---
 
-    async def _open(self, page: Page) -> None:
-        """Show a page all there is; begin, or go on with, the painting."""
+    async def _open(self, page: Page) -> str:
+        """Show a page all there is; begin, or go on with, the painting. Why another step than the last is shown."""
         await self._opened_palette()
         self._show_palette(page)
+        if self._layers is not None:
+            self._show_layers(page)
+            self._show_texture(page=page)
+            self._tell_step()
+            return ""
+        there, at = self._steps.numbers, self._hub.document.state["history"]["step"]
+        refused = await self._go(n for n in reversed(there) if n <= at or at not in there)
         if self._layers is None:
-            if self._steps.last < 0:
-                await self._new()
-                return
-            await self._go(self._steps.last)
-        self._show_layers(page)
-        self._show_texture(page=page)
-        self._tell_step()
+            await self._new()
+        await self._reshape()
+        return refused
 
     def _tell_step(self, going: bool = False) -> None:
-        self._hub.tell({"do": "step", "room": "paint", "step": self._step, "last": self._steps.last, "going": going})
+        facts = {"step": self._step, "last": self._steps.last, "going": going, "change": self._change}
+        self._hub.tell({"do": "step", "room": "paint"} | facts)
+
+    def _tell_own(self) -> None:
+        """The document and the pages say the painting's own values, but those that a page has set meanwhile."""
+        own = {"width": self._whole.width, "height": self._whole.height, "seed": self._seed}
+        changed = self._hub.document.change("paint", {n: v for n, v in own.items() if n not in self._wanted})
+        if changed:
+            self._hub.tell({"do": "set", "room": "paint", "values": changed})
 
     async def _new(self, label: int = 0) -> None:
-        """A painting of one label, by default the largest."""
+        """All of one label, by default the largest."""
         allowed = [entry["id"] for entry in (await self._opened_palette()).labels]
         if label and label not in allowed:
-            raise ParameterError(f"label={label}: there is {', '.join(map(str, allowed))}")
+            raise ParameterError(f"label={label}: expected one of {', '.join(map(str, allowed))}")
         paint = self._hub.document.state["paint"]
         coarse = np.full((paint["height"], paint["width"]), label or allowed[0], np.uint8)
-        await self._begin({COARSE: coarse, FINE: np.zeros_like(coarse)})
-
-    async def _begin(self, layers: Layers) -> None:
-        """A painting without a history."""
-        self._step, self._layers, self._pixels = -1, None, None
-        self._steps.begin()
-        await self._make(layers, 0, None)
+        await self._add({COARSE: coarse, FINE: np.zeros_like(coarse)}, "New painting")
         self._show_layers()
-        self._show_texture()
-        self._tell_step()  # what can be seen is there
+        await self._settle()
+
+    async def _reshape(self) -> None:
+        """Take the size and the seed that pages have set. What is painted stays where it is."""
+        wanted, self._wanted = self._wanted, set()
+        if self._layers is None or not wanted:
+            return
+        paint = self._hub.document.state["paint"]
+        size, seed = (paint["width"], paint["height"]), paint["seed"]
+        differs = {f"canvas {size[0]}x{size[1]}": size != self._whole.size, f"seed {seed}": seed != self._seed}
+        changes = [text for text, other in differs.items() if other]
+        if not changes:
+            return
+        try:
+            before = None
+            if seed == self._seed:
+                budget = self._hub.session.budget
+                before = await asyncio.to_thread(self._steps.resized, self._step, size, budget)
+            await self._add(extended(self._layers, *size), ", ".join(changes).capitalize(), before, seed)
+        except Error:
+            self._tell_own()
+            raise
+        self._show_layers()
+        await self._settle()
 
     def _paintings(self) -> dict[str, Path]:
         """What can be brought from elsewhere: files beside the photo and beside the document."""
@@ -155,119 +207,114 @@ class PaintRoom:
         return paintings_in((Path(source.source).parent, self._hub.document.path.parent))
 
     async def _bring(self, name: str) -> None:
-        """Go on with a painting from elsewhere: a step of this one, where they are of one size."""
+        """Go on with a painting from elsewhere, of its own size."""
         paths = self._paintings()
         if name not in paths:
             raise ParameterError(f"{name[:200]}: no painting beside the photo or the document has this name")
         palette, cache = await self._opened_palette(), self._hub.session.cache
         layers = await asyncio.to_thread(palette.read_layers, {COARSE: paths[name], FINE: fine_of(paths[name])}, cache)
-        if self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape:
-            self._begun = None
-            self._steps.drop_after(self._step)
-            await self._make(layers, self._step + 1, self._step)
-            self._show_layers()
-            self._tell_step()
-            return
-        height, width = layers[COARSE].shape
-        size = self._hub.document.change("paint", {"width": width, "height": height})
-        self._hub.tell({"do": "set", "room": "paint", "values": size})
-        await self._begin(layers)
+        self._wanted = set()
+        same = self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape
+        await self._add(layers, f"Opened {Path(name).name[:100]}", self._steps.plan(self._step) if same else None)
+        self._show_layers()
+        await self._settle()
 
     async def _stroke(self, asked: dict[str, Any], data: bytes, page: Page) -> None:
-        """Take a layer's box, and make its neighbourhood anew; looks at a stroke that goes on become one step."""
+        """Paint with a label where a page's mask is; looks at a stroke that goes on become one step."""
         if self._layers is None or self._pixels is None or self._palette is None:
             raise ImageError("there is no painting yet: open the room first")
-        layer, box = asked["layer"], Window.sized(*(int(asked[name]) for name in ("left", "top", "width", "height")))
-        if layer not in LAYERS or len(data) != box.width * box.height or box & self._whole != box:
+        layer, label = asked["layer"], int(asked["value"])
+        whole, box = self._whole, Window.sized(*(int(asked[name]) for name in ("left", "top", "width", "height")))
+        if layer not in LAYERS or box.empty or len(data) != box.width * box.height or not 0 <= label < 256:
             raise ValueError("box")
-        painted = np.frombuffer(data, np.uint8).reshape(box.height, box.width)
-        if not self._palette.allows(layer, painted):
-            raise ValueError("labels")
-        place = box.inside(self._whole)
-        layers = {name: plane.copy() for name, plane in self._layers.items()}
-        layers[layer][place] = painted
-        self._palette.keep_inside(layers, place)
-        if self._begun is None:
-            self._begun = self._step
-            self._steps.drop_after(self._step)
-        try:
-            await self._make(layers, self._step + 1, self._step)
-        except Error:
-            self._begun = None
-            self._show_layers()  # the page has painted what could not be made
-            raise
+        if not self._palette.allows(layer, np.array([label])):
+            raise ValueError("label")
+        seen = box & whole  # another page may have cut the canvas meanwhile
+        if not seen.empty:
+            mask = np.frombuffer(data, np.uint8).reshape(box.height, box.width)[seen.inside(box)] > 0
+            layers = {name: plane.copy() for name, plane in self._layers.items()}
+            self._palette.paint(layers, layer, seen.inside(whole), mask, label)
+            looks = self._going[1] if self._going is not None and self._going[0] is page else []
+            try:
+                looks.append(await self._add(layers, "Stroke", self._steps.plan(self._step)))
+            except Error:
+                self._show_layers()  # the page has painted what could not be made
+                raise
+            self._going = page, looks
         going = asked.get("going") is True
+        if not going and self._going is not None and self._going[0] is page:
+            self._step, self._going = self._steps.join(self._going[1]), None
+        for other in set() if seen.empty else self._hub.pages - ({page} if going else set()):
+            self._show_layers(other, seen)
+        await self._settle(going)
+
+    async def _add(self, layers: Layers, change: str, before: Path | None = None, seed: int | None = None) -> int:
+        """A step after all others; where some of these were undone, after the one that is shown, repeated."""
+        self._going = None
+        if seed is None:
+            seed = self._hub.document.state["paint"]["seed"] if self._layers is None else self._seed
+        if 0 <= self._step < self._steps.last and self._layers is not None:
+            again = self._steps.start()
+            self._write(again, self._layers, f"Back to step {self._step}", self._seed)
+            self._steps.copy_plan(self._step, again)
+        step = self._steps.start()
+        try:
+            self._write(step, layers, change, seed)
+            await self._make(layers, step, seed, before, new=True)
+        except Error:
+            self._steps.forget(step)
+            raise
+        self._change = change
+        return step
+
+    async def _settle(self, going: bool = False) -> None:
+        """Say which step is shown now, and save it."""
+        self._hub.document.change("history", {"step": self._step})
+        self._tell_own()
         if not going:
-            self._steps.join(self._begun, self._step)
-            self._step, self._begun = self._begun + 1, None
-        for other in self._hub.pages - {page}:
-            self._show_layers(other, box)
+            with contextlib.suppress(Error):  # the next autosave tries again, and says why
+                await asyncio.to_thread(self._steps.save)
         self._tell_step(going)
 
-    async def _go(self, step: int) -> None:
-        """Undo or redo: that step's painting, made with that step's patches."""
-        if not 0 <= step <= self._steps.last:
-            self._tell_step()
-            return
-        self._begun = None
+    async def _go(self, steps: Iterable[int]) -> str:
+        """Undo or redo: the first of these that can be shown. Why those before it cannot."""
+        refused = ""
+        for step in steps:
+            try:
+                await self._show(step)
+                break
+            except LinkError:
+                raise
+            except Error as error:
+                refused = refused or f"step {step} is kept, but cannot be shown: {error}"
+        if self._layers is not None:
+            await self._settle()
+        return refused
+
+    async def _show(self, step: int) -> None:
+        """That step's painting, made with that step's patches."""
         assert self._palette is not None
-        layers = self._palette.read_layers(self._files(step), self._hub.session.cache)
-        same = self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape
-        before = self._step
-        await self._make(layers, step, step, keep=True)
+        self._going, cache = None, self._hub.session.cache
+        layers = await asyncio.to_thread(self._palette.read_layers, self._steps.layers(step), cache)
+        facts = await asyncio.to_thread(step_facts, self._steps.picture(step), cache)
+        await self._make(layers, step, facts["seed"], self._steps.plan(step))
+        self._change = facts["change"]
         self._show_layers()
-        if not same or before < 0:
-            self._show_texture()
-        self._tell_step()
 
     @property
     def _whole(self) -> Window:
         assert self._layers is not None
         return Window.sized(0, 0, *self._layers[COARSE].shape[::-1])
 
-    def _files(self, step: int) -> dict[str, Path]:
-        """A step's layers on disk, of which the fine one may not be there."""
-        return {COARSE: self._steps.picture(step), FINE: self._steps.fine(step)}
-
-    async def _make(self, layers: Layers, step: int, before: int | None, keep: bool = False) -> None:
-        """The texture of a painting, beginning with the plan of a step; what has changed is shown."""
-        hub, client = self._hub, await self._hub.client()
-        labelled = (await hub.made("label"))["number"]
-        if not keep:
-            self._write(step, layers)
-        values: dict[str, Any] = {"table": os.path.abspath(self._table)}
-        if before is None:
-            values["patch"] = self._patch()
-        else:
-            values["before"] = os.path.abspath(self._steps.plan(before))
-        if not keep:
-            values["plan"] = os.path.abspath(self._steps.plan(step))
-        paintings = await self._put(client, step)
-        hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
-        try:
-            advance = hub.advancing("Sewing the painting") if before is None else None
-            request = self._asked(client, labelled, paintings, values, BRUSH, advance)
-            facts, _ = await asyncio.wrap_future(request)
-        except Error:
-            if not keep:
-                self._steps.forget(step)
-            raise
-        finally:
-            for painting in paintings.values():
-                client.drop(painting)
-            hub.tell({"do": "busy", "room": "paint", "done": 1, "total": 1})
-        image = facts["images"][0]["number"]
-        await self._look(client, image, step, layers[FINE])
+    async def _make(self, layers: Layers, step: int, seed: int, before: Path | None, new: bool = False) -> None:
+        """The texture of a step's painting, beginning with a plan; what has changed is shown."""
+        made = await self._sewing.texture(step, seed, before, new)
+        client = await self._hub.client()
+        await self._look(client, made["number"], step, layers[FINE])
         if self._made is not None:
-            hub.release(client, self._made["number"])
-        self._made = facts["images"][0]
-        self._layers, self._step = layers, step
-
-    async def _put(self, client: Any, step: int) -> dict[str, int]:
-        """The numbers of a step's layers in the resident process."""
-        cache = self._hub.session.cache
-        there = {layer: path for layer, path in self._files(step).items() if path.exists()}
-        return {layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()}
+            self._hub.release(client, self._made["number"])
+        self._made = made
+        self._layers, self._step, self._seed = layers, step, seed
 
     async def _look(self, client: Any, image: int, step: int, fine: np.ndarray) -> None:
         """Read what has changed of the texture, and show it; all of it where nothing is shown yet."""
@@ -275,7 +322,8 @@ class PaintRoom:
         if self._layers is not None and self._steps.plan(self._step).exists():
             layers = self._layers[FINE], fine
             budget = self._hub.session.budget
-            window = await asyncio.to_thread(self._steps.changed, self._step, step, layers, budget)
+            plans = self._steps.plan(self._step), self._steps.plan(step)
+            window = await asyncio.to_thread(changed_box, *plans, layers, budget)
         if window is not None and window.empty:
             return
         _, (pixels,) = await asyncio.wrap_future(client.read(image, window, priority=BRUSH))
@@ -285,27 +333,16 @@ class PaintRoom:
         else:
             assert self._pixels is not None
             self._pixels[window.top : window.bottom, window.left : window.right] = values
-            self._show_texture(window)
+        self._show_texture(window)
 
-    def _write(self, step: int, layers: Layers) -> None:
+    def _write(self, step: int, layers: Layers, change: str, seed: int) -> None:
         """A step's layers, of the fine one only what is painted."""
         assert self._palette is not None
-        for layer, path in self._files(step).items():
+        for layer, path in self._steps.layers(step).items():
             if layer == COARSE or layers[layer].any():
-                self._palette.write(layer, path, layers[layer])
+                self._palette.write(layer, path, layers[layer], {"seed": seed, "change": change})
             else:
                 path.unlink(missing_ok=True)
-
-    def _patch(self) -> int:
-        """A side of which the photo holds some dozens."""
-        image = self._hub.source.image
-        assert image is not None
-        shorter = min(image.first.spec.width, image.first.spec.height)
-        return max(_PATCHES[0], min(_PATCHES[1], 1 << (shorter // 8).bit_length() - 1))
-
-    def _values(self) -> dict[str, Any]:
-        seed = self._hub.document.state["paint"]["seed"]
-        return {"seed": seed} if seed else {}
 
     # --- what is shown ---
 
@@ -324,44 +361,18 @@ class PaintRoom:
         facts = {"room": "paint", "kind": "texture", "left": place.left, "top": place.top, "whole": list(whole.size)}
         self._hub.show(facts, picture, page)
 
-    async def _save(self, times: int) -> None:
-        """Write the texture; so many times larger it is sewn around the patches that the page shows."""
+    async def _saving(self, times: int) -> Coroutine[Any, Any, None]:
+        """What writes the texture; so many times larger it is sewn around the patches that the page shows."""
         if self._layers is None or self._made is None:
             raise ImageError("there is no painting yet: open the room first")
+        if not 1 <= times <= _MOST_TIMES:
+            raise ParameterError(f"times={times}: expected an integer from 1 to {_MOST_TIMES}")
         if times == 1:
-            await self._hub.save(self._made, self._name())
-            return
-        if not 1 < times <= _MOST_TIMES:
-            raise ParameterError(f"times={times}: allowed is a whole number from 1 to {_MOST_TIMES}")
-        hub, client = self._hub, await self._hub.client()
-        labelled, paintings = (await hub.made("label"))["number"], await self._put(client, self._step)
+            return self._hub.save(self._made, self._name())
         width, height = self._whole.size
-        before = await asyncio.to_thread(self._steps.enlarged, self._step, times, hub.session.budget)
-        values = {
-            "table": os.path.abspath(self._table),
-            "size": f"{times * width}x{times * height}",
-            "before": os.path.abspath(before),
-        }
-        request = self._asked(client, labelled, paintings, values, EXPORT, hub.advancing())
-        try:
-            facts, _ = await asyncio.wrap_future(request)
-            try:
-                await hub.save(facts["images"][0], self._name())
-            finally:
-                client.drop(facts["images"][0]["number"])
-        finally:
-            for painting in paintings.values():
-                client.drop(painting)
-
-    def _asked(
-        self, client: Client, labelled: int, paintings: dict[str, int], values: dict[str, Any], priority: int,
-        advance: Callable[[int, int], None] | None,
-    ) -> Request:  # fmt: skip
-        """A painting's texture, of layers that the resident process has."""
-        fine = {FINE: paintings[FINE]} if FINE in paintings else None
-        images = [labelled, paintings[COARSE]]
-        values |= self._values()
-        return client.make("paint", images, values, optional=fine, priority=priority, on_progress=advance)
+        size = times * width, times * height
+        before = await asyncio.to_thread(self._steps.enlarged, self._step, times, self._hub.session.budget)
+        return await self._sewing.saving(self._step, self._seed, before, size, self._name())
 
     def _name(self) -> str:
         source = self._hub.source
@@ -373,7 +384,8 @@ class PaintRoom:
         source = self._hub.source
         if self._step < 0 or source.image is None:
             raise ParameterError("there is no painting yet")
-        values = {"table": self._table, "before": self._steps.plan(self._step)} | self._values()
+        values = {"table": self._sewing.table, "before": self._steps.plan(self._step)}
+        values |= {"seed": self._seed} if self._seed else {}
         if self._steps.fine(self._step).exists():
             values["fine"] = self._steps.fine(self._step)
         name, picture = self._name(), str(self._steps.picture(self._step))

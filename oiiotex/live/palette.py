@@ -15,21 +15,23 @@ from ..color.config import as_float
 from ..core.demand import PieceCache
 from ..core.image import Image, channels_of
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import Error, ImageError
+from ..io.atomic import written
 from ..io.documents import read_document
+from ..io.paint_palette import write_indexed
 from ..io.reading import read
 from ..labels.legend import code_of
 from ..quilting.guide_map import Meaning, Strays
 from ..service.client import BRUSH, Client
 from .document import LEAST_PAINTED, MOST_PAINTED
 from .hub import Hub, labels_of
-from .painting import write_indexed
 
 _SWATCH = 48  # px
 _LEAST_LABELS, _MOST_LABELS, _MOST_WITHIN = 4, 24, 6
 
 _SOFT = 0.2  # as --texpaint's
-_LEGEND = "oiiotex:legend"
+_LEGEND, _FACTS = "oiiotex:legend", "oiiotex:step"
+_MOST_FACTS = 1000  # letters
 COARSE, FINE = LAYERS = "coarse", "fine"
 
 Layers = dict[str, "np.ndarray"]  # by name: (height, width) uint8, numbers of a palette's labels
@@ -65,6 +67,13 @@ class Palette:
         """Whether all are labels of that layer."""
         allowed = self._entries[layer].keys() | ({0} if layer == FINE else set())
         return allowed.issuperset(np.flatnonzero(np.bincount(numbers.ravel())).tolist())
+
+    def paint(self, layers: Layers, layer: str, place: tuple[slice, slice], mask: np.ndarray, number: int) -> None:
+        """Paint with a label where a mask of a place is, inside the coarse label that a finer one is part of."""
+        if layer == FINE and number:
+            mask = mask & (layers[COARSE][place] == self._parents[number])
+        layers[layer][place][mask] = number
+        self.keep_inside(layers, place)
 
     def keep_inside(self, layers: Layers, place: tuple[slice, slice]) -> None:
         """Take away what lies in a place of the fine layer on another label than the one that it is part of."""
@@ -141,8 +150,16 @@ class Palette:
             if name != entry["name"]:
                 raise ImageError(f"{image.source} is painted with {name}, this palette has {entry['name']} instead")
 
-    def write(self, layer: str, path: Path, numbers: np.ndarray) -> None:
+    def write(self, layer: str, path: Path, numbers: np.ndarray, facts: Mapping[str, Any]) -> None:
         """Write a layer as an indexed PNG with its legend: colours are those of the table, so that --texpaint reads it.
+
+        Parameters
+        ----------
+        layer : str
+        path : Path
+        numbers : (height, width) uint8
+        facts : mapping
+            Of the step, as `step_facts` gives them back.
 
         Raises
         ------
@@ -152,7 +169,37 @@ class Palette:
         entries = self._entries[layer]
         colours = {number: tuple(map(int, entry["colour"].split(","))) for number, entry in entries.items()}
         legend = {str(number): {"name": e["name"], "colour": e["colour"]} for number, e in entries.items()}
-        write_indexed(path, numbers, colours, legend)
+        write_indexed(path, numbers, colours, {_LEGEND: legend, _FACTS: dict(facts)})
+
+
+def extended(layers: Layers, width: int, height: int) -> Layers:
+    """Layers of another size: cut off or extended on the right and at the bottom, by the label that most of it has."""
+    old = layers[COARSE].shape
+    rows, columns = (slice(0, min(pair)) for pair in zip(old, (height, width), strict=True))
+    ground = {COARSE: int(np.bincount(layers[COARSE].ravel()).argmax()), FINE: 0}
+    out = {layer: np.full((height, width), ground[layer], np.uint8) for layer in layers}
+    for layer, plane in layers.items():
+        out[layer][rows, columns] = plane[rows, columns]
+    return out
+
+
+def step_facts(path: Path, cache: PieceCache) -> dict[str, Any]:
+    """What `Palette.write` was told of a step: its seed, and what has changed in it.
+
+    Raises
+    ------
+    ImageError
+        They are broken.
+    """
+    text = read(path, cache).first.spec.get_string_attribute(_FACTS) or "{}"
+    facts = None
+    if len(text) <= _MOST_FACTS:
+        with contextlib.suppress(ValueError, RecursionError):
+            facts = json.loads(text)
+    seed, change = (facts.get("seed", 0), facts.get("change", "")) if isinstance(facts, dict) else (None, None)
+    if type(seed) is not int or not 0 <= seed < 1 << 32 or not isinstance(change, str):
+        raise ImageError(f"{path}: its {_FACTS} is broken: expected seed, an integer from 0 to 4294967295, and change")
+    return {"seed": seed, "change": change}
 
 
 def require_replaceable(table: Path) -> None:
@@ -172,21 +219,32 @@ def require_replaceable(table: Path) -> None:
     raise ImageError(f"{table}: is no palette's table, and would be replaced by one: give it another name")
 
 
-async def palette_of(hub: Hub, table: Path) -> Palette:
-    """Of the hub's photo, by --texlabel and --texpalette, whose table is written."""
+async def palette_of(hub: Hub, table: Path) -> tuple[Palette, Path]:
+    """Of the hub's photo, by --texlabel and --texpalette, and where its table is: in memory if `table` is unwritable.
+
+    Raises
+    ------
+    ImageError
+        By `require_replaceable`.
+    """
     require_replaceable(table)
+    made_table = hub.spare / "palette.json"
     made, client = await hub.made("label"), await hub.client()
     values = {
         "level": await _level(client, made),
         "side": _SWATCH,
         "rows": _MOST_LABELS,
         "children": _MOST_WITHIN,
-        "json": os.path.abspath(table),
+        "json": os.path.abspath(made_table),
     }
     advance = hub.advancing("Making swatches of the labels")
     request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)
     _, (picture,) = await asyncio.wrap_future(request)
-    return Palette(read_document(table), as_float(picture))
+    palette = Palette(read_document(made_table), as_float(picture))
+    with contextlib.suppress(Error), written(table) as file:
+        file.write(made_table.read_bytes())
+        made_table = table
+    return palette, made_table
 
 
 async def _level(client: Client, made: dict[str, Any]) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
 import threading
 import webbrowser
@@ -16,9 +17,10 @@ from typing import TYPE_CHECKING
 from ..color.display import usual_view, views
 from ..core.attributes import TAG
 from ..core.image import Image
-from ..errors import Error
+from ..errors import Error, one_line
 from ..io.reading import read
 from ..multiscale.graph import read_graph
+from ..service.settings import reserved_folder
 from ..session import Session
 from .document import Document, default_state
 from .guard import LOOPBACK, Guard, token_for
@@ -63,7 +65,7 @@ def serve(
     Raises
     ------
     Error
-        Something is not installed, the port is taken, or the document is another's.
+        Something is not installed, the port is taken, or the document is another photo's or open in another server.
     """
     try:
         import starlette
@@ -77,6 +79,8 @@ def serve(
     listening = _listening(host, port)
     port = listening.getsockname()[1]
     guarded = Guard(application, token, _names(host))
+    for logger in ("uvicorn.error", "asyncio"):
+        logging.getLogger(logger).addFilter(_in_one_line)
     config = uvicorn.Config(
         guarded, log_level="error", access_log=False, server_header=False, ws="websockets-sansio",
         ws_max_size=MOST_UPLOAD, limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=2, lifespan="on",
@@ -87,6 +91,15 @@ def serve(
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     with listening:
         uvicorn.Server(config).run(sockets=[listening])
+
+
+def _in_one_line(record: logging.LogRecord) -> bool:
+    """What strangers' bytes lead to fills no terminal."""
+    text = record.getMessage()
+    if record.exc_info and record.exc_info[1] is not None:
+        text += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]}"
+    record.msg, record.args, record.exc_info = one_line(text)[:300], (), None
+    return True
 
 
 def _hub(
@@ -110,9 +123,11 @@ def _hub(
     side = min(256, 1 << min(first.first.spec.width, first.first.spec.height).bit_length() - 1)
     state = default_state(*usual_view(session.color, space), side)
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
-    opened = Document(document or Path(f"{stem}.texlive.json"), state, name, views(session.color))
+    path = document or Path(f"{stem}.texlive.json")
+    spare = reserved_folder(path)
+    opened = Document(path, state, name, views(session.color), spare / "document.json")
     source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
-    hub = Hub(source, opened, session)
+    hub = Hub(source, opened, session, spare)
     hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
     return hub
 
@@ -134,7 +149,7 @@ def _application(hub: Hub) -> Starlette:
 
     @contextlib.asynccontextmanager
     async def while_it_runs(_: Starlette) -> AsyncIterator[None]:
-        saving = asyncio.create_task(hub.save_now_and_then())
+        saving = asyncio.create_task(hub.autosave())
         try:
             yield
         finally:

@@ -37,6 +37,8 @@ def answer(word: str) -> dict[str, str]:
         connect(settings).close()
     except Error as error:
         return {"error": str(error)}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return {"error": "what the door was asked is malformed"}
     return {"socket": str(settings.socket()), "texture": file.text()}
 
 

@@ -7,10 +7,12 @@ sealed memory that belongs to nobody's name, so that nothing is left behind whoe
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import mmap
 import os
+import re
 import socket
 import struct
 import threading
@@ -25,6 +27,9 @@ _MAGIC = b"oxs" + bytes([VERSION])
 _HEADER = struct.Struct("<4sI")
 _MOST_TEXT = 16 << 20  # bytes
 _MOST_ARRAYS = 64  # of a message
+_AT_ONCE = 1 << 16  # bytes of a text that are received at a time: what a header says is believed when it has come
+_PATIENCE = struct.pack("ll", 10, 0)  # s that the other side may take no message
+_TYPE = re.compile(r"[<>|=]?[biuf]\d{1,2}")
 _SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
 
 
@@ -43,6 +48,7 @@ class Link:
 
     def __init__(self, connection: socket.socket):
         self._socket = connection
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _PATIENCE)
         self._sending = threading.Lock()
 
     def send(self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = ()) -> None:
@@ -51,7 +57,7 @@ class Link:
         Raises
         ------
         LinkError
-            Nobody listens any more.
+            Nobody listens any more, or has taken nothing for ten seconds: the connection is then over.
         """
         layout = [{"type": array.dtype.str, "shape": list(array.shape)} for array in arrays]
         text = json.dumps(facts | {"arrays": layout}).encode()
@@ -67,6 +73,7 @@ class Link:
                     raise LinkError("the connection to the resident process is broken")
                 self._socket.sendall(text)
         except OSError as error:
+            self.hang_up()  # half a message may have gone
             raise LinkError(f"the resident process has ended: {error.strerror}") from error
         finally:
             for memory in memories:
@@ -93,33 +100,37 @@ class Link:
             if magic != _MAGIC or length > _MOST_TEXT:
                 raise LinkError("the resident process is of another version of oiiotex: end it and try again")
             facts = json.loads(self._exactly(length))
+            if not isinstance(facts, dict):
+                raise ValueError(type(facts))
             layout = facts.pop("arrays")
             if len(layout) != len(memories):
                 raise LinkError("a message of the resident process has lost its arrays")
             return facts, [_array(m, one["type"], one["shape"]) for m, one in zip(memories, layout, strict=True)]
         except OSError as error:
             raise LinkError(f"the resident process has ended: {error.strerror}") from error
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise LinkError("what came from the resident process is no message") from error
         finally:
             for memory in memories:
                 os.close(memory)
 
     def _exactly(self, length: int) -> bytearray:
-        text, at = bytearray(length), 0
-        while at < length:
-            count = self._socket.recv_into(memoryview(text)[at:])
-            if not count:
+        text = bytearray()
+        while len(text) < length:
+            piece = self._socket.recv(min(_AT_ONCE, length - len(text)))
+            if not piece:
                 raise LinkError("the resident process has ended")
-            at += count
+            text += piece
         return text
 
-    def close(self) -> None:
-        """Hang up: who receives is told."""
-        try:
+    def hang_up(self) -> None:
+        """End the connection: who receives, on either side, is told."""
+        with contextlib.suppress(OSError):  # the other side was first
             self._socket.shutdown(socket.SHUT_RDWR)
-        except OSError:  # the other side was first
-            pass
+
+    def close(self) -> None:
+        """Hang up, and forget the connection."""
+        self.hang_up()
         self._socket.close()
 
 
@@ -139,9 +150,9 @@ def _shared(array: np.ndarray) -> int:
 
 def _array(memory: int, kind: str, shape: list[int]) -> np.ndarray:
     """The array in sealed memory, which lives as long as the array."""
-    dtype = np.dtype(kind)
-    if dtype.hasobject or any(not isinstance(n, int) or n < 0 for n in shape):
+    if not isinstance(kind, str) or not _TYPE.fullmatch(kind) or any(type(n) is not int or n < 0 for n in shape):
         raise ValueError(kind)
+    dtype = np.dtype(kind)
     size = dtype.itemsize * int(np.prod(shape, dtype=object)) if shape else dtype.itemsize
     if os.fstat(memory).st_size != size or fcntl.fcntl(memory, fcntl.F_GET_SEALS) & _SEALS != _SEALS:
         raise ValueError(size)  # who could cut it short could kill who reads

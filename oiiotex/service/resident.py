@@ -7,6 +7,7 @@ had nothing to do and nobody connected for a while; a client that dies takes its
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import logging
@@ -20,7 +21,7 @@ from typing import Any
 from .. import __version__
 from ..core.machine import usable_threads
 from ..deferred import oiio
-from ..errors import Error
+from ..errors import Error, one_line
 from ..session import Session
 from .jobs import Job, Jobs
 from .messages import Link, LinkError
@@ -29,6 +30,7 @@ from .settings import Settings
 from .work import Bench
 
 MOST_JOBS = 256  # of a client, that wait or run
+MOST_CLIENTS = 128  # each has a thread, and a message of 16 MB at most
 MEMORY_SHARE = 4  # of the budget: analyses of photos and planes that are kept
 _CREDENTIALS = struct.Struct("3i")
 
@@ -90,8 +92,12 @@ class Resident:
                 elif time.monotonic() - self._busy > self._settings.idle:
                     return
                 continue
+            except OSError as error:  # no file descriptor is left, or who called has hung up
+                log.error("the resident process takes no client: %s", error.strerror)
+                time.sleep(0.1)
+                continue
             connection.setblocking(True)
-            if _user_of(connection) != os.geteuid():
+            if len(self._clients) >= MOST_CLIENTS or _user_of(connection) != os.geteuid():
                 connection.close()
                 continue
             client = _Client(self, connection, Bench(self._session))
@@ -132,10 +138,12 @@ class _Client:
                     self._take(number, asked, arrays)
                 except Error as error:
                     self._answer(number, "failed", {"text": str(error)})
-                except (KeyError, TypeError, ValueError) as error:
-                    self._answer(number, "failed", {"text": f"the request is malformed: {error}"})
+                except Exception as error:  # whatever a stranger's message leads to
+                    self._answer(number, "failed", {"text": f"the request is malformed: {one_line(str(error))[:300]}"})
         except LinkError:
             pass
+        except MemoryError:
+            log.error("a client was let go: its message is larger than the memory that is free")
         finally:
             for job in list(self._jobs.values()):
                 self._resident.jobs.cancel(job)
@@ -196,6 +204,10 @@ class _Client:
             self._link.send(facts | {"re": number, "state": state}, arrays)
         except LinkError:  # who receives is told, and ends it all
             pass
+        except Exception as error:  # what was made cannot be sent: too large, or no JSON
+            text = f"the answer cannot be sent: {one_line(str(error))[:300]}"
+            with contextlib.suppress(LinkError):
+                self._link.send({"text": text, "log": [], "re": number, "state": "failed"})
 
 
 class _ToJob(logging.Handler):

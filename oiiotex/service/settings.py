@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
@@ -66,10 +67,17 @@ class Settings:
         """
         facts = self.text(), __version__, str(Path(__file__).parent), os.environ.get("OIIOTEX_DEVICE")
         name = hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
-        return _folder() / f"{name}.socket"
+        return runtime_folder() / f"{name}.socket"
 
 
-def _folder() -> Path:
+def runtime_folder() -> Path:
+    """A folder of the user alone, in memory where the system has such a one ($XDG_RUNTIME_DIR).
+
+    Raises
+    ------
+    Error
+        It is somebody else's, or open to others.
+    """
     import platformdirs
 
     with warnings.catch_warnings():
@@ -79,4 +87,24 @@ def _folder() -> Path:
     status = os.lstat(folder)
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o077:
         raise Error(f"{folder} must be a folder of yours alone: set XDG_RUNTIME_DIR to one")
+    return folder
+
+
+def reserved_folder(path: Path) -> Path:
+    """A folder in memory of a file that this process alone works on; another's again when it ends.
+
+    Raises
+    ------
+    Error
+        Another process has reserved it, or as by `runtime_folder`.
+    """
+    name = hashlib.sha256(str(path.resolve()).encode(errors="surrogateescape")).hexdigest()[:16]
+    folder = runtime_folder() / f"live-{name}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)  # held as long as the process lives
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(lock)
+        raise Error(f"{path} is open in another --texlive: end that one, or name another file by document=") from None
     return folder

@@ -3,8 +3,10 @@
 
     {"oiiotex": 1, "photo": "gravel.exr", "size": "1048576x1048576", "seed": 7, "colorspace": "ACEScg"}
 
-`oiiotex` is the version of the format. `photo` is the one exemplar, or `graph` an exemplar graph; both lie beside the
-document. `size` is that of the image, `level` the octaves of --texsynth that it shows (the finest when left out),
+`oiiotex` is the version of the format. `photo` is the one exemplar, or `graph` an exemplar graph. These files and those
+that the graph names lie in the document's folder, or below it: a document from a stranger shows no other picture of its
+reader. Links count as what they lead to. Folders in $OIIOTEX_TEXTURE_PATH, separated as in $PATH, are allowed, too.
+`size` is that of the image, `level` the octaves of --texsynth that it shows (the finest when left out),
 `colorspace` says what space an untagged photo is in, `autocc` lets the names of files say it, `device` is as --device.
 Behind the file's name `?seed=7&size=4096x4096` says another seed, size, level, colorspace or device.
 
@@ -24,11 +26,14 @@ from typing import Any
 from ..core.parameters import nearest
 from ..errors import ImageError
 from ..io.documents import read_document
+from ..multiscale.graph import read_graph
 from ..multiscale.synthesizer import MOST_LEVEL
 from ..session import Session
 from .settings import Settings
 
 SUFFIX = ".oiiotex"
+FOLDERS = "OIIOTEX_TEXTURE_PATH"
+MOST_NAME, MOST_QUERY, MOST_TEXT = 4096, 1000, 1000  # letters of a file's name, of what is behind '?', of a value
 VERSION = 1
 MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
 _TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
@@ -121,10 +126,15 @@ def read_texture_file(name: str) -> TextureFile:
     ImageError
         It cannot be read, or something in it or in its name is wrong; the text says what.
     """
-    path, query = Path(name), ""
-    if not path.exists() and "?" in name:
-        before, _, query = name.partition("?")
-        path = Path(before)
+    query = ""
+    if "?" in name and not _exists(name):
+        name, _, query = name.partition("?")
+    for text, most, called in ((name, MOST_NAME, "a file's name"), (query, MOST_QUERY, "what is behind '?'")):
+        if len(text) > most or "\0" in text:
+            raise ImageError(
+                f"{name[:60]}: {called} has {len(text)} letters: expected {most} at most, none of them NUL"
+            )
+    path = Path(name)
     where = str(path)
     document = read_document(path)
     if not isinstance(document, dict):
@@ -143,7 +153,7 @@ def _asked(query: str, where: str) -> dict[str, Any]:
     for word in filter(None, query.split("&")):
         key, _, value = word.partition("=")
         if key not in _QUERY:
-            raise ImageError(f"{where}: '?{word}': allowed behind ? is {', '.join(_QUERY)}")
+            raise ImageError(f"{where}: '?{word[:60]}': allowed behind ? is {', '.join(_QUERY)}")
         values[key] = int(value) if key in ("seed", "level") and value.isascii() and value.isdigit() else value
     return values
 
@@ -162,16 +172,21 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
         raise ImageError(f"{where}: level beside tiles: they have one")
     for key in (*given, "colorspace", "device"):
         if document.get(key) is not None and not (isinstance(document[key], str) and document[key]):
-            raise ImageError(f"{where}: {key}={document[key]}: allowed is a text")
+            raise ImageError(f"{where}: {key}={str(document[key])[:60]}: allowed is a text")
+        if document.get(key) is not None and (len(document[key]) > MOST_TEXT or "\0" in document[key]):
+            raise ImageError(
+                f"{where}: {key}={document[key][:60]!r}...: expected {MOST_TEXT} letters at most, none NUL"
+            )
     for key, most in (("seed", 2**32 - 1), ("level", MOST_LEVEL)):
         value = document.get(key)
         if value is not None and (type(value) is not int or not 0 <= value <= most):
-            raise ImageError(f"{where}: {key}={value}: allowed is a whole number >= 0 and <= {most}")
+            raise ImageError(f"{where}: {key}={str(value)[:60]}: allowed is a whole number >= 0 and <= {most}")
     if not isinstance(document.get("autocc", False), bool):
-        raise ImageError(f"{where}: autocc={document['autocc']}: allowed is true or false")
+        raise ImageError(f"{where}: autocc={str(document['autocc'])[:60]}: allowed is true or false")
     if document.get("graph") is not None and document.get("colorspace") is not None:
         raise ImageError(f"{where}: colorspace is a photo's; the files of a graph say theirs, or autocc lets names do")
     files = {key: os.path.abspath(path.parent / document[key]) for key in given}
+    _require_allowed(files, path)
     width, height = (0, 0) if "plan" in given else _size(document.get("size"), where)
     return TextureFile(
         name=os.path.abspath(where), stamp=_stamp(where, list(files.values())), width=width, height=height,
@@ -183,7 +198,7 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
 def _size(size: Any, where: str) -> tuple[int, int]:
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     if not match or max(map(int, match.groups())) > MOST_SIDE:
-        given = "size is wanted:" if size is None else f"size={size}: allowed is"
+        given = "size is wanted:" if size is None else f"size={str(size)[:60]}: allowed is"
         raise ImageError(f"{where}: {given} WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
     width, height = map(int, match.groups())
     if not tile_side(width, height):
@@ -192,6 +207,34 @@ def _size(size: Any, where: str) -> tuple[int, int]:
             " allowed are 2^48 px in all, such as 16777216x16777216"
         )
     return width, height
+
+
+def _exists(name: str) -> bool:
+    try:
+        os.stat(name)
+    except (OSError, ValueError):  # one that is too long is none
+        return False
+    return True
+
+
+def _require_allowed(files: dict[str, str], path: Path) -> None:
+    """Refuse files elsewhere than in the document's folder and those that the user has allowed."""
+    folders = [path.parent, *map(Path, filter(os.path.isabs, os.environ.get(FOLDERS, "").split(os.pathsep)))]
+    allowed = [Path(os.path.realpath(folder)) for folder in folders]
+
+    def require(key: str, file: str) -> None:
+        real = Path(os.path.realpath(file))
+        if not any(real.is_relative_to(folder) for folder in allowed):
+            raise ImageError(
+                f"{path}: {key}={file}: lies outside the document's folder{f' ({real})' if str(real) != file else ''}:"
+                f" expected a file in it, or in a folder that ${FOLDERS} lists"
+            )
+
+    for key, file in files.items():
+        require(key, file)
+    if "graph" in files:
+        for file in read_graph(Path(files["graph"])).files:
+            require("a file of graph", os.path.abspath(file))
 
 
 def _stamp(where: str, files: list[str]) -> tuple[int, ...]:

@@ -65,7 +65,6 @@ function build() {
   buildLooking();
   $("name").textContent = shell.facts.source;
   document.title = `${shell.facts.source} - oiiotex`;
-  open(rooms[wantedRoom()] ? wantedRoom() : kinds[0][0]);
 }
 
 const looking = {};
@@ -99,6 +98,13 @@ function showLooking() {
   looking.view.offer(looking.views(display));
   looking.view.set(view);
   looking.exposure.value = exposure;
+}
+
+/** As long as something is not saved, why; "": all is. */
+function showUnsaved(text) {
+  if (!text && !$("unsaved").hidden) shell.status("Saved again");
+  $("unsaved").textContent = text;
+  $("unsaved").hidden = !text;
 }
 
 const KEYS = [
@@ -158,7 +164,9 @@ on("message", (message) => {
     shell.facts = message;
     if (first) build();
     for (const room of Object.values(rooms)) room.refresh(true);
+    if (first) open(rooms[wantedRoom()] ? wantedRoom() : Object.keys(rooms)[0]);
     showLooking();
+    showUnsaved(message.unsaved);
     shell.status("");
   } else if (message.do === "set") {
     Object.assign(shell.state[message.room], message.values);
@@ -172,6 +180,8 @@ on("message", (message) => {
       shell.status(text);
       rooms.paint?.waitFor(text);
     }
+  } else if (message.do === "unsaved") {
+    showUnsaved(message.text);
   } else if (message.do === "note") {
     shell.status(message.text);
   } else if (message.do === "error") {
@@ -188,6 +198,7 @@ on("link", (there) => {
   $("link").classList.toggle("wrong", !there);
 });
 
+addEventListener("pagehide", () => rooms[current]?.hide?.());
 $("copy").addEventListener("click", copyLine);
 $("help").addEventListener("click", help);
 connect();

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Room Paint: labels of the photo are painted, and become its texture. Values of the painting are ids: nothing is
-// antialiased, and what the server is told of a stroke are the ids of its box. There are two layers: labels, and what
-// they are refined by, the labels of the next finer map that are part of them (0: none). These stay inside their label.
+// antialiased, and what the server is told of a stroke is its label and a mask: two pages may paint at once. There are
+// two layers: labels, and what they are refined by, the labels of the next finer map that are part of them (0: none).
+// These stay inside their label.
 
 import { button, make, section, segments, slider, whole } from "./controls.js";
 import { Viewer, drawBrush, stroke } from "./viewer.js";
@@ -15,6 +16,8 @@ export class PaintRoom {
     this.tool = "brush";
     this.size = [0, 0];
     this.layers = null; // coarse and fine, Uint8 of the painting's size
+    this.mask = null; // of the stroke, Uint8 of that size
+    this.unsent = []; // strokes that were painted while the server did not answer
     this.labels = [];
     this.parents = new Uint8Array(256); // the label that a finer one is part of
     this.open = false;
@@ -48,9 +51,9 @@ export class PaintRoom {
     this.palette = make("div", { role: "group", ariaLabel: "Labels" });
     this.brush = slider("Size", { title: "Diameter in px ([ and ]); a pen's pressure makes it smaller", low: 2, high: 1024, log: true, reset: 64, digits: 0, change: (brush) => this.set({ brush }) });
     this.controls = {
-      width: whole("Width", { title: "Of the painting in px. Another size is a new painting", low: 64, high: 4096, change: (n) => this.set({ width: n ?? 1024 }) }),
-      height: whole("Height", { title: "Of the painting in px. Another size is a new painting", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
-      seed: whole("Seed", { title: "Another seed is a new painting", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
+      width: whole("Width", { title: "Of the canvas in px: what is painted stays where it is, cut off or extended on the right. A step that can be undone", low: 64, high: 4096, change: (n) => this.set({ width: n ?? 1024 }) }),
+      height: whole("Height", { title: "Of the canvas in px: what is painted stays where it is, cut off or extended at the bottom. A step that can be undone", low: 64, high: 4096, change: (n) => this.set({ height: n ?? 1024 }) }),
+      seed: whole("Seed", { title: "Other patches for the same painting. A step that can be undone", low: 0, high: 4294967295, change: (n) => this.set({ seed: n ?? 0 }) }),
     };
     this.times = segments("Times larger", [[1, "1 ×", "As large as the painting: exactly these pixels"], [4, "4 ×", "Four times larger, sewn around these patches"], [16, "16 ×", "Sixteen times larger, sewn around these patches"]], () => {});
     this.times.set(1);
@@ -58,7 +61,7 @@ export class PaintRoom {
     const panel = make("aside", {},
       section("Labels", this.palette),
       section("Tool", make("div", { className: "buttons", style: "margin:0 0 6px" }, this.tools), this.brush, make("div", { className: "buttons" }, this.undo, this.redo), this.fact),
-      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "A painting from elsewhere: a picture in the palette's colours, or ids, that lies beside the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "All of it in the chosen label; the history is forgotten", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
+      section("Painting", this.controls.width, this.controls.height, this.controls.seed, make("div", { className: "buttons" }, button("Save", "Write the texture as a file beside the document, in the background", () => this.ask({ do: "save", times: this.times.value })), this.times, button("Open", "A painting from elsewhere: a picture in the palette's colours, or ids, that lies beside the photo or the document", () => this.shell.ask("paint", { do: "paintings" })), button("New", "All of it in the chosen label. A step that can be undone", () => this.ask({ do: "new", label: this.shell.state.paint.label })))));
     this.opening = make("dialog", { ariaLabel: "Open a painting" });
     this.element = make("div", { className: "room" }, make("div", { className: "work" }, make("div", { className: "views" }, this.planView.element, this.textureView.element)), panel, this.opening);
   }
@@ -74,6 +77,11 @@ export class PaintRoom {
     this.refresh(false);
   }
 
+  /** Another room is opened, or the page is left: a stroke ends here. */
+  hide() {
+    for (const view of [this.planView, this.textureView]) view.letGo();
+  }
+
   show() {
     if (this.open) return;
     this.open = true;
@@ -83,7 +91,7 @@ export class PaintRoom {
   refresh(all) {
     const paint = this.shell.state?.paint;
     if (!paint) return;
-    if (all && this.open) this.ask({ do: "open" });
+    if (all && this.open && this.ask({ do: "open" })) for (const stroke of this.unsent.splice(0)) this.ask(...stroke);
     for (const [name, control] of Object.entries(this.controls)) control.set(paint[name]);
     this.brush.set(paint.brush);
     for (const group of this.palette.children) {
@@ -102,17 +110,21 @@ export class PaintRoom {
     if (facts.kind === "palette") return this.showPalette(facts, canvasOf(facts, bytes));
     const [width, height] = facts.whole;
     if (width !== this.size[0] || height !== this.size[1]) {
+      this.up(); // another page has changed the canvas: what is painted so far stays where it is
       this.size = [width, height];
       for (const canvas of [this.plan, this.texture]) [canvas.width, canvas.height] = this.size;
       this.layers = { coarse: new Uint8Array(width * height), fine: new Uint8Array(width * height) };
+      this.mask = new Uint8Array(width * height);
       for (const view of [this.planView, this.textureView]) view.fit();
     }
     if (facts.kind === "texture") {
       this.texture.getContext("2d").drawImage(canvasOf(facts, bytes), facts.left, facts.top);
       this.textureView.redraw();
-    } else if (facts.kind === "ids" && !this.painting) {
-      for (let y = 0; y < facts.height; y++)
-        this.layers[facts.layer].set(bytes.subarray(y * facts.width, (y + 1) * facts.width), (facts.top + y) * width + facts.left);
+    } else if (facts.kind === "ids") {
+      const layer = this.layers[facts.layer];
+      for (let y = 0, n = 0; y < facts.height; y++)
+        for (let at = (facts.top + y) * width + facts.left, x = 0; x < facts.width; x++, at++, n++)
+          if (!this.painting || !this.mask[at]) layer[at] = bytes[n]; // others paint around a stroke that goes on
       this.drawPlan(facts.left, facts.top, facts.left + facts.width, facts.top + facts.height);
     }
     for (const view of [this.planView, this.textureView]) view.empty.hidden = true;
@@ -132,7 +144,8 @@ export class PaintRoom {
     this.undo.disabled = message.step <= 0;
     this.redo.disabled = message.step >= message.last;
     const took = this.asked ? `${Math.round(performance.now() - this.asked)} ms` : "";
-    this.fact.textContent = `Step ${message.step} of ${message.last}${took ? `, ${took}` : ""}`;
+    const change = message.change ? `: ${message.change}` : "";
+    this.fact.textContent = `Step ${message.step} of ${message.last}${change}${took ? ` (${took})` : ""}`;
     this.element.dataset.step = String(message.step);
   }
 
@@ -235,8 +248,9 @@ export class PaintRoom {
     if (this.tool === "pick") {
       if (inside) this.pick(row * width + column);
     } else if (this.tool === "fill") {
-      if (inside) this.send(this.fill(column, row));
+      if (inside) this.send(this.begin().fill(column, row));
     } else {
+      this.begin();
       this.painting = { last: [x, y], box: [width, height, 0, 0], told: performance.now() };
       this.move(x, y, event);
     }
@@ -248,11 +262,13 @@ export class PaintRoom {
     this.set({ layer: finer ? "fine" : "coarse", label, finer });
   }
 
-  /** The plane that is painted, with which value, and of an index whether it may be. */
-  layer() {
-    const { layer, label, finer } = this.shell.state.paint;
-    const { coarse } = this.layers;
-    return layer === "fine" ? [this.layers.fine, finer, (at) => coarse[at] === label] : [coarse, label, () => true];
+  /** Begin a stroke: the layer that is painted, with which value, and of an index whether it may be. */
+  begin() {
+    const { layer, label, finer } = this.shell.state.paint; // which other pages may change while it goes on
+    const allowed = layer === "fine" ? (at) => this.layers.coarse[at] === label : () => true;
+    this.with = { layer, value: layer === "fine" ? finer : label, allowed };
+    this.mask.fill(0);
+    return this;
   }
 
   /** Take away what lies in a box of the fine layer on another label than its own, as the server does. */
@@ -265,9 +281,12 @@ export class PaintRoom {
   move(x, y, event) {
     if (!this.painting) return;
     const { brush } = this.shell.state.paint;
-    const [plane, value, allowed] = this.layer();
+    const { layer, value, allowed } = this.with;
+    const plane = this.layers[layer];
     const diameter = brush * (event.pointerType === "pen" ? Math.max(0.05, event.pressure) : 1);
-    const box = stroke(plane, ...this.size, this.painting.last, [x, y], diameter, value, allowed);
+    const box = stroke(this.mask, ...this.size, this.painting.last, [x, y], diameter, 1, allowed);
+    for (let row = box[1]; row < box[3]; row++)
+      for (let at = row * this.size[0] + box[0]; at < row * this.size[0] + box[2]; at++) if (this.mask[at]) plane[at] = value;
     this.keepInside(box);
     const before = this.painting.box;
     const all = [Math.min(before[0], box[0]), Math.min(before[1], box[1]), Math.max(before[2], box[2]), Math.max(before[3], box[3])];
@@ -290,7 +309,8 @@ export class PaintRoom {
   /** Fill what hangs together in the layer, inside the label; its box. */
   fill(column, row) {
     const [width, height] = this.size;
-    const [plane, value, allowed] = this.layer();
+    const { layer, value, allowed } = this.with;
+    const plane = this.layers[layer];
     const old = plane[row * width + column];
     if (old === value || !allowed(row * width + column)) return [0, 0, 0, 0];
     const fills = (at) => plane[at] === old && allowed(at);
@@ -303,6 +323,7 @@ export class PaintRoom {
       while (left > 0 && fills(y * width + left - 1)) left--;
       while (right < width - 1 && fills(y * width + right + 1)) right++;
       plane.fill(value, y * width + left, y * width + right + 1);
+      this.mask.fill(1, y * width + left, y * width + right + 1);
       for (const next of [y - 1, y + 1]) {
         if (next < 0 || next >= height) continue;
         for (let at = left; at <= right; at++) {
@@ -320,16 +341,17 @@ export class PaintRoom {
     return box;
   }
 
-  /** Tell the server a box of the painted layer; `going`: the stroke goes on, and the whole of it will be one step. */
+  /** Tell the server the stroke's mask in a box; `going`: the stroke goes on, and the whole of it will be one step. */
   send([left, top, right, bottom], going = false) {
     const [width, height] = [right - left, bottom - top];
     if (width <= 0 || height <= 0) return;
-    const { layer } = this.shell.state.paint;
+    const { layer, value } = this.with;
     const bytes = new Uint8Array(width * height);
     for (let y = 0; y < height; y++)
-      bytes.set(this.layers[layer].subarray((top + y) * this.size[0] + left, (top + y) * this.size[0] + right), y * width);
-    this.working = true;
-    this.ask({ do: "stroke", layer, left, top, width, height, going }, bytes);
+      bytes.set(this.mask.subarray((top + y) * this.size[0] + left, (top + y) * this.size[0] + right), y * width);
+    const message = { do: "stroke", layer, value, left, top, width, height, going };
+    this.working = this.ask(message, bytes);
+    if (!this.working && !going) this.unsent.push([message, bytes]);
   }
 
   // --- keys ---

@@ -20,6 +20,7 @@ export class Viewer {
     this.fitted = true;
     this.space = false;
     this.pointers = new Map();
+    this.painting = null; // the pointer that paints
     new ResizeObserver(() => this.resized()).observe(this.element);
     this.listen();
   }
@@ -121,15 +122,20 @@ export class Viewer {
     });
     const end = (event) => {
       this.pointers.delete(event.pointerId);
-      if (this.painting === event.pointerId) {
-        this.painting = null;
-        this.paint.up();
-      }
+      if (this.painting === event.pointerId) this.letGo();
     };
     canvas.addEventListener("pointerup", end);
     canvas.addEventListener("pointercancel", end);
     canvas.addEventListener("pointerleave", () => { this.pointer = null; this.redraw(); });
     canvas.addEventListener("dblclick", () => { if (!this.paint?.active()) this.fit(); });
+  }
+
+  /** End a stroke though the pointer is still down. */
+  letGo() {
+    if (this.painting === null) return;
+    this.pointers.delete(this.painting); // what is left of the drag pans nothing
+    this.painting = null;
+    this.paint.up();
   }
 
   pinch(event) {

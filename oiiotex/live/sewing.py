@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the resident process makes of a painting's steps: their texture, and larger ones that are saved as files."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
+
+from ..io.reading import read
+from ..service.client import BRUSH, EXPORT, Client, Request
+from .history import Steps
+from .hub import Hub
+from .palette import COARSE, FINE
+
+_PATCHES = 16, 64  # px, the least and the largest
+
+
+class Sewing:
+    """--texpaint of steps.
+
+    Parameters
+    ----------
+    hub : Hub
+    steps : Steps
+    table : Path
+        Of the palette; another one where that could not be written.
+    """
+
+    def __init__(self, hub: Hub, steps: Steps, table: Path):
+        self._hub, self._steps, self.table = hub, steps, table
+
+    async def texture(self, step: int, seed: int, before: Path | None, new: bool) -> dict[str, Any]:
+        """The texture of a step, as the resident process says it: 'number' and 'parts'.
+
+        Parameters
+        ----------
+        step : int
+        seed : int
+        before : Path or None
+            A plan to begin with; None: all of it is decided.
+        new : bool
+            Its plan is written.
+        """
+        hub, client = self._hub, await self._hub.client()
+        values = self._values(seed) | ({"patch": self._patch()} if before is None else {"before": before})
+        values |= {"plan": self._steps.plan(step)} if new else {}
+        labelled, paintings = await self._images(client, step)
+        hub.tell({"do": "busy", "room": "paint", "done": 0, "total": 1})
+        try:
+            advance = hub.advancing("Sewing the painting") if before is None else None
+            facts, _ = await asyncio.wrap_future(_asked(client, labelled, paintings, values, BRUSH, advance))
+        finally:
+            for painting in paintings.values():
+                client.drop(painting)
+            hub.tell({"do": "busy", "room": "paint", "done": 1, "total": 1})
+        made: dict[str, Any] = facts["images"][0]
+        return made
+
+    async def saving(
+        self, step: int, seed: int, before: Path, size: tuple[int, int], name: str
+    ) -> Coroutine[Any, Any, None]:
+        """What saves a step's texture of another size, in the background.
+
+        Parameters
+        ----------
+        step : int
+        seed : int
+        before : Path
+            A plan of that size to begin with.
+        size : (int, int)
+            Width and height, px.
+        name : str
+            Of the file.
+        """
+        client = await self._hub.client()
+        labelled, paintings = await self._images(client, step)
+        values = self._values(seed) | {"size": f"{size[0]}x{size[1]}", "before": before}
+
+        async def save() -> None:
+            try:
+                request = _asked(client, labelled, paintings, values, EXPORT, self._hub.advancing())
+                facts, _ = await asyncio.wrap_future(request)
+                try:
+                    await self._hub.save(facts["images"][0], name)
+                finally:
+                    client.drop(facts["images"][0]["number"])
+            finally:
+                for painting in paintings.values():
+                    client.drop(painting)
+
+        return save()
+
+    async def _images(self, client: Client, step: int) -> tuple[int, dict[str, int]]:
+        """Numbers of the labelled photo and of the step's layers in the resident process."""
+        labelled, cache = (await self._hub.made("label"))["number"], self._hub.session.cache
+        there = {layer: path for layer, path in self._steps.layers(step).items() if path.exists()}
+        return labelled, {
+            layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()
+        }
+
+    def _values(self, seed: int) -> dict[str, Any]:
+        return {"table": self.table} | ({"seed": seed} if seed else {})
+
+    def _patch(self) -> int:
+        """A side of which the photo holds some dozens."""
+        image = self._hub.source.image
+        assert image is not None
+        shorter = min(image.first.spec.width, image.first.spec.height)
+        return max(_PATCHES[0], min(_PATCHES[1], 1 << (shorter // 8).bit_length() - 1))
+
+
+def _asked(
+    client: Client, labelled: int, paintings: dict[str, int], values: dict[str, Any], priority: int,
+    advance: Callable[[int, int], None] | None,
+) -> Request:  # fmt: skip
+    """A painting's texture, of layers that the resident process has; it has a folder of its own."""
+    fine = {FINE: paintings[FINE]} if FINE in paintings else None
+    images = [labelled, paintings[COARSE]]
+    absolute = {name: os.path.abspath(value) if isinstance(value, Path) else value for name, value in values.items()}
+    return client.make("paint", images, absolute, optional=fine, priority=priority, on_progress=advance)
