@@ -15,8 +15,8 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from subprocess import PIPE, Popen
-from typing import TypeVar
+from subprocess import PIPE
+from typing import TYPE_CHECKING, TypeVar
 
 from ..core.machine import start_python
 from ..errors import Error
@@ -25,6 +25,9 @@ from . import streams
 from .parse import CommandLine
 from .progress import Display
 from .tasks import Job, Task, skip, work
+
+if TYPE_CHECKING:
+    from subprocess import Popen
 
 AnyJob = TypeVar("AnyJob")
 Result = TypeVar("Result")

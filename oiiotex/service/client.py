@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from pathlib import Path
-from subprocess import DEVNULL, Popen
-from typing import Any
+from subprocess import DEVNULL
+from typing import TYPE_CHECKING, Any
 
 from ..core.image import Image
 from ..core.machine import start_python
@@ -21,6 +21,9 @@ from ..errors import Error
 from .messages import Link, LinkError
 from .pictures import image_facts
 from .settings import Settings
+
+if TYPE_CHECKING:
+    from subprocess import Popen
 
 _START = 30.0  # s that a process may take until it listens
 BRUSH, TILES, LOOKS, EXPORT = 0, 2, 5, 9  # priorities: what a hand waits for, what is in sight, what may come, the rest
