@@ -18,12 +18,14 @@ from tests import pictures
 from tests.conftest import save
 
 ROOT = Path(__file__).parents[1]
-MODULES = """
-sitecustomize usercustomize encodings_extra multiprocessing concurrent numpy scipy pyopencl OpenImageIO PyOpenColorIO
-oiiotex json random logging ssl socket typing asyncio yaml tornado msgpack cloudpickle distributed dask toolz psutil
-pickle queue runpy re os_extra tempfile threading subprocess shutil signal selectors struct hashlib platformdirs
-pytools ziglang mmh3 threadpoolctl tqdm sqlite3 contextlib dataclasses traceback zoneinfo
-""".split()
+MODULES = (
+    "sitecustomize", "usercustomize", "multiprocessing", "concurrent", "numpy", "scipy", "pyopencl",
+    "OpenImageIO", "PyOpenColorIO", "oiiotex", "json", "random", "logging", "ssl", "socket", "typing",
+    "asyncio", "yaml", "tornado", "msgpack", "cloudpickle", "distributed", "dask", "toolz", "psutil", "pickle",
+    "queue", "runpy", "re", "tempfile", "threading", "subprocess", "shutil", "signal", "selectors", "struct",
+    "hashlib", "platformdirs", "pytools", "ziglang", "mmh3", "threadpoolctl", "tqdm", "sqlite3", "contextlib",
+    "dataclasses", "traceback", "zoneinfo",
+)  # fmt: skip
 PROGRAMS = ("sh", "cat", "ld", "ld.lld", "gcc", "cc", "clang", "ffmpeg", "python3", "uname", "lscpu", "xdg-open")
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n'
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ast
 import os
 import signal
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,11 @@ from pathlib import Path
 import pytest
 
 from oiiotex.cli.parallel import WorkerDied, worker_processes
+from oiiotex.core.machine import start_python
 from oiiotex.io.atomic import temporary_beside
+from oiiotex.live.server import _ended_by_hangup
+from oiiotex.service.client import connect
+from oiiotex.service.settings import Settings
 from tests.faults import SLOW, half_files, half_written, nobody_left, start, wait_for
 
 ROOT = Path(__file__).parents[1]
@@ -204,3 +209,34 @@ def test_workers_are_ended_where_the_run_fails(tmp_path):
             time.sleep(0.01)
         raise KeyError
     assert pool._processes[0].returncode == 128 + signal.SIGTERM and not half_files(tmp_path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_resident_process_and_its_socket_goes(tmp_path, monkeypatch, number):
+    with tempfile.TemporaryDirectory(prefix="oxp") as folder:  # a short name: sockets' are
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        settings = Settings(budget=1 << 28, idle=60)
+        with start_python("oiiotex.service", settings.text()) as process:
+            while not settings.socket().exists():
+                assert process.poll() is None
+            client = connect(settings)
+            assert client.hello()["pid"] == process.pid
+            process.send_signal(number)
+            assert process.wait(20) == 128 + number
+            assert not settings.socket().exists()
+            client.close()
+
+
+def test_a_hangup_ends_the_page_server_before_the_run():
+    heard: list[str] = []
+    before = signal.signal(signal.SIGHUP, lambda *_: heard.append("the run"))
+    try:
+        with _ended_by_hangup(lambda *_: heard.append("the server")):
+            signal.raise_signal(signal.SIGHUP)
+            assert heard == ["the server"]
+        assert heard == ["the server", "the run"]
+        with _ended_by_hangup(lambda *_: heard.append("the server")):
+            pass
+        assert len(heard) == 2
+    finally:
+        signal.signal(signal.SIGHUP, before)
