@@ -7,13 +7,17 @@ import ast
 import os
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from subprocess import PIPE
 
+import numpy as np
 import pytest
 
 from oiiotex.cli.parallel import WorkerDied, worker_processes
+from oiiotex.core.image import from_array
 from oiiotex.core.machine import start_python
 from oiiotex.io.atomic import temporary_beside
 from oiiotex.live.server import _ended_by_hangup
@@ -211,20 +215,24 @@ def test_workers_are_ended_where_the_run_fails(tmp_path):
     assert pool._processes[0].returncode == 128 + signal.SIGTERM and not half_files(tmp_path)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_ends_the_resident_process_and_its_socket_goes(tmp_path, monkeypatch, number):
+@pytest.mark.parametrize("number", [None, signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_what_ends_the_resident_process_ends_its_job_without_an_abort(monkeypatch, number):
     with tempfile.TemporaryDirectory(prefix="oxp") as folder:  # a short name: sockets' are
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         settings = Settings(budget=1 << 28, idle=60)
-        with start_python("oiiotex.service", settings.text()) as process:
+        with start_python("oiiotex.service", settings.text(), stderr=PIPE, text=True) as process:
             while not settings.socket().exists():
                 assert process.poll() is None
             client = connect(settings)
             assert client.hello()["pid"] == process.pid
-            process.send_signal(number)
-            assert process.wait(20) == 128 + number
+            photo = client.put(from_array(np.random.default_rng(1).random((96, 96, 3), np.float32)))
+            begun = threading.Event()
+            long = {"size": "256x256", "sigma": 6, "iterations": 1000, "data": 1}
+            client.make("stationarize", [photo], long, on_progress=lambda *_: begun.set())
+            assert begun.wait(60)
+            client.end() if number is None else process.send_signal(number)
+            assert (process.wait(20), process.stderr.read()) == (128 + number if number else 0, "")
             assert not settings.socket().exists()
-            client.close()
 
 
 def test_a_hangup_ends_the_page_server_before_the_run():

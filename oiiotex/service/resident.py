@@ -237,6 +237,6 @@ def main(text: str) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, end)
     resident.serve()
-    if numbers:  # a job may be under way, for long
+    if numbers or resident.jobs.count:  # a thread that is at a job: Python that ends would abort it, and the process
         discard_all()
-        os._exit(128 + numbers[0])
+        os._exit(128 + numbers[0] if numbers else 0)
