@@ -217,6 +217,32 @@ def test_dask_gives_the_pixels_of_one_run(folder, local, request):
     same("out.0001.png", "farm.png")
 
 
+@pytest.mark.slow
+def test_a_cluster_with_tls_refuses_who_has_no_key(folder):
+    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("NOT RUN: no openssl")
+    words = "req -x509 -newkey rsa:2048 -nodes -keyout key.pem -out cert.pem -days 1 -subj /CN=farm"
+    subprocess.run([openssl, *words.split()], check=True, capture_output=True)
+    files = {"cert": str(folder / "cert.pem"), "key": str(folder / "key.pem")}
+    roles = {f"tls_{role}_{what}": files[what] for role in ("scheduler", "worker", "client") for what in files}
+    security = distributed.Security(tls_ca_file=files["cert"], require_encryption=True, **roles)
+    own = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
+    keys = {f"DASK_DISTRIBUTED__COMM__TLS__CLIENT__{what.upper()}": path for what, path in files.items()}
+    keys["DASK_DISTRIBUTED__COMM__TLS__CA_FILE"] = files["cert"]
+    with distributed.LocalCluster(**own, protocol="tls://", security=security) as cluster:
+        address = cluster.scheduler_address
+        for place, environment, text in (
+            (address, {}, "TLS requires a certificate, a key and an authority: name them"),
+            (address.replace("tls:", "tcp:"), {}, "no scheduler answers there"),
+            (address, keys, ""),
+        ):
+            done = oiiotex(*LINE, "-o", "out.exr", "--farm", f"dask={place}", cwd=folder, env=os.environ | environment)
+            assert done.returncode == bool(text) and text in done.stderr
+            assert (folder / "out.exr").exists() == (not text)
+
+
 def dies(job: str) -> str:
     """What a worker does whose job kills it."""
     if job == "deadly":

@@ -64,6 +64,13 @@ def cluster(address: str) -> Iterator[tuple[Client, int]]:
             client = stack.enter_context(Client(address, timeout=_WAIT))
         except (OSError, TimeoutError) as error:
             raise Error(f"dask={address}: no scheduler answers there") from error
+        except TypeError as error:  # Dask's, of a configuration without them
+            if not address.startswith("tls:"):
+                raise
+            raise Error(
+                f"dask={address}: TLS requires a certificate, a key and an authority: name them in"
+                " ~/.config/dask/distributed.yaml (docs/farm.md)"
+            ) from error
         workers = client.scheduler_info(n_workers=-1)["workers"]
         if not workers:
             raise Error(f"dask={address}: the scheduler has no workers: start `dask worker {address}` on some machine")
