@@ -189,9 +189,9 @@ def test_open_job_descriptions_own_runner_takes_the_template(folder):
     same("one.exr", "out.exr")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def scheduler():
-    """The address of a cluster that runs, of one worker."""
+    """The address of a new cluster, of one worker: tests kill it."""
     distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
     own = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
     with distributed.LocalCluster(**own) as cluster:
