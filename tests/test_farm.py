@@ -16,6 +16,7 @@ import pytest
 
 from oiiotex import errors
 from oiiotex.cli import shares as sharing
+from oiiotex.cli.parallel import WorkerDied, worker_processes
 from oiiotex.cli.running import run
 from oiiotex.cli.sequences import Frame
 from oiiotex.cli.tasks import Job, Task, work
@@ -99,8 +100,8 @@ def test_shares_of_another_line_and_of_another_photo_are_not_taken(folder):
         (["--share", "4/3"], "--share 4/3: allowed is I/N, I from 1 to N"),
         (["--share", "1/1000000"], "--share 1/1000000: allowed is I/N, I from 1 to N, N to 999999"),
         (["--share", "1/2", "--join"], "--share and --join: a run does one of them"),
-        (["--farm", "slurm=x"], "--farm slurm=x: allowed are dask="),
-        (["--farm", "dask=here"], "dask=here: allowed is tcp://HOST:PORT"),
+        (["--farm", "slurm=x"], "--farm slurm=x: expected dask="),
+        (["--farm", "dask=here"], "dask=here: expected the address of a scheduler, such as tcp://HOST:PORT"),
         (["--farm", "dask=tcp://127.0.0.1:9"], "no scheduler answers there"),
     ],
 )
@@ -188,22 +189,74 @@ def test_open_job_descriptions_own_runner_takes_the_template(folder):
     same("one.exr", "out.exr")
 
 
+@pytest.fixture
+def scheduler():
+    """The address of a new cluster, of one worker: tests kill it."""
+    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    own = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
+    with distributed.LocalCluster(**own) as cluster:
+        yield cluster.scheduler_address
+
+
 @pytest.mark.slow
-def test_dask_gives_the_pixels_of_one_run(folder):
-    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+@pytest.mark.parametrize("local", [True, False])
+def test_dask_gives_the_pixels_of_one_run(folder, local, request):
+    place = "local:2" if local else request.getfixturevalue("scheduler")
     for line in (LINE, SYNTH):
         run([*line, "-o", "one.exr"])
-        done = oiiotex(*line, "-o", "out.exr", "--farm", "dask=local:2", cwd=folder, env=dict(os.environ))
+        done = oiiotex(*line, "-o", "out.exr", "--farm", f"dask={place}", cwd=folder, env=dict(os.environ))
         assert (done.returncode, done.stderr) == (0, "")
         same("one.exr", "out.exr")
         assert not os.path.exists("out.exr.parts")
     for n in (1, 2):
         shutil.copy("a.png", f"in.{n:04d}.png")
     words = ["in.#.png", "--texpatchmatch:size=48x48", "-o", "out.#.png", "--frames", "1-2"]
-    oiiotex(*words, "--farm", "dask=local:2", cwd=folder, env=dict(os.environ))
+    oiiotex(*words, "--farm", f"dask={place}", cwd=folder, env=dict(os.environ))
     shutil.copy("out.0001.png", "farm.png")
     run(words)
     same("out.0001.png", "farm.png")
+
+
+@pytest.mark.slow
+def test_a_cluster_with_tls_refuses_who_has_no_key(folder):
+    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("NOT RUN: no openssl")
+    words = "req -x509 -newkey rsa:2048 -nodes -keyout key.pem -out cert.pem -days 1 -subj /CN=farm"
+    subprocess.run([openssl, *words.split()], check=True, capture_output=True)
+    files = {"cert": str(folder / "cert.pem"), "key": str(folder / "key.pem")}
+    roles = {f"tls_{role}_{what}": files[what] for role in ("scheduler", "worker", "client") for what in files}
+    security = distributed.Security(tls_ca_file=files["cert"], require_encryption=True, **roles)
+    own = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
+    keys = {f"DASK_DISTRIBUTED__COMM__TLS__CLIENT__{what.upper()}": path for what, path in files.items()}
+    keys["DASK_DISTRIBUTED__COMM__TLS__CA_FILE"] = files["cert"]
+    with distributed.LocalCluster(**own, protocol="tls://", security=security) as cluster:
+        address = cluster.scheduler_address
+        for place, environment, text in (
+            (address, {}, "TLS requires a certificate, a key and an authority: name them"),
+            (address.replace("tls:", "tcp:"), {}, "no scheduler answers there"),
+            (address, keys, ""),
+        ):
+            done = oiiotex(*LINE, "-o", "out.exr", "--farm", f"dask={place}", cwd=folder, env=os.environ | environment)
+            assert done.returncode == bool(text) and text in done.stderr
+            assert (folder / "out.exr").exists() == (not text)
+
+
+def dies(job: str) -> str:
+    """What a worker does whose job kills it."""
+    if job == "deadly":
+        os.kill(os.getpid(), 9)
+    return job
+
+
+class Unpicklable(Exception):
+    def __init__(self, one: str, other: str):
+        super().__init__(one + other)
+
+
+def fails(job: str) -> None:
+    raise errors.ParameterError(job) if job == "fails" else Unpicklable(job, "!")
 
 
 def dies_once(mark: str) -> str:
@@ -214,17 +267,46 @@ def dies_once(mark: str) -> str:
     return mark
 
 
-@pytest.mark.slow
 def test_a_share_whose_worker_is_killed_is_done_by_another(folder):
-    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    marks = [str(folder / f"mark{n}") for n in range(2)]
+    with worker_processes(1, debugging=False) as pool:
+        futures = [pool.submit(dies_once, mark, dask_cluster.RETRIES) for mark in marks]
+        assert [future.result() for future in futures] == marks
+
+
+def test_a_job_that_kills_its_worker_takes_no_other_with_it():
+    with worker_processes(2, debugging=False) as pool:
+        deadly, *others = (pool.submit(dies, job) for job in ("deadly", "a", "b", "c"))
+        assert [future.result() for future in others] == ["a", "b", "c"]
+        with pytest.raises(WorkerDied, match="has ended of itself"):
+            deadly.result()
+
+
+def test_a_worker_hands_errors_on_and_does_the_next_job():
+    with worker_processes(1, debugging=False) as pool:
+        for job, error in (("fails", errors.ParameterError), ("unpicklable", errors.Error)):
+            with pytest.raises(error, match=job):
+                pool.submit(fails, job).result()
+        assert pool.submit(dies, "a").result() == "a"
+
+
+@pytest.mark.slow
+def test_a_share_whose_worker_is_killed_is_done_by_another_of_dask(folder, scheduler):
     marks = [str(folder / f"mark{n}") for n in range(3)]
-    with dask_cluster.cluster("local:1") as client:
+    with dask_cluster.cluster(scheduler) as (client, count):
+        assert count == 1
         assert sorted(dask_cluster.results(client, dies_once, marks)) == marks
 
 
 @pytest.mark.slow
+def test_a_job_that_kills_workers_of_dask_takes_no_other_with_it(scheduler):
+    with dask_cluster.cluster(scheduler) as (client, _):
+        ended = dask_cluster.results(client, dies, ["a", "deadly", "b"], lambda job, why: f"{job} failed")
+        assert sorted(ended) == ["a", "b", "deadly failed"]
+
+
+@pytest.mark.slow
 def test_the_lines_of_the_page_make_one_image(folder):
-    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
     shutil.copy("a.png", "photo.png")
     page = (Path(__file__).parents[1] / "docs" / "farm.md").read_text()
     made = []

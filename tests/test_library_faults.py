@@ -17,7 +17,6 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.farm import dask_cluster
 from oiiotex.library import runs
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.upkeep import check
@@ -156,29 +155,17 @@ def test_errors_are_one_line_and_touch_no_large_library(folder, words, text):
 
 @pytest.mark.slow
 def test_dask_makes_what_processes_here_make(folder):
-    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
-    done = subprocess.run(line("--farm", "dask=local:2"), cwd=folder, capture_output=True, text=True, timeout=300)
+    distributed = pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
+    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "memory_limit": 0}
+    with distributed.LocalCluster(**own) as cluster:
+        words = line("--farm", f"dask={cluster.scheduler_address}")
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     shutil.move(folder / "library", folder / "farmed")
     assert subprocess.run(line("-q"), cwd=folder, timeout=300).returncode == 0
     with Catalogue(folder / "library") as one, Catalogue(folder / "farmed") as other:
         assert list(check(other)) == []
         assert [a[:4] for a in one.assets().values()] == [a[:4] for a in other.assets().values()]
-
-
-def dies(job: str) -> str:
-    """What a worker does whose job kills it."""
-    if job == "deadly":
-        os.kill(os.getpid(), 9)
-    return job
-
-
-@pytest.mark.slow
-def test_a_material_that_kills_workers_of_dask_takes_no_other_with_it():
-    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
-    with dask_cluster.cluster("local:1") as client:
-        ended = dask_cluster.results(client, dies, ["a", "deadly", "b"], lambda job, why: f"{job} failed")
-        assert sorted(ended) == ["a", "b", "deadly failed"]
 
 
 @pytest.mark.slow
@@ -199,7 +186,6 @@ def test_a_job_template_is_run_by_open_job_descriptions_own_runner(folder):
 
 @pytest.mark.slow
 def test_the_commands_of_the_studio_page_do_what_it_says(tmp_path):
-    pytest.importorskip("distributed", reason="NOT RUN: no Dask (pip install oiiotex[farm])")
     programs = Path(sys.executable).parent
     if not (programs / "oiiotex-library").exists():
         pytest.skip("NOT RUN: the program is not installed")

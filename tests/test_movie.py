@@ -44,7 +44,8 @@ def test_a_gif_has_the_frames_of_the_zoom(tmp_path):
 
 
 def test_ffmpeg_is_given_every_frame_and_its_file_takes_the_name(tmp_path, monkeypatch):
-    keep = "open(sys.argv[-1], 'wb').write(sys.stdin.buffer.read()); open('said', 'w').write(' '.join(sys.argv))"
+    keep = "open(sys.argv[-1], 'wb').write(sys.stdin.buffer.read());"
+    keep += f"open({str(tmp_path / 'said')!r}, 'w').write(' '.join(sys.argv))"
     (tmp_path / "bin").mkdir()
     stand_in(tmp_path / "bin", keep)
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}")

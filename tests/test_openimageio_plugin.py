@@ -304,7 +304,12 @@ def test_a_name_that_is_no_utf8_is_said(shell, folder):
 
 
 def test_a_python_without_oiiotex_is_said(shell, folder):
-    for python, text in (("/bin/false", "/bin/false cannot start oiiotex"), ("/nowhere/python", "OIIOTEX_PYTHON")):
+    wrong = {
+        "/bin/false": "/bin/false cannot start oiiotex",
+        "/nowhere/python": "OIIOTEX_PYTHON",
+        "python3": "OIIOTEX_PYTHON=python3: expected the absolute path",
+    }
+    for python, text in wrong.items():
         done = shell(BIN / "oiiotool", "wall.oiiotex", "--cut", "8x8", "-o", "cut.png", OIIOTEX_PYTHON=python)
         assert done.returncode != 0 and text in done.stdout + done.stderr
 

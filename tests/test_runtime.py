@@ -193,7 +193,7 @@ def test_the_list_says_what_is_used_and_what_is_promised(machine, monkeypatch):
 def test_one_command_helps(monkeypatch, linker, intel, zig, expected):
     monkeypatch.setattr(runtime, "_intel_library", lambda: Path("/x") if intel else None)
     monkeypatch.setattr(runtime, "_zig", lambda: Path("/zig") if zig else None)
-    monkeypatch.setattr(runtime.shutil, "which", lambda name: name)
+    monkeypatch.setattr(runtime, "program", lambda name: name)
     monkeypatch.setattr(runtime.platform, "machine", lambda: "x86_64")
     monkeypatch.setattr(runtime.sys, "platform", "linux")
     words = """error: unable to execute command: Executable "ld" doesn't exist! (SIGABRT)""" if linker else REFUSED

@@ -211,7 +211,7 @@ std::string printed_by(const std::vector<std::string>& words)
     posix_spawn_file_actions_adddup2(&actions, writing.number(), 1);
     posix_spawn_file_actions_adddup2(&actions, writing.number(), 2);
     pid_t child;
-    const int problem = posix_spawnp(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
+    const int problem = posix_spawn(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
     posix_spawn_file_actions_destroy(&actions);
     if (problem)
         throw Error(words[0] + ": " + std::strerror(problem) + ": say in OIIOTEX_PYTHON which Python has oiiotex");
@@ -242,6 +242,8 @@ Json ask_door(const Json& question)
 {
     const char* chosen       = std::getenv("OIIOTEX_PYTHON");
     const std::string python = chosen && *chosen ? chosen : OIIOTEX_PYTHON;
+    if (python[0] != '/')  // which would be looked for where the host happens to work
+        throw Error("OIIOTEX_PYTHON=" + python + ": expected the absolute path of a Python that has oiiotex");
     std::string word;
     try {
         word = question.dump();

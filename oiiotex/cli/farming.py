@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
+from concurrent.futures import as_completed
 
 from ..core.access import InBands, Whole
 from ..errors import Error, ParameterError
 from ..session import Session
+from .parallel import worker_processes
 from .parse import CommandLine
 from .progress import Display
 from .sequences import frame_numbers
@@ -41,8 +44,7 @@ def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], sessio
     engine, _, place = command.settings["--farm"][0].partition("=")
     if engine not in ("dask", "openjd") or not place:
         raise ParameterError(
-            f"--farm {command.settings['--farm'][0]}:"
-            " allowed are dask=tcp://HOST:PORT, dask=local:WORKERS and openjd=FILE"
+            f"--farm {command.settings['--farm'][0]}: expected dask=tcp://HOST:PORT, dask=local:WORKERS or openjd=FILE"
         )
     if len(tasks) == 1:
         _require_shares(command)
@@ -60,23 +62,31 @@ def _require_shares(command: CommandLine) -> None:
 
 
 def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
-    from ..farm.dask_cluster import cluster, results
+    from ..farm import dask_cluster
 
-    line, folder = line_of(words), os.getcwd()
-    with cluster(address) as client:
-        workers = client.scheduler_info(n_workers=-1)["workers"]
-        if not workers:
-            raise Error(f"--farm dask={address}: the scheduler has no workers")
-        local = address.startswith("local:")
-        one = Job(tasks[0], session.budget // len(workers) if local else 0, int(local), folder=folder)
+    line = line_of(words)
+    workers = dask_cluster.local_workers(address)
+    one = Job(tasks[0], session.budget // workers if workers else 0, int(workers > 0), folder=os.getcwd())
+
+    def jobs(count: int) -> list[Job]:
         if len(tasks) > 1:
-            jobs = [one._replace(task=task) for task in tasks]
+            return [one._replace(task=task) for task in tasks]
+        count *= _SHARES_A_WORKER
+        return [one._replace(shares=Shares.of(line, n, count)) for n in range(1, count + 1)]
+
+    with contextlib.ExitStack() as stack:
+        if workers:
+            pool = stack.enter_context(worker_processes(workers, debugging=False))
+            todo = jobs(workers)
+            futures = [pool.submit(work, job, dask_cluster.RETRIES) for job in todo]
+            answers = (future.result() for future in as_completed(futures))
         else:
-            count = _SHARES_A_WORKER * len(workers)
-            jobs = [one._replace(shares=Shares.of(line, n, count)) for n in range(1, count + 1)]
+            client, workers = stack.enter_context(dask_cluster.cluster(address))
+            todo = jobs(workers)
+            answers = dask_cluster.results(client, work, todo)
         status = 0
-        for done, (printed, error, own) in enumerate(results(client, work, jobs), 1):
-            display.advance(done, len(jobs))
+        for done, (printed, error, own) in enumerate(answers, 1):
+            display.advance(done, len(todo))
             display.clear()
             sys.stdout.write(printed if len(tasks) > 1 else "")
             status = max(status, own)

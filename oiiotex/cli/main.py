@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
 from collections.abc import Callable
 from typing import NoReturn
@@ -30,9 +31,11 @@ def exit_with(words: list[str], work: Callable[[list[str]], int]) -> NoReturn:
     try:
         stop_on_signals()
         status = _run(words, work)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done: one that comes while Python ends changes no code
     except Stopped as stopped:
         status = 128 + stopped.number
         drop(1)
+        sys.unraisablehook = lambda lost: None  # what libraries say of being cut off
     gc.unfreeze()  # what is held to the end is let go as ever: libraries look for leaks
     sys.exit(status)
 

@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
 import sys
 import warnings
-from collections.abc import Iterator
 
 _loud = 2  # where the real stderr is
 
@@ -50,21 +48,13 @@ def quiet_libraries() -> None:
     drop(2)
 
 
-@contextlib.contextmanager
-def loud() -> Iterator[None]:
-    """Processes that are started now have the real stderr."""
-    if _loud == 2:
-        yield
-        return
-    os.dup2(_loud, 2)
-    try:
-        yield
-    finally:
-        drop(2)
+def stderr() -> int:
+    """The descriptor of the real stderr, for processes that are started."""
+    return _loud
 
 
 def drop(number: int) -> None:
-    """What is printed there from here on goes nowhere."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    """What is printed there from here on goes nowhere, and what is read there is empty."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
     os.dup2(nowhere, number)
     os.close(nowhere)

@@ -11,7 +11,7 @@ import threading
 from typing import NamedTuple
 
 from .. import __version__
-from ..core.machine import usable_threads
+from ..core.machine import forget_current_folder, usable_threads
 from ..deferred import oiio
 from ..errors import Error
 from ..session import Session
@@ -116,6 +116,7 @@ def _session_of(job: Job) -> Session:
 
 def session_for(command: CommandLine, words: list[str]) -> Session:
     """The session of a line."""
+    forget_current_folder()
     threads = command.whole_number("--threads")
     limit_threads(threads or usable_threads())
     session = Session(

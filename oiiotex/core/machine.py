@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What this process may use of the machine, threads and memory; how it starts another of ours."""
+"""What this process may use of the machine, threads and memory; how it starts others.
+
+All that is started is started here, and takes no code from the current folder. A child works in `/`. Its program is
+named in full, or looked for in the folders that $PATH names in full; lists of folders in its environment have no entry
+that means the current folder; a Python of ours looks for modules where this one does.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,18 @@ import math
 import os
 import sys
 import sysconfig
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from subprocess import Popen
+
+# Lists of folders from which Python, the dynamic loader, OpenImageIO, compilers and linkers take code.
+_LISTS = (
+    "PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "OPENIMAGEIO_PLUGIN_PATH", "OIIO_LIBRARY_PATH",
+    "LIBRARY_PATH", "COMPILER_PATH", "GCC_EXEC_PREFIX", "CPATH", "C_INCLUDE_PATH",
+)  # fmt: skip
 
 
 def usable_threads() -> int:
@@ -48,17 +64,68 @@ def memory() -> int:
     return min(limits)
 
 
-def isolated(module: str, *arguments: str) -> list[str]:
-    """The command that runs a module of ours in a Python that takes no code from the current folder.
+# --- processes ---
 
-    It looks where this process looks (an environment, an editable installation, a folder of PYTHONPATH), less the
-    current folder, which `python -m` and `python -c` put first.
+
+def start(command: Sequence[str], *, env: Mapping[str, str] | None = None, **how: Any) -> Popen:
+    """Start a program.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The program, by its absolute path, and its arguments. Paths among them must be absolute: it works in `/`.
+    env : mapping, optional
+        Its environment. Default: this process's.
+    how
+        As `subprocess.Popen` takes it.
+
+    Raises
+    ------
+    ValueError
+        The program is not named by an absolute path.
+    OSError
+        It cannot be started.
     """
-    start = (
+    if not os.path.isabs(command[0]):
+        raise ValueError(f"{command[0]}: expected the absolute path of a program")
+    from subprocess import Popen  # slow to import, and few lines start a process
+
+    return Popen(command, env=_without_current_folder(os.environ if env is None else env), cwd="/", **how)
+
+
+def start_python(module: str, *arguments: str, **how: Any) -> Popen:
+    """Start a module of ours as a program, in a Python that ignores the environment's and the user's own settings.
+
+    Parameters
+    ----------
+    module : str
+    arguments : str
+    how
+        As `start` takes it.
+    """
+    code = (
         f"import sys; sys.path[:] = {search_path()!r}; import runpy;"
         f" runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
     )
-    return [sys.executable, "-I", "-c", start, *arguments]
+    return start([sys.executable, "-I", "-c", code, *arguments], **how)
+
+
+def program(name: str) -> str | None:
+    """The absolute path of a program in a folder that $PATH names in full; None where there is none."""
+    import shutil  # as slow
+
+    path = shutil.which(name, path=_without_current_folder(os.environ).get("PATH", ""))
+    return path if path and os.path.isabs(path) else None  # Windows looks in the current folder first
+
+
+def forget_current_folder() -> None:
+    """What this process loads from here on comes from folders that its environment names in full, too."""
+    kept = _without_current_folder(os.environ)
+    for name in _LISTS:
+        if name in os.environ and name not in kept:
+            del os.environ[name]
+        elif name in kept and kept[name] != os.environ[name]:
+            os.environ[name] = kept[name]
 
 
 def search_path() -> list[str]:
@@ -67,3 +134,14 @@ def search_path() -> list[str]:
     here = os.path.realpath(os.curdir)
     entries = [p for p in sys.path if os.path.isabs(p) and (p in own or os.path.realpath(p) != here)]
     return [*entries, str(Path(__file__).resolve().parents[2])]
+
+
+def _without_current_folder(environment: Mapping[str, str]) -> dict[str, str]:
+    """The environment, its lists of folders less the entries that are not absolute: '', '.', 'lib'."""
+    kept = dict(environment)
+    for name in _LISTS:
+        if name in kept:
+            kept[name] = os.pathsep.join(entry for entry in kept[name].split(os.pathsep) if os.path.isabs(entry))
+            if not kept[name]:  # which loaders take for the current folder
+                del kept[name]
+    return kept

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Jobs on a Dask cluster: one that runs (`tcp://scheduler:8786`), or processes of this machine (`local:4`)."""
+"""Jobs on a Dask cluster that runs: `tcp://scheduler:8786`. What `local:4` says is done without Dask."""
 
 from __future__ import annotations
 
@@ -23,37 +23,58 @@ _LOCAL = re.compile(r"local:([1-9]\d{0,3})", re.ASCII)
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+", re.ASCII)
 
 
-@contextlib.contextmanager
-def cluster(address: str) -> Iterator[Client]:
-    """A client of a cluster.
+def local_workers(address: str) -> int:
+    """Processes of this machine that an address asks for (`local:4`): they need no scheduler, and nothing listens.
+
+    Returns
+    -------
+    int
+        0 where the address is that of a scheduler.
 
     Raises
     ------
     ParameterError
-        The address is none.
-    Error
-        Dask is not installed, or nobody answers there.
+        It is neither.
     """
     local = _LOCAL.fullmatch(address)
     if not local and not _ADDRESS.fullmatch(address):
-        raise ParameterError(f"dask={address}: allowed is tcp://HOST:PORT of a scheduler, or local:WORKERS")
+        raise ParameterError(
+            f"dask={address}: expected the address of a scheduler, such as tcp://HOST:PORT or tls://HOST:PORT,"
+            " or local:WORKERS (1 to 9999)"
+        )
+    return int(local[1]) if local else 0
+
+
+@contextlib.contextmanager
+def cluster(address: str) -> Iterator[tuple[Client, int]]:
+    """A client of a cluster, and how many workers that has.
+
+    Raises
+    ------
+    Error
+        Dask is not installed, nobody answers there, or there are no workers.
+    """
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise Error("Dask is not installed: pip install oiiotex[farm]") from error
+    logging.getLogger("distributed").setLevel(logging.ERROR)  # whoever runs a cluster reads its own log
     with contextlib.ExitStack() as stack:
-        logging.getLogger("distributed").setLevel(logging.ERROR)  # whoever runs a cluster reads its own log
         try:
-            if local:
-                own = LocalCluster(
-                    n_workers=int(local[1]), threads_per_worker=1, dashboard_address=None, memory_limit=0
-                )
-                client = stack.enter_context(Client(stack.enter_context(own)))
-            else:
-                client = stack.enter_context(Client(address, timeout=_WAIT))
+            client = stack.enter_context(Client(address, timeout=_WAIT))
         except (OSError, TimeoutError) as error:
             raise Error(f"dask={address}: no scheduler answers there") from error
-        yield client
+        except TypeError as error:  # Dask's, of a configuration without them
+            if not address.startswith("tls:"):
+                raise
+            raise Error(
+                f"dask={address}: TLS requires a certificate, a key and an authority: name them in"
+                " ~/.config/dask/distributed.yaml (docs/farm.md)"
+            ) from error
+        workers = client.scheduler_info(n_workers=-1)["workers"]
+        if not workers:
+            raise Error(f"dask={address}: the scheduler has no workers: start `dask worker {address}` on some machine")
+        yield client, len(workers)
 
 
 def results(

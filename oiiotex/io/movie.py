@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from ..core.machine import program, start
 from ..deferred import np
 from ..errors import ImageError
 from .atomic import temporary_beside
@@ -72,9 +72,9 @@ def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
     source = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {rate:g} -i pipe:0".split()
     target = f"-an -vf {_FILTERS} -c:v libx264 -crf 18 -pix_fmt yuv420p".split()
     command = [_ffmpeg(path), "-y", "-loglevel", "error", *source, *target, *_SAYS, "-f", "mp4", str(path.absolute())]
-    import subprocess
+    from subprocess import DEVNULL, PIPE  # few lines make movies
 
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as ffmpeg:
+    with start(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE) as ffmpeg:
         try:
             for frame in itertools.chain([first], frames):
                 ffmpeg.stdin.write(np.ascontiguousarray(frame).tobytes())
@@ -89,11 +89,7 @@ def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
 
 
 def _ffmpeg(path: Path) -> str:
-    """The program, of a folder that $PATH names in full: nothing of the current folder runs."""
-    folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if os.path.isabs(folder)]
-    import shutil  # few lines make movies: both are slow to import
-
-    program = shutil.which("ffmpeg", path=os.pathsep.join(folders)) if folders else None
-    if program is None:
+    found = program("ffmpeg")
+    if found is None:
         raise ImageError(f"{path}: MP4s are written by ffmpeg, which is not in $PATH; .gif needs none")
-    return program
+    return found

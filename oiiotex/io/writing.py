@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..core.demand import BAND_BYTES, rows_for, stream
 from ..core.image import Image, Part
+from ..core.machine import program, start
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
@@ -92,18 +93,15 @@ def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path
     if out.format_name() != "jpeg" or not os.path.isdir("/dev/fd"):
         yield temporary
         return
-    import shutil  # of all formats JPEG alone asks for them
-    import subprocess
+    from subprocess import DEVNULL  # of all formats JPEG alone starts a process
 
-    shell = shutil.which("sh")
+    shell = program("sh")
     if shell is None:
         yield temporary
         return
     source, sink = os.pipe()
     with open(temporary, "wb") as file:  # no thread could copy: OpenImageIO holds the GIL while it closes
-        copier = subprocess.Popen(
-            [shell, "-c", _COPY], stdin=source, stdout=file, stderr=subprocess.DEVNULL, start_new_session=True
-        )
+        copier = start([shell, "-c", _COPY], stdin=source, stdout=file, stderr=DEVNULL, start_new_session=True)
     os.close(source)
     try:
         yield Path(f"/dev/fd/{sink}")

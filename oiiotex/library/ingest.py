@@ -16,14 +16,12 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..cli.parallel import without_interrupts, worker_processes
+from ..cli.parallel import WorkerDied, worker_processes
 from ..cli.progress import Display
-from ..cli.streams import loud
 from ..core.machine import memory, usable_threads
 from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials
@@ -49,15 +47,15 @@ class Settings(NamedTuple):
         Processes; 0: as many as there are threads and materials.
     budget : int
         Bytes of memory for all of them; 0: a quarter of what there is.
-    farm : str
-        'dask=tcp://HOST:PORT', 'dask=local:N' or ''.
+    cluster : str
+        Address of a Dask scheduler that does the work; '': processes of this machine do.
     share : (int, int)
         Make these of the materials and leave the catalogue alone: number and count; (0, 0): all.
     """
 
     workers: int = 0
     budget: int = 0
-    farm: str = ""
+    cluster: str = ""
     share: tuple[int, int] = (0, 0)
 
 
@@ -207,7 +205,7 @@ class _Run:
 
     def _make(self, jobs: Iterator[Job], most: int) -> None:
         """Do jobs as they come, and record what becomes of them; there are so many at most."""
-        if self.settings.farm:
+        if self.settings.cluster:
             for outcome, job in self._on_farm(list(jobs)):
                 self._record(outcome, job)
             return
@@ -234,15 +232,10 @@ class _Run:
 
         if not jobs:
             return
-        engine, _, address = self.settings.farm.partition("=")
         by_name = {job.material.name: job for job in jobs}
-        with cluster(address) as client:
-            workers = client.scheduler_info(n_workers=-1)["workers"]
-            if not workers:
-                raise Error(f"--farm {engine}={address}: the scheduler has no workers")
-            local = address.startswith("local:")
-            budget = (self.settings.budget or memory() // 4) // (len(workers) if local else 1)
-            ready = [job._replace(budget=budget, threads=int(local)) for job in jobs]
+        budget = self.settings.budget or memory() // 4
+        with cluster(self.settings.cluster) as (client, _):
+            ready = [job._replace(budget=budget) for job in jobs]
             for outcome in results(client, make, ready, lambda job, _: Outcome(job.material.name, None, _DIED)):
                 yield outcome, by_name[outcome.name]
 
@@ -339,34 +332,18 @@ def _numbers(values: Iterable[Any]) -> tuple[float, ...]:
 
 
 def _in_processes(jobs: Iterator[Job], workers: int) -> Iterator[tuple[Outcome | None, Job]]:
-    """What becomes of jobs, as they end, in processes that stay; a job is taken when one is free for it.
+    """What becomes of jobs, as they end, in processes that stay; None of one whose process dies.
 
-    A process that dies takes the others' jobs with it: None becomes of all of them, and others are begun for the rest.
+    A job is taken when a process is free for it: another run may take it before.
     """
-    first = list(itertools.islice(jobs, workers))
-    while first:
-        lost: list[Job] = []
-        with worker_processes(workers, debugging=False) as executor:
-            with loud(), without_interrupts():
-                waiting = {executor.submit(make, job): job for job in first}
-            while waiting and not lost:
-                done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    job = waiting.pop(future)
-                    try:
-                        outcome = future.result()
-                    except BrokenProcessPool:
-                        lost.append(job)
-                        continue
-                    yield outcome, job
-                    following = None if lost else next(jobs, None)
-                    if following is None:
-                        continue
-                    try:
-                        waiting[executor.submit(make, following)] = following
-                    except BrokenProcessPool:
-                        lost.append(following)
-            lost += waiting.values()
-        for job in lost:
-            yield None, job
-        first = list(itertools.islice(jobs, workers)) if lost else []
+    with worker_processes(workers, debugging=False) as pool:
+        waiting = {pool.submit(make, job): job for job in itertools.islice(jobs, workers)}
+        while waiting:
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                job = waiting.pop(future)
+                try:
+                    yield future.result(), job
+                except WorkerDied:
+                    yield None, job
+                waiting |= {pool.submit(make, following): following for following in itertools.islice(jobs, 1)}

@@ -128,15 +128,24 @@ def _recipe(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _ingest(given: argparse.Namespace, words: list[str]) -> int:
+    from ..core.machine import forget_current_folder
     from ..recipes.lines import require_lines
     from ..recipes.recipe import load_recipe
 
+    forget_current_folder()
     recipe = load_recipe(given.recipe)
     require_lines(recipe)
     if given.farm.startswith("openjd="):
         return _write_template(given, words)
-    if given.farm and not given.farm.startswith("dask="):
-        raise ParameterError(f"--farm {given.farm}: allowed are dask=tcp://HOST:PORT, dask=local:N and openjd=FILE[,N]")
+    workers, address = given.workers, ""
+    if given.farm:
+        engine, _, address = given.farm.partition("=")
+        if engine != "dask":
+            raise ParameterError(f"--farm {given.farm}: expected dask=tcp://HOST:PORT, dask=local:N or openjd=FILE[,N]")
+        from ..farm.dask_cluster import local_workers
+
+        if local := local_workers(address):
+            workers, address = local, ""
     share = (0, 0)
     if given.share:
         match = _SHARE.fullmatch(given.share)
@@ -149,7 +158,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     from .report import write_report
 
     blender_list(given.library)  # what cannot be written in the end is said now
-    settings = Settings(given.workers, given.cache << 20, given.farm, share)
+    settings = Settings(workers, given.cache << 20, address, share)
     lines: list[str] = []
 
     def say(text: str) -> None:

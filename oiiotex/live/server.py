@@ -6,12 +6,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from importlib import resources
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from ..color.display import usual_view, views
@@ -89,8 +91,31 @@ def serve(
     print(f"{url}  (Ctrl-C ends it)", flush=True)
     if open_page:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-    with listening:
-        uvicorn.Server(config).run(sockets=[listening])
+    server = uvicorn.Server(config)
+    with listening, _ended_by_hangup(server.handle_exit):
+        server.run(sockets=[listening])
+
+
+@contextlib.contextmanager
+def _ended_by_hangup(end: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """SIGHUP ends the server as SIGTERM does, which uvicorn knows alone; then it goes to who handled it before."""
+    number = getattr(signal, "SIGHUP", None)
+    if number is None or signal.getsignal(number) == signal.SIG_IGN:  # as nohup has it
+        yield
+        return
+    received = []
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        end(number, frame)
+
+    before = signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+    if received:
+        signal.raise_signal(number)
 
 
 def _in_one_line(record: logging.LogRecord) -> bool:

@@ -32,7 +32,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..core.machine import isolated, search_path, usable_threads
+from ..core.machine import forget_current_folder, program, search_path, start_python, usable_threads
 from ..errors import DeviceError
 from . import cpu as opencl_cpu
 
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     import pyopencl as cl
 
 _PROBE_SECONDS = 120
+_CAPTURED = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "errors": "replace"}
 _VENDORS = Path("/etc/OpenCL/vendors")
 _LLD_WRAPPER = """#!/bin/sh
 # Written by oiiotex: LLD as PoCL's linker. A kernel needs none of the libraries that PoCL names.
@@ -87,6 +88,7 @@ _used: set[int] = set()
 @functools.cache
 def _prepared(threads: int) -> None:
     """Set what the runtimes read once, when they start. The user's own settings win."""
+    forget_current_folder()  # PoCL looks for the program `ld`
     count = str(threads or usable_threads())
     os.environ.setdefault("POCL_MAX_PTHREAD_COUNT", count)
     os.environ.setdefault("DPCPP_CPU_NUM_CUS", count)
@@ -215,25 +217,27 @@ def _try_in_subprocess(device: cl.Device, attempt: Attempt) -> tuple[int, str]:
     # an empty kernel cache: a kernel compiled before would hide that the linker is gone now
     with tempfile.TemporaryDirectory(prefix="oiiotex-probe-") as cache:
         environment = {**os.environ, "PATH": path, "POCL_CACHE_DIR": cache}
-        try:
-            run = subprocess.run(
-                isolated("oiiotex.opencl.probe", *words),
-                env=environment, capture_output=True, text=True, errors="replace", timeout=_PROBE_SECONDS,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return 0, f"no answer in {_PROBE_SECONDS} s"
-    answer = run.stdout.split()
-    if run.returncode == 0 and answer and answer[-1].isdigit():
+        with start_python("oiiotex.opencl.probe", *words, env=environment, **_CAPTURED) as probe:
+            try:
+                output, errors = probe.communicate(timeout=_PROBE_SECONDS)
+            except subprocess.TimeoutExpired:
+                probe.kill()
+                return 0, f"no answer in {_PROBE_SECONDS} s"
+            except BaseException:
+                probe.kill()
+                raise
+    answer = output.split()
+    if probe.returncode == 0 and answer and answer[-1].isdigit():
         return int(answer[-1]), ""
-    return 0, _last_words(run)
+    return 0, _last_words(errors, probe.returncode)
 
 
-def _last_words(run: subprocess.CompletedProcess) -> str:
-    lines = [line.strip() for line in run.stderr.splitlines() if line.strip()]
-    if run.returncode >= 0:
-        return lines[-1] if lines else f"exit status {run.returncode}"
+def _last_words(errors: str, code: int) -> str:
+    lines = [line.strip() for line in errors.splitlines() if line.strip()]
+    if code >= 0:
+        return lines[-1] if lines else f"exit status {code}"
     first = next((line for line in lines if "error" in line), lines[-1] if lines else "")
-    return f"{first} ({signal.Signals(-run.returncode).name})".strip()
+    return f"{first} ({signal.Signals(-code).name})".strip()
 
 
 # --- what does not work, and what helps ---
@@ -257,7 +261,7 @@ def remedy(trials: list[Trial]) -> str:
         return "pip install 'oiiotex[linker]'"
     if x86 and sys.platform in ("linux", "win32") and _intel_library() is None:
         return "pip install 'oiiotex[intel]'"
-    return "apt install pocl-opencl-icd" if shutil.which("apt") else ""
+    return "apt install pocl-opencl-icd" if program("apt") else ""
 
 
 # --- LLD ---

@@ -5,22 +5,25 @@ from __future__ import annotations
 
 import itertools
 import socket
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
 from pathlib import Path
-from typing import Any
+from subprocess import DEVNULL
+from typing import TYPE_CHECKING, Any
 
 from ..core.image import Image
-from ..core.machine import isolated
+from ..core.machine import start_python
 from ..core.window import Window
 from ..deferred import np
 from ..errors import Error
 from .messages import Link, LinkError
 from .pictures import image_facts
 from .settings import Settings
+
+if TYPE_CHECKING:
+    from subprocess import Popen
 
 _START = 30.0  # s that a process may take until it listens
 BRUSH, TILES, LOOKS, EXPORT = 0, 2, 5, 9  # priorities: what a hand waits for, what is in sight, what may come, the rest
@@ -230,12 +233,11 @@ def connect(settings: Settings) -> Client:
         time.sleep(0.02)
 
 
-def _started(settings: Settings) -> subprocess.Popen:
+def _started(settings: Settings) -> Popen:
     with open(_log_of(settings), "wb") as log:
-        return subprocess.Popen(
-            isolated("oiiotex.service", settings.text()), stdin=subprocess.DEVNULL, stdout=log, stderr=log,
-            start_new_session=True, cwd="/",
-        )  # fmt: skip
+        return start_python(
+            "oiiotex.service", settings.text(), stdin=DEVNULL, stdout=log, stderr=log, start_new_session=True
+        )
 
 
 def _log_of(settings: Settings) -> Path:

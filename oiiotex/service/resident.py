@@ -2,7 +2,8 @@
 """The resident process itself: `python -m oiiotex.service`, which a client starts when it needs one.
 
 One process to a user and a set of settings, on a Unix socket in a folder that is the user's alone. It ends when it has
-had nothing to do and nobody connected for a while; a client that dies takes its images and jobs with it.
+had nothing to do and nobody connected for a while, or by SIGTERM, SIGHUP or SIGINT; a client that dies takes its
+images and jobs with it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import fcntl
 import json
 import logging
 import os
+import signal
 import socket
 import struct
 import threading
@@ -22,6 +24,7 @@ from .. import __version__
 from ..core.machine import usable_threads
 from ..deferred import oiio
 from ..errors import Error, one_line
+from ..io.atomic import discard_all
 from ..session import Session
 from .jobs import Job, Jobs
 from .messages import Link, LinkError
@@ -237,4 +240,15 @@ def main(text: str) -> None:
         oiio.attribute(name, settings.threads or usable_threads())
     os.environ["OIIOTEX_RESIDENT"] = "1"  # the plugin of hosts/openimageio asks this process, which must not ask itself
     os.chdir("/")
-    Resident(settings).serve()
+    resident, numbers = Resident(settings), list[int]()
+
+    def end(number: int, _: object) -> None:
+        numbers.append(number)
+        resident.end()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, end)
+    resident.serve()
+    if numbers or resident.jobs.count:  # a thread that is at a job: Python that ends would abort it, and the process
+        discard_all()
+        os._exit(128 + numbers[0] if numbers else 0)

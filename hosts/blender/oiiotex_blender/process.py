@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import socket
 import subprocess
 import threading
@@ -26,10 +28,19 @@ class Process:
     Parameters
     ----------
     python : str
+        A path, or a name that is looked for in the folders that $PATH names in full: not in the current one.
+
+    Raises
+    ------
+    Failed
+        There is none.
     """
 
     def __init__(self, python: str):
-        self._python = python
+        folders = [folder for folder in os.environ.get("PATH", "").split(os.pathsep) if os.path.isabs(folder)]
+        self._python = python if os.path.isabs(python) else shutil.which(python, path=os.pathsep.join(folders))
+        if self._python is None or not os.path.isabs(self._python):
+            raise Failed(f"{python} is not in $PATH: the extension's preferences say which Python")
 
     def begin(self, op, maps, values, parts=None) -> Job:
         """Begin an op.
@@ -53,7 +64,9 @@ class Process:
     def _connected(self) -> socket.socket:
         line = [self._python, "-I", "-m", "oiiotex.service.door", '{"device": null}']
         try:
-            done = subprocess.run(line, capture_output=True, text=True, timeout=_START, stdin=subprocess.DEVNULL)
+            done = subprocess.run(
+                line, cwd="/", capture_output=True, text=True, timeout=_START, stdin=subprocess.DEVNULL
+            )
             answer = json.loads(done.stdout)
         except (OSError, subprocess.TimeoutExpired) as error:
             raise Failed(f"{self._python} cannot be started: the extension's preferences say which Python") from error
