@@ -20,9 +20,10 @@ from oiiotex.cli.parallel import WorkerDied, worker_processes
 from oiiotex.core.image import from_array
 from oiiotex.core.machine import start_python
 from oiiotex.io.atomic import temporary_beside
-from oiiotex.live.server import _ended_by_hangup
 from oiiotex.service.client import connect
 from oiiotex.service.settings import Settings
+from tests.browser import Served, end_resident
+from tests.conftest import save
 from tests.faults import SLOW, half_files, half_written, nobody_left, start, wait_for
 
 ROOT = Path(__file__).parents[1]
@@ -235,16 +236,16 @@ def test_what_ends_the_resident_process_ends_its_job_without_an_abort(monkeypatc
             assert not settings.socket().exists()
 
 
-def test_a_hangup_ends_the_page_server_before_the_run():
-    heard: list[str] = []
-    before = signal.signal(signal.SIGHUP, lambda *_: heard.append("the run"))
-    try:
-        with _ended_by_hangup(lambda *_: heard.append("the server")):
-            signal.raise_signal(signal.SIGHUP)
-            assert heard == ["the server"]
-        assert heard == ["the server", "the run"]
-        with _ended_by_hangup(lambda *_: heard.append("the server")):
-            pass
-        assert len(heard) == 2
-    finally:
-        signal.signal(signal.SIGHUP, before)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_page_server(tmp_path, number):
+    save(np.zeros((64, 64, 3)), tmp_path / "photo.png")
+    (tmp_path / "run").mkdir(mode=0o700)
+    with open(tmp_path / "errors", "w+b") as errors:
+        served = Served(tmp_path, "photo.png", runtime=tmp_path / "run", errors=errors)
+        try:
+            assert served.end(number) == 128 + number
+        finally:
+            served.process.kill()
+            end_resident(tmp_path / "run")
+        errors.seek(0)
+        assert errors.read() == b""

@@ -10,10 +10,9 @@ import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator
 from importlib import resources
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 from ..color.display import usual_view, views
@@ -70,59 +69,35 @@ def serve(
         Something is not installed, the port is taken, or the document is another photo's or open in another server.
     """
     try:
-        import starlette
-        import uvicorn
-        import websockets  # uvicorn looks for it
+        import starlette  # noqa: F401
+        import uvicorn.server
+        import websockets  # noqa: F401 - uvicorn looks for it
     except ImportError as error:
         raise Error(f"{error.name} is not installed: pip install oiiotex[live]") from error
-    assert starlette and websockets
     token = token_for(host, token)
-    application = _application(_hub(image, session, words, graph, document))
     listening = _listening(host, port)
-    port = listening.getsockname()[1]
-    guarded = Guard(application, token, _names(host))
+    guarded = Guard(_application(_hub(image, session, words, graph, document)), token, _names(host))
     for logger in ("uvicorn.error", "asyncio"):
         logging.getLogger(logger).addFilter(_in_one_line)
     config = uvicorn.Config(
         guarded, log_level="error", access_log=False, server_header=False, ws="websockets-sansio",
         ws_max_size=MOST_UPLOAD, limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=2, lifespan="on",
     )  # fmt: skip
-    url = f"http://{f'[{host}]' if ':' in host else host}:{port}/{token}/"
+    url = f"http://{f'[{host}]' if ':' in host else host}:{listening.getsockname()[1]}/{token}/"
     print(f"{url}  (Ctrl-C ends it)", flush=True)
     if open_page:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-    server = uvicorn.Server(config)
-    with listening, _ended_by_hangup(server.handle_exit):
-        server.run(sockets=[listening])
-
-
-@contextlib.contextmanager
-def _ended_by_hangup(end: Callable[[int, FrameType | None], None]) -> Iterator[None]:
-    """SIGHUP ends the server as SIGTERM does, which uvicorn knows alone; then it goes to who handled it before."""
-    number = getattr(signal, "SIGHUP", None)
-    if number is None or signal.getsignal(number) == signal.SIG_IGN:  # as nohup has it
-        yield
-        return
-    received = []
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        received.append(number)
-        end(number, frame)
-
-    before = signal.signal(number, handle)
-    try:
-        yield
-    finally:
-        signal.signal(number, before)
-    if received:
-        signal.raise_signal(number)
+    hang_up = getattr(signal, "SIGHUP", None)
+    if hang_up is not None and signal.getsignal(hang_up) != signal.SIG_IGN:  # ignored: as nohup has it
+        uvicorn.server.HANDLED_SIGNALS = tuple({*uvicorn.server.HANDLED_SIGNALS, hang_up})
+    with listening:
+        uvicorn.Server(config).run(sockets=[listening])
 
 
 def _in_one_line(record: logging.LogRecord) -> bool:
     """What strangers' bytes lead to fills no terminal."""
-    text = record.getMessage()
-    if record.exc_info and record.exc_info[1] is not None:
-        text += f": {type(record.exc_info[1]).__name__}: {record.exc_info[1]}"
+    error = record.exc_info and record.exc_info[1]
+    text = record.getMessage() + (f": {type(error).__name__}: {error}" if error else "")
     record.msg, record.args, record.exc_info = one_line(text)[:300], (), None
     return True
 
