@@ -96,7 +96,7 @@ def _sized(spec: oiio.ImageSpec, size: str) -> oiio.ImageSpec:
             math.ceil(np.float32(spec.height) * down),
         )
     new = data.apply_to(spec)
-    new.full_x, new.full_y, new.full_width, new.full_height = box.left, box.top, box.width, box.height
+    box.show_in(new)
     return new
 
 
@@ -237,13 +237,13 @@ class Fit(HostOp, Gather):
         x, y = int((box.width - wide) / 2), int((box.height - high) / 2)  # towards zero, negative ones too
 
         def place(new: oiio.ImageSpec) -> None:
-            new.full_x, new.full_y, new.full_width, new.full_height = box.left, box.top, box.width, box.height
+            box.show_in(new)
             new.x, new.y = new.x + x, new.y + y
 
         if (wide, high) == (spec.full_width, spec.full_height) and (box.left, box.top) == (spec.full_x, spec.full_y):
             return worked(part).respecced(place)
         target = Window.sized(box.left, box.top, max(1, wide), max(1, high)).apply_to(spec)
-        target.full_x, target.full_y, target.full_width, target.full_height = box.left, box.top, wide, high
+        Window.sized(box.left, box.top, wide, high).show_in(target)
         return scaled(self, part, target, self.filter, self.highlightcomp, session).respecced(place)
 
     def _fills_height(self, spec: oiio.ImageSpec, box: Window) -> bool:
