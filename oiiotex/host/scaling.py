@@ -19,7 +19,7 @@ from ..errors import ParameterError
 from ..session import Session
 from .geometry_text import Box, box_of, parse_box
 from .kinds import Hosted, HostOp, Remap, checked, remapped, worked
-from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter
+from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter, require_filter
 
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 
@@ -146,7 +146,9 @@ class Resize(HostOp, Gather):
     def _warped(self, part: Part, target: oiio.ImageSpec, begin: Box, end: Box, session: Session) -> Part:
         matrix = _mapping(begin, end)
         inverse = np.linalg.inv(matrix.astype(np.float64))
-        wide = FILTERS[known_filter(self.filter) or "lanczos3"]
+        filter = known_filter(self.filter) or "lanczos3"
+        require_filter(inverse, filter, session)
+        wide = FILTERS[filter]
         values = tuple(float(v) for v in matrix.ravel())
 
         def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
