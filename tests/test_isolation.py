@@ -36,7 +36,7 @@ def test_nothing_of_the_current_folder_is_run_by_what_we_start(tmp_path):
     script = (
         "from oiiotex.opencl import runtime as r\n"
         "d = next(d for d in oiiotex.opencl.device.devices() if d.kind == 'cpu')\n"
-        "r._cache_folder()\n"
+        "r.cache_folder()\n"
         "sys.path.insert(0, '')\n"  # as `python -c` has it
         "print(r._try_in_subprocess(d.handle, r.tried(d.handle).works))\n"
         "print(r._zig())\n"

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..core.machine import cache_folder
 from ..errors import ParameterError
 
 MEASURES = ("histogram", "moments", "steerable")
@@ -47,6 +48,4 @@ def cost_text(cost: float, measure: str, order: int, before: float | None = None
 
 def scale_folder() -> Path:
     """Where scales of sigmas are kept from one run to the next."""
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("oiiotex")) / "sigmas"
+    return cache_folder() / "sigmas"

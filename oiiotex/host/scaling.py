@@ -21,6 +21,7 @@ from .geometry_text import Box, box_of, parse_box
 from .kinds import Hosted, HostOp, Remap, checked, remapped, worked
 from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter, require_filter
 
+_STACK = 6 << 20  # bytes; ImageBufAlgo::resize keeps a row's weights on a thread's stack, and dies where it is full
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 
 
@@ -49,6 +50,11 @@ def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highligh
     if box.empty:
         raise ParameterError(f"the result would be {box.width}x{box.height} pixels: it needs one at least")
     across, down = source.width / box.width, source.height / box.height
+    wide = 3 if not filter and min(across, down) < 1 else FILTERS.get(filter, 6)  # as ImageBufAlgo::resize chooses
+    taps = 2 * math.floor(wide / 2 * max(1, across)) + 1
+    if 4 * taps * box.width > _STACK:
+        most = _STACK // (4 * taps)
+        raise ParameterError(f"the result would be {box.width} pixels wide: expected at most {most} with this filter")
     support = FILTERS.get(known_filter(filter), 6) / 2
     reach = [support * max(1, across), support * max(1, down)]
     if filter in _UNSEPARABLE:  # ImageBufAlgo::resize walks a square then, which either scale can make large

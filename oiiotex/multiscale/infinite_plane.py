@@ -18,6 +18,7 @@ from ..color.lab import Lens
 from ..color.lab_grid import FINE_STEPS
 from ..core.demand import assembled, cells_of
 from ..core.image import Image
+from ..core.machine import cache_folder
 from ..core.op import Space
 from ..core.source_map import SourceMap
 from ..core.window import Window
@@ -213,9 +214,7 @@ def opened(
 
 def analysis_folder() -> Path:
     """Where what is found out about exemplars is kept from one run to the next."""
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
+    return cache_folder() / "candidates"
 
 
 def _analysed(

@@ -32,7 +32,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..core.machine import isolated, search_path, usable_threads
+from ..core.machine import cache_folder, isolated, search_path, usable_threads
 from ..errors import DeviceError
 from . import cpu as opencl_cpu
 
@@ -90,6 +90,7 @@ def _prepared(threads: int) -> None:
     count = str(threads or usable_threads())
     os.environ.setdefault("POCL_MAX_PTHREAD_COUNT", count)
     os.environ.setdefault("DPCPP_CPU_NUM_CUS", count)
+    os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")  # pyopencl asks for it where its cache fails
     intel = _intel_library()
     if intel is not None and "OCL_ICD_VENDORS" not in os.environ:
         os.environ["OCL_ICD_VENDORS"] = _vendors_with(intel)
@@ -105,7 +106,7 @@ def _vendors_with(library: Path) -> str:
     """A folder of vendor files, the system's and one for `library`: to name the library alone hides the others."""
     files = {"oiiotex-pip.icd": f"{library}\n"}
     files |= {path.name: path.read_text() for path in sorted(_VENDORS.glob("*.icd"))}
-    folder = _cache_folder() / f"vendors-{hashlib.sha256(repr(files).encode()).hexdigest()[:16]}"
+    folder = cache_folder() / f"vendors-{hashlib.sha256(repr(files).encode()).hexdigest()[:16]}"
     for name, text in files.items():
         if not (folder / name).exists():
             _write(folder / name, text)
@@ -127,6 +128,7 @@ def load(threads: int = 0) -> ModuleType:
     DeviceError
         pyopencl is not installed or its OpenCL loader is broken.
     """
+    cache_folder()
     _prepared(threads)
     try:
         import pyopencl
@@ -285,7 +287,7 @@ def _path() -> str:
 
 
 def _lld_folder() -> Path:
-    return _cache_folder() / "linker"
+    return cache_folder() / "linker"
 
 
 # --- the cache folder ---
@@ -316,7 +318,7 @@ def _answer_file(device: cl.Device) -> Path:
     facts += [f"{name}={value}" for name, value in sorted(os.environ.items()) if name in _READ_BY_RUNTIMES]
     facts += [str(shutil.which(name, path=_path())) for name in ("ld", "gcc", "cc")]
     facts += sorted(map(str, Path("/usr/lib/gcc").glob("*/*/libgcc.a")))
-    return _cache_folder() / f"probe-{hashlib.sha256(chr(10).join(facts).encode()).hexdigest()[:16]}.json"
+    return cache_folder() / f"probe-{hashlib.sha256(chr(10).join(facts).encode()).hexdigest()[:16]}.json"
 
 
 _READ_BY_RUNTIMES = {
@@ -332,9 +334,3 @@ def _write(path: Path, text: str, mode: int = 0o644) -> None:
     part.write_text(text)
     part.chmod(mode)
     part.replace(path)
-
-
-def _cache_folder() -> Path:
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("oiiotex"))

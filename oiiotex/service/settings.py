@@ -6,12 +6,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import stat
 import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from .. import __version__
+from ..core.machine import require_private
 from ..errors import Error
 from ..session import Session
 
@@ -76,7 +76,8 @@ def _folder() -> Path:
         warnings.simplefilter("ignore")  # that there is no $XDG_RUNTIME_DIR: what stands in for it is looked at below
         folder = Path(platformdirs.user_runtime_dir("oiiotex"))
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    status = os.lstat(folder)
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o077:
-        raise Error(f"{folder} must be a folder of yours alone: set XDG_RUNTIME_DIR to one")
+    try:
+        require_private(folder, others=0o077)
+    except Error as error:
+        raise Error(f"{error}; set XDG_RUNTIME_DIR to one") from None
     return folder
