@@ -44,7 +44,11 @@ class Words(tuple):
 
 
 class _TooWide(ParameterError):
-    """A number that needs more than 32 bits."""
+    """A number that needs more than 32 bits; `bounds` says so."""
+
+    def __init__(self, text: str, bounds: str):
+        super().__init__(text)
+        self.bounds = bounds
 
 
 class Size(NamedTuple):
@@ -155,8 +159,8 @@ class Parameter:
         for n in _numbers_in(value):
             least, most = (-_FLOATS, _FLOATS) if isinstance(n, float) else (-_INTEGERS, _INTEGERS - 1)
             if (self.ge is None and n < least) or (self.le is None and n > most):
-                bounds = f"numbers of 32 bits: {least:.10g} to {most:.10g}"
-                raise _TooWide(f"{self.name}={_shown(value)}: expected {bounds}")
+                bounds = f"that fits into 32 bits ({least:.10g} to {most:.10g})"
+                raise _TooWide(f"{self.name}={_shown(value)}: allowed is {self.allowed_in_python()} {bounds}", bounds)
         return value
 
     def parse(self, text: str) -> Any:
@@ -174,8 +178,8 @@ class Parameter:
         for kind in self.kind or ():
             try:
                 return self.check(_parse(kind, text))
-            except _TooWide:
-                raise
+            except _TooWide as error:
+                raise ParameterError(f"{self.name}={text}: allowed is {self.allowed()} {error.bounds}") from None
             except (ValueError, ParameterError):
                 continue
         return self._refuse(text)
