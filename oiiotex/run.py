@@ -112,8 +112,7 @@ def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
     session.require_streamable(*op.scanned())
     reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
     written.update(os.path.realpath(path) for path in files.values())
-    guessed = any(map(is_foreseen, op.operands()))
-    images = None
+    guessed, images = any(map(is_foreseen, op.operands())), None
     if not reads_written:  # else what it is to read is not there yet
         try:
             sources = [(name, _facts(op)) for name, _ in _sources(op)]

@@ -104,9 +104,8 @@ def devices(threads: int = 0) -> list[DeviceInfo]:
 def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
     """The device to use: `wanted`, else $OIIOTEX_DEVICE, else the first GPU, else the first CPU that works.
 
-    A simulator is used only where it is named.
-
     A device that cannot compile is passed over, loudly, for the next one that `wanted` means; 'cpu' means all CPUs.
+    A simulator is used only where it is named.
 
     Raises
     ------
@@ -127,8 +126,7 @@ def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
             return info
         broken.append((info, trial))
     if not broken:
-        simulators = ", ".join(info.name for info in devices(threads))
-        only = f" but {simulators}, which --device must name" if simulators else ""
+        only = "".join(f" but {info.name}, which --device must name" for info in devices(threads))
         raise NoDeviceError(f"no OpenCL device{only}", runtime.remedy([]))
     reasons = "; ".join(f"{info.name} ({info.platform}): {trial.why}" for info, trial in broken)
     raise NoDeviceError(f"no OpenCL device can compile here: {reasons}", runtime.remedy([t for _, t in broken]))
