@@ -79,6 +79,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     written = set() if written is None else written
     files = op.files()
     _require_free(op, files, written)
+    session.require_streamable(*op.scanned())
     facts = _facts(op)
     computed = op.compute(session)  # first: what it refuses, it refuses before the photo is read for its hash
     sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
@@ -108,10 +109,10 @@ def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
     """
     files = op.files()
     _require_free(op, files, written)
+    session.require_streamable(*op.scanned())
     reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
     written.update(os.path.realpath(path) for path in files.values())
-    guessed = any(map(is_foreseen, op.operands()))
-    images = None
+    guessed, images = any(map(is_foreseen, op.operands())), None
     if not reads_written:  # else what it is to read is not there yet
         try:
             sources = [(name, _facts(op)) for name, _ in _sources(op)]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from .core.demand import PieceCache
 from .core.machine import memory, usable_threads
+from .deferred import oiio
 from .errors import BuildError, Error, ImageError, Interrupted
 from .io.checkpoint import Checkpoint
 from .stats import Stats
@@ -27,10 +28,12 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
     from .color.config import ColorConfig
+    from .core.image import Part
     from .opencl.device import Device
 
 log = logging.getLogger("oiiotex")
 
+MOST_SIDE = 1 << 22  # px of an image that is written, or looked at as a whole
 SHORT_OF_MEMORY = "of memory; the budget is"  # stands in what `Session.require` raises, and in nothing else
 
 Progress = Callable[[int, int], bool | None]
@@ -315,6 +318,34 @@ class Session:
             raise ImageError(
                 f"{task} needs {-(-need >> 20)} MB {SHORT_OF_MEMORY} {self.budget >> 20} MB: raise --cache, or {advice}"
             )
+
+    def require_streamable(self, *parts: Part) -> None:
+        """Refuse images that cannot be computed from top to bottom, or that nobody could read.
+
+        Parameters
+        ----------
+        parts : Parts
+            Whose pixels are about to be asked for, all of them.
+
+        Raises
+        ------
+        ImageError
+            A side is longer than 2^22 pixels (files and readers keep a figure for each row), the image larger than
+            OpenImageIO reads, or 16 rows, which are held at once, do not fit the budget.
+        """
+        most = oiio.get_int_attribute("limits:imagesize_MB")
+        for part in parts:
+            width, height = part.window.size
+            image = f"an image of {width}x{height} pixels"
+            if max(width, height) > MOST_SIDE:
+                raise ImageError(f"{image}: expected at most {MOST_SIDE} along each side")
+            size = width * height * part.pixel_bytes >> 20
+            if most and size > most:
+                raise ImageError(
+                    f"{image} takes {size} MB: expected at most {most} MB, which is what OpenImageIO reads here;"
+                    " see --oiioattrib limits:imagesize_MB"
+                )
+            self.require(16 * width * max(part.pixel_bytes, 4 * part.spec.nchannels), f"{image}")
 
     def scratch(
         self, layout: Mapping[str, tuple[tuple[int, ...], DTypeLike]], task: str, advice: str, beside: int = 0

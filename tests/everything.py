@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +40,7 @@ class Everything(Pointwise):
     words: Words | None = param(None, help="of what kinds")
 
 
+FLOAT = (2 - 2**-23) * 2.0**127  # the largest of 32 bits
 KNOWN = {p.name: p for p in declared(Everything)[1]}
 
 
@@ -60,14 +60,14 @@ def is_allowed(parameter: Parameter, value: Any) -> bool:
     return {
         "count": lambda: type(value) is int and 0 <= value <= 10,
         "strength": lambda: type(value) is float and -1 <= value <= 2.5,
-        "sigma": lambda: type(value) is float and 0.5 <= value < math.inf,
-        "anything": lambda: type(value) is float and math.isfinite(value),
+        "sigma": lambda: type(value) is float and 0.5 <= value <= FLOAT,
+        "anything": lambda: type(value) is float and abs(value) <= FLOAT,
         "size": lambda: type(value) is Size and all(type(n) is int and 5 <= n <= 65536 for n in value),
         "flag": lambda: type(value) is bool,
         "stmap": lambda: type(value) is bool or isinstance(value, Path),
         "mode": lambda: type(value) is str and value in ("xy", "x", "none"),
         "colour": lambda: (
-            type(value) is Numbers and len(value) > 0 and all(type(n) is float and math.isfinite(n) for n in value)
+            type(value) is Numbers and len(value) > 0 and all(type(n) is float and abs(n) <= FLOAT for n in value)
         ),
         "words": lambda: type(value) is Words and len(value) > 0 and all(type(word) is str for word in value),
         "patch": lambda: type(value) is int and value in (0, 1, 5, 7),

@@ -15,16 +15,16 @@ import tempfile
 from multiprocessing import get_context
 from pathlib import Path
 
-_FORKS = get_context("forkserver")
+FORKS = get_context("forkserver")
 _LOADED = ["tests.forked", "tests.loaded"]
 
 
 def run(words: list[str], folder: Path, timeout: float) -> subprocess.CompletedProcess:
     """Run `oiiotex WORDS` in `folder`, as `subprocess.run` does with `capture_output` and `text`."""
-    _FORKS.set_forkserver_preload(_LOADED)
+    FORKS.set_forkserver_preload(_LOADED)
     with tempfile.TemporaryDirectory() as outputs:
         files = [Path(outputs, name) for name in ("out", "error")]
-        process = _FORKS.Process(target=_line, args=(words, str(folder), dict(os.environ), list(map(str, files))))
+        process = FORKS.Process(target=_line, args=(words, str(folder), dict(os.environ), list(map(str, files))))
         process.start()
         process.join(timeout)
         if process.is_alive():

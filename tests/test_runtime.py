@@ -50,7 +50,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
 
     made.forget = forget
     monkeypatch.setattr(runtime, "_try_in_subprocess", stand_in)
-    monkeypatch.setattr(runtime, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(runtime, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(runtime, "_zig", lambda: Path("/zig"))
     monkeypatch.setattr(runtime, "_trials", {})
     monkeypatch.setattr(opencl_cpu, "cpu", lambda: {"flags": " ".join(ZEN), "model": "26"})
@@ -77,7 +77,7 @@ def test_attempts_come_in_order_until_a_kernel_counts_right(machine):
     for first in range(4):
         machine.works = lambda device, attempt, at=order[first]: 16 * ((attempt.linker, attempt.cpu) == at)
         machine.forget()
-        for answer in runtime._cache_folder().glob("*.json"):
+        for answer in runtime.cache_folder().glob("*.json"):
             answer.unlink()
         trial = runtime.tried(handle(1))
         assert [a[1:] for a in machine.asked] == order[: first + 1]
@@ -114,7 +114,7 @@ def test_what_works_is_kept_until_the_cpu_is_another(machine, monkeypatch):
         machine.forget()
         runtime.tried(handle(1))
         assert machine.asked
-    for answer in runtime._cache_folder().glob("probe-*.json"):
+    for answer in runtime.cache_folder().glob("probe-*.json"):
         answer.write_text('{"works": 7}')
     machine.forget()
     assert runtime.tried(handle(1)).works and machine.asked  # what is not ours is not believed
@@ -126,7 +126,7 @@ def test_a_failure_is_kept_only_where_another_device_works(machine, monkeypatch,
         NoDeviceError, match=r"no OpenCL device can compile here: .*unknown target CPU 'generic'.*pip|apt"
     ):
         devices.choose()
-    assert not list(runtime._cache_folder().glob("*.json"))
+    assert not list(runtime.cache_folder().glob("*.json"))
     machine.works = lambda device, attempt: 16 * (device.name == "device 1")
     for _ in range(2):
         machine.forget()
@@ -159,7 +159,7 @@ def test_lanes_follow_what_is_compiled_for(machine, monkeypatch):
     for lanes in (16, 32):
         machine.works = lambda device, attempt, lanes=lanes: lanes
         machine.forget()
-        for answer in runtime._cache_folder().glob("*.json"):
+        for answer in runtime.cache_folder().glob("*.json"):
             answer.unlink()
         assert devices.Device.lanes.fget(SimpleNamespace(info=info)) == lanes
 
@@ -178,7 +178,7 @@ def test_the_list_says_what_is_used_and_what_is_promised(machine, monkeypatch):
     assert "the same bits as elsewhere are not promised" in device_list(None, 3, verbose=True)
     machine.works = lambda device, attempt: 0
     machine.forget()
-    for answer in runtime._cache_folder().glob("*.json"):
+    for answer in runtime.cache_folder().glob("*.json"):
         answer.unlink()
     lines = device_list(None, 1, verbose=False).splitlines()
     assert lines[0].endswith("does not work here") and lines[2].startswith("no OpenCL device works here: ")

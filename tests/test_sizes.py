@@ -130,3 +130,25 @@ def test_a_deep_image_is_refused_in_one_clear_line(tmp_path):
         assert "deep.exr: deep and volume images are not supported" in line
     assert os.listdir(tmp_path) == ["deep.exr"]
     assert "deep images are not supported" in line_of(oiiotex("deep.exr", "--flatten", cwd=tmp_path))
+
+
+def test_a_quilt_that_looks_for_a_lattice_beyond_the_budget_says_so_before_the_work(tmp_path):
+    noise = np.random.default_rng(0).random((2000, 2000, 3))
+    save(noise, tmp_path / "photo.exr", "half", "lin_rec709_scene")
+    words = ["photo.exr", "--texquilt:size=400x400", "--cache", "256", "-o", "out.exr"]
+    with pytest.raises(
+        Error, match=r"finding the lattice of 2000x2000 needs .* MB of memory; the budget is 256 MB.*structure=0"
+    ):
+        run(words, tmp_path)  # it held 440 MB
+
+
+@pytest.mark.slow
+def test_a_quilt_of_a_large_photo_keeps_to_the_budget(tmp_path):
+    noise = np.random.default_rng(0).random((2000, 2000, 3))
+    save(noise, tmp_path / "photo.exr", "half", "lin_rec709_scene")
+    save(noise[:64, :64], tmp_path / "small.exr", "half", "lin_rec709_scene")
+    large, small = (
+        peak_of(tmp_path, f"{name}.exr", f"--texquilt:{what}:structure=0", "--cache", "256", "-o", "out.exr")
+        for name, what in (("photo", "size=2000x2000"), ("small", "size=64x64:patch=16"))
+    )
+    assert large - small < 256

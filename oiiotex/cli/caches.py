@@ -7,7 +7,7 @@ import contextlib
 import shutil
 from pathlib import Path
 
-import platformdirs
+from ..opencl.cache_folders import cache_folder
 
 _KINDS = {
     "probe": "which OpenCL devices work here",
@@ -19,7 +19,7 @@ _KINDS = {
 
 def cache_info() -> str:
     """What there is, what it takes and what it is for."""
-    folder = _folder()
+    folder = cache_folder()
     lines = [str(folder)]
     for kind, meaning in _KINDS.items():
         sizes = [path.stat().st_size for path in _files(folder, kind)]
@@ -29,7 +29,7 @@ def cache_info() -> str:
 
 def cache_clear() -> str:
     """Remove it; the next run makes anew what it needs. Says what has gone."""
-    folder = _folder()
+    folder = cache_folder()
     files = [path for kind in _KINDS for path in _files(folder, kind)]
     size = sum(path.stat().st_size for path in files)
     for kind in _KINDS:
@@ -40,10 +40,6 @@ def cache_clear() -> str:
                 with contextlib.suppress(OSError):  # another process was faster
                     entry.unlink()
     return f"{len(files)} files, {size / 1e6:.1f} MB removed from {folder}"
-
-
-def _folder() -> Path:
-    return Path(platformdirs.user_cache_dir("oiiotex"))
 
 
 def _files(folder: Path, kind: str) -> list[Path]:

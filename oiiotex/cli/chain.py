@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.attributes import require_utf8
 from ..core.demand import materialized
-from ..core.image import Image
+from ..core.image import Image, Part
 from ..core.op import Op
 from ..core.parameters import Parameter
 from ..deferred import oiio
@@ -256,8 +256,12 @@ class Chain:
             self.status = _BEYOND_A_LIMIT
         return [use.image for use in uses]
 
-    def acts(self) -> bool:
-        """Ask for leave to print or to write: a line that is only looked through has none, and notes where it would."""
+    def acts(self, *parts: Part) -> bool:
+        """Ask for leave to print or to write: a line that is only looked through has none, and notes where it would.
+
+        `parts`: whose pixels that takes; refused as `Session.require_streamable` says.
+        """
+        self.session.require_streamable(*parts)
         self.used, self.unwritten = True, False
         return True
 

@@ -125,7 +125,7 @@ def _difference(chain: Chain, perceptual: bool) -> None:
     if perceptual:
         for a, b in list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]:
             _require(chain, a, b, _YEE_BYTES, "--pdiff")
-    if not chain.acts():
+    if not chain.acts(*first.parts, *second.parts):
         return
     kind = "perceptual " if perceptual else ""
     print(f'Computing {kind}diff of "{first.title}" vs "{second.title}"')

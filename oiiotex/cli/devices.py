@@ -73,8 +73,6 @@ def _why(info: DeviceInfo, wanted: str | None) -> str:
         return f"the first that works of those that --device {wanted} means"
     if device.named_by_environment():
         return f"the first that works of those that $OIIOTEX_DEVICE={device.named_by_environment()} means"
-    if info.kind == "other":
-        return "there is nothing else"
     return f"the first {info.kind.upper()} that works" + ("" if info.kind == "gpu" else "; there is no GPU that does")
 
 

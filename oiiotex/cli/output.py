@@ -154,7 +154,7 @@ def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
     if chain.settings.get("-n"):
         chain.note(logging.INFO, f"{path} would be written")
         return False
-    if not chain.acts():
+    if not chain.acts(*image.parts):
         return False
     folder = os.path.dirname(path)
     if chain.settings.get("--create-dir") and folder:

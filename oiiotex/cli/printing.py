@@ -73,7 +73,8 @@ def print_input(chain: Chain, image: Image, info: int | None = None, infoformat:
 
 
 def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None:
-    if not chain.acts():
+    looked_at = asked.statistics or asked.hash or asked.dump
+    if not chain.acts(*(image.parts if looked_at else ())):
         return
     with chain.session.stats.time("print"):
         for text in description(image, asked, filename):
@@ -180,7 +181,7 @@ def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
     words = text.split(":" if ":" in text else ";")
     colours = np.array([_numbers(word, part.spec.nchannels, 0.0) for word in words], np.float32)
     tolerance = _numbers(eps, part.spec.nchannels, 0.001)
-    if not chain.acts():
+    if not chain.acts(part):
         return
     for word, count in zip(words, colour_counts(part, colours, tolerance), strict=True):
         print(f"{count:8}  {word}")
@@ -190,7 +191,7 @@ def check_range(chain: Chain, low: str, high: str) -> None:
     """Print how many pixels of the top image are below or above a range."""
     part = chain.top.first
     bounds = _numbers(low, part.spec.nchannels, 0.0), _numbers(high, part.spec.nchannels, 1.0)
-    if not chain.acts():
+    if not chain.acts(part):
         return
     below, above, within = range_counts(part, *bounds)
     print(f"{below:8}  < {low}\n{above:8}  > {high}\n{within:8}  within range")

@@ -174,7 +174,7 @@ def input_attribute(chain: Chain, name: str, text: str, type: str | None = None)
 def test_read(chain: Chain, path: str) -> None:
     """Read a file and forget it."""
     image = chain.opened(path)
-    if not chain.acts():
+    if not chain.acts(*image.parts):
         return
     for part in image.parts:
         for window in part.window.cells(part.spec.width, 64):

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ..core.demand import PieceCache
-from ..core.image import Image
+from ..core.image import Image, Part
 from ..core.op import Op
 from ..deferred import oiio
 from ..errors import DeviceError, Error, Unseen
@@ -135,7 +135,7 @@ class _Unopened(Resources):
     @functools.cached_property
     def cache(self) -> PieceCache:
         """One through which no pixel comes."""
-        return _Closed(32 << 20)
+        return _Closed(self._behind.cache.limit)
 
 
 def _untouched(session: Session) -> Session:
@@ -241,9 +241,10 @@ class _Rehearsal(Chain):
             self._certain = True
             raise
 
-    def acts(self) -> bool:
+    def acts(self, *parts: Part) -> bool:
         """No."""
-        super().acts()
+        with self._certainly():
+            super().acts(*parts)
         self._needed = self.position
         return False
 

@@ -38,7 +38,7 @@ def show(chain: Chain, **modifiers: str | int) -> None:
     """Show the top image."""
     given = ViewModifiers(**modifiers)
     with _tev(given) as viewer:
-        if not chain.acts():  # somebody listens, that is all there is to see now
+        if not chain.acts(*chain.top.parts):  # somebody listens, that is all there is to see now
             return
         parts = tuple(cached(part, chain.session.cache) for part in chain.top.parts)  # they will be written as well
         image = chain.stack[-1] = Image(parts, chain.top.source)

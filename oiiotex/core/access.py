@@ -93,6 +93,7 @@ class Neighbourhood(_Mapped):
 class ScanThenMap(_Mapped):
     """It looks through its images band by band and keeps what it sums up; then it is as what is pointwise."""
 
+    scans: ClassVar[bool] = True
     reach: ClassVar[str] = "looks through the whole image in bands, then at one pixel, and streams"
 
 
@@ -114,6 +115,7 @@ class AnyWindow(Op):
 class Whole(Op):
     """It holds its images and its result, and says before it starts how much that needs."""
 
+    scans: ClassVar[bool] = True
     reach: ClassVar[str] = "holds the whole image"
 
 
@@ -124,4 +126,5 @@ class InBands(Op):
     Masks and maps of weights are held, and what still does not fit says before it starts how much it needs.
     """
 
+    scans: ClassVar[bool] = True
     reach: ClassVar[str] = "passes through its exemplar and its result in bands, from memory or from files"

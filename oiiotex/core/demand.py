@@ -158,9 +158,21 @@ def _whole_cell(inside: Window, cell: tuple[int, int], whole: Window) -> Window:
 
 
 def cached(part: Part, cache: PieceCache) -> Part:
-    """The same part, computed in bands that are kept for a while: for what looks at rows again (halos, copies)."""
+    """The same part, computed in bands that are kept for a while: for what looks at rows again (halos, copies).
+
+    Raises
+    ------
+    ImageError
+        One row is more than the cache holds.
+    """
     if part.ready:
         return part
+    row = part.spec.width * part.pixel_bytes
+    if row > cache.limit:
+        raise ImageError(
+            f"a row of {part.spec.width} pixels takes {row >> 20} MB: expected at most {cache.limit >> 20} MB;"
+            " raise --cache, or make the image narrower"
+        )
     owner, whole = object(), part.window
     cell = (whole.width, rows_for(part, BAND_BYTES // 2))
 

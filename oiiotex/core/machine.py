@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What this process may use of the machine, threads and memory; how it starts others.
+"""What this process may use of the machine: threads and memory; how it starts others.
 
 All that is started is started here, and takes no code from the current folder. A child works in `/`. Its program is
 named in full, or looked for in the folders that $PATH names in full; lists of folders in its environment have no entry

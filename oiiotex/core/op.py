@@ -111,6 +111,7 @@ class Op:
     carries: ClassVar[bool] = False  # the further parts of its first image follow what it makes
     PAPER: ClassVar[dict[str, Any]] = {}  # what its parameter `paper` stands for, if it has one: values of others
     name: ClassVar[str]
+    scans: ClassVar[bool] = False  # it looks at all pixels of its images, whatever is wanted of the result
     reach: ClassVar[str]  # how it looks at pixels, for people: of its kind, which says it for all
     space: ClassVar[Space]
     outputs: ClassVar[tuple[Output, ...]]
@@ -252,6 +253,10 @@ class Op:
     def operands(self) -> list[Any]:
         """The images that this use has been given, in the order of declaration."""
         return [image for _, image in self.given()]
+
+    def scanned(self) -> list[Any]:
+        """The parts of which it looks at all pixels."""
+        return [image.first for image in self.operands()] if self.scans else []
 
     def paths_read(self) -> list[Path]:
         """The files that it reads beside its images."""

@@ -24,6 +24,8 @@ from ..errors import ParameterError, ParameterTypeError
 
 _FIELD = "oiiotex"
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Python's int and float take more: 1_0, ٣
+_INTEGERS = 1 << 31  # an int or a float of OpenImageIO's and of kernels is one of 32 bits
+_FLOATS = (2 - 2**-23) * 2.0**127
 _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
@@ -39,6 +41,14 @@ class Words(tuple):
 
     def __str__(self) -> str:
         return ",".join(self)
+
+
+class _TooWide(ParameterError):
+    """A number that needs more than 32 bits; `bounds` says so."""
+
+    def __init__(self, text: str, bounds: str):
+        super().__init__(text)
+        self.bounds = bounds
 
 
 class Size(NamedTuple):
@@ -118,7 +128,7 @@ class Parameter:
         ParameterTypeError
             It is not of the type.
         ParameterError
-            It is not in the range, or not among the choices.
+            It is not in the range, not among the choices, or a number of more than 32 bits.
         """
         if value is None and self.default is None:
             return None
@@ -132,7 +142,7 @@ class Parameter:
             except (ValueError, OverflowError):
                 continue
             if self._in_range(converted):
-                return converted
+                return self._fitting(converted)
         if wrong_types == len(self.choices or self.kind or ()):
             but = "" if np.ndim(value) or isinstance(value, dict) else f", not {type(value).__name__}"
             raise ParameterTypeError(f"{self.name}={_shown(value)}: {self.allowed_in_python()} is wanted{but}")
@@ -141,9 +151,17 @@ class Parameter:
     def _in_range(self, value: Any) -> bool:
         if self.choices:
             return value in self.choices
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        numbers = value if isinstance(value, (Size, Numbers)) else (value,) if is_number else ()
+        numbers = _numbers_in(value)
         return all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers)
+
+    def _fitting(self, value: Any) -> Any:
+        """The value, whose numbers fit into 32 bits wherever no bound is declared."""
+        for n in _numbers_in(value):
+            least, most = (-_FLOATS, _FLOATS) if isinstance(n, float) else (-_INTEGERS, _INTEGERS - 1)
+            if (self.ge is None and n < least) or (self.le is None and n > most):
+                bounds = f"that fits into 32 bits ({least:.10g} to {most:.10g})"
+                raise _TooWide(f"{self.name}={_shown(value)}: allowed is {self.allowed_in_python()} {bounds}", bounds)
+        return value
 
     def parse(self, text: str) -> Any:
         """The value that a modifier's text means; raises as `check` does.
@@ -160,6 +178,8 @@ class Parameter:
         for kind in self.kind or ():
             try:
                 return self.check(_parse(kind, text))
+            except _TooWide as error:
+                raise ParameterError(f"{self.name}={text}: allowed is {self.allowed()} {error.bounds}") from None
             except (ValueError, ParameterError):
                 continue
         return self._refuse(text)
@@ -293,6 +313,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
     by_lower = {each.lower(): each for each in known}
     close = difflib.get_close_matches(name.lower(), list(by_lower), 1)
     return f", did you mean '{by_lower[close[0]]}'?" if close else ""
+
+
+def _numbers_in(value: Any) -> tuple[float, ...]:
+    """The numbers of a value, none where it is something else."""
+    if isinstance(value, (Size, Numbers)):
+        return tuple(value)
+    return (value,) if isinstance(value, (int, float)) and not isinstance(value, bool) else ()
 
 
 def _kinds(hint: Any) -> tuple[type, ...]:

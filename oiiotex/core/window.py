@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where pixels are: rectangles of them, and planes that may close on themselves. Imports nothing of ours."""
+"""Where pixels are: rectangles of them, and planes that may close on themselves."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 
 from ..deferred import np, oiio
+from ..errors import ImageError
+
+_REACH = 1 << 31  # OpenImageIO counts pixels in 32-bit integers
 
 
 class Window(NamedTuple):
@@ -103,12 +106,28 @@ class Window(NamedTuple):
         """As OpenImageIO takes it."""
         return oiio.ROI(self.left, self.right, self.top, self.bottom, 0, 1, 0, channels)
 
+    def in_range(self) -> Window:
+        """The window itself, if OpenImageIO can count its pixels.
+
+        Raises
+        ------
+        ImageError
+            A coordinate or a side needs more than 32 bits.
+        """
+        if min(self[:2]) < -_REACH or max(*self[2:], *self.size) >= _REACH:
+            raise ImageError(f"a window of {self} pixels: expected coordinates from {-_REACH} to {_REACH - 1}")
+        return self
+
     def apply_to(self, spec: oiio.ImageSpec) -> oiio.ImageSpec:
-        """A copy of `spec` with this data window, untiled."""
+        """A copy of `spec` with this data window, untiled; raises as `in_range` does."""
         new = oiio.ImageSpec(spec)
-        new.x, new.y, new.width, new.height = self.left, self.top, self.width, self.height
+        new.x, new.y, new.width, new.height = *self.in_range()[:2], *self.size
         new.tile_width = new.tile_height = new.tile_depth = 0
         return new
+
+    def show_in(self, spec: oiio.ImageSpec) -> None:
+        """Make it the display window of `spec`; raises as `in_range` does."""
+        spec.full_x, spec.full_y, spec.full_width, spec.full_height = *self.in_range()[:2], *self.size
 
     def __str__(self) -> str:
         return f"{self.width}x{self.height}{self.left:+d}{self.top:+d}"

@@ -15,6 +15,7 @@ from ..deferred import np
 from ..patchmatch.field import hash_at
 from ..regularity.courses import Courses, find_courses
 from ..regularity.lattice import RANGE, STRETCHED, Lattice, find_lattice
+from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..regularity.offset_prices import InStep
 from ..session import Session
 
@@ -109,8 +110,15 @@ class Structured(Op):
         """
         if self.structure == 0:
             return None
+        self.require_lattice(lab.shape[0], lab.shape[1], session)
         with session.stats.time("lattice"):
             return photo_lattice(self.flag(), first_channels(lab, 3), usable)
+
+    def require_lattice(self, height: int, width: int, session: Session, held: int = 0) -> None:
+        """Refuse a photo whose lattice cannot be looked for within the budget; `held`: bytes that lie beside it."""
+        if self.structure > 0:
+            need = lattice_bytes(height, width) + held
+            session.require(need, f"finding the lattice of {width}x{height}", "say structure=0")
 
     def in_step(self, lattice: Lattice | None, domain: Domain, seed: int | None = None) -> InStep | None:
         """What a result on that domain keeps of it; where cells begin follows from the seed, where there is one.

@@ -47,6 +47,6 @@ def cost_text(cost: float, measure: str, order: int, before: float | None = None
 
 def scale_folder() -> Path:
     """Where scales of sigmas are kept from one run to the next."""
-    import platformdirs
+    from ..opencl.cache_folders import cache_folder  # when it is needed: help asks for none
 
-    return Path(platformdirs.user_cache_dir("oiiotex")) / "sigmas"
+    return cache_folder() / "sigmas"

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 from ..core.image import Image, Part
 from ..core.op import Op
 from ..core.parameters import Numbers, argument, image, param
+from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ParameterError
 from ..session import Session
@@ -185,7 +186,7 @@ class FromChannels(OneImage):
         """The result, not yet computed."""
         part = super().result(parts, session)
         spec = oiio.ImageSpec(part.spec)
-        spec.full_x, spec.full_y, spec.full_width, spec.full_height = spec.x, spec.y, spec.width, spec.height
+        Window.data(spec).show_in(spec)
         return dataclasses.replace(part, spec=spec)
 
 

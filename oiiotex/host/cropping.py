@@ -88,8 +88,7 @@ class Cut(Crop):
         """Of the window's size, at the origin."""
         window = self.window(specs[0])
         spec = Window.sized(0, 0, window.width, window.height).apply_to(specs[0])
-        spec.full_x = spec.full_y = 0
-        spec.full_width, spec.full_height = spec.width, spec.height
+        Window.data(spec).show_in(spec)
         return spec
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
@@ -181,7 +180,7 @@ class Paste(Hosted, Gather):
                 display |= Window.display(part.spec)
         spec = whole.apply_to(derived_spec(behind.spec))
         spec.set_format(behind.working_type)
-        spec.full_x, spec.full_y, spec.full_width, spec.full_height = (*display[:2], display.width, display.height)
+        display.show_in(spec)
         placed = [(behind, 0, 0), *((part, x, y) for part in others)]
         return Image((Part(behind.name, spec, lambda window: pasted(spec, window, placed)),), self.sources[-1].source)
 
@@ -220,7 +219,9 @@ class Mosaic(Hosted, Gather):
             fits = [Fit(source=given, size=str(self.fit), pad=True, allsubimages=False) for given in self.sources]
             parts = [fit.compute(session).first for fit in fits]
         across, down = wide + self.pad, high + self.pad
-        spec = oiio.ImageSpec(columns * across - self.pad, rows * down - self.pad, channels, format)
+        whole = Window(0, 0, columns * across - self.pad, rows * down - self.pad)
+        spec = whole.apply_to(oiio.ImageSpec(1, 1, channels, format))
+        whole.show_in(spec)
         placed = [(part, n % columns * across, n // columns * down) for n, part in enumerate(parts)]
         return Image((Part("mosaic", spec, lambda window: pasted(spec, window, placed)),), "mosaic")
 

@@ -17,7 +17,7 @@ from ..deferred import oiio
 from ..errors import ImageError, ParameterError
 from ..session import Session
 from .geometry_text import parse_size
-from .kinds import Area, AtOnce, Hosted, checked, remapped, with_edges
+from .kinds import Area, AtOnce, Hosted, checked, remapped, require_kernel, with_edges
 from .turning import moved
 from .warping import FILTERS
 
@@ -26,7 +26,13 @@ _STACK = 1 << 20  # bytes; OpenImageIO keeps what a median sorts on a thread's s
 
 
 def kernel_of(name: str, width: float, height: float) -> oiio.ImageBuf:
-    """A kernel, its middle at the origin.
+    """A kernel, its middle at the origin; raises as `kernel_size` does."""
+    kernel_size(name, width, height)
+    return checked(oiio.ImageBufAlgo.make_kernel(name, width, height))
+
+
+def kernel_size(name: str, width: float, height: float) -> tuple[int, int]:
+    """Columns and rows of the kernel that `kernel_of` would make, odd numbers; 0 stands for the filter's own width.
 
     Raises
     ------
@@ -42,12 +48,14 @@ def kernel_of(name: str, width: float, height: float) -> oiio.ImageBuf:
         raise ParameterError(f"kernel {width:g}x{height:g}: a binomial kernel has odd whole sizes")
     if name == "laplacian" and (width, height) != (3, 3):
         raise ParameterError(f"kernel {width:g}x{height:g}: a laplacian kernel is 3x3")
-    return checked(oiio.ImageBufAlgo.make_kernel(name, width, height))
+    columns = width or FILTERS.get(name, 1)
+    rows = height or columns
+    return math.ceil(columns) | 1, math.ceil(rows) | 1
 
 
-def _reach(kernel: oiio.ImageBuf | Part) -> tuple[int, int]:
+def _reach(kernel: Part) -> tuple[int, int]:
     """How far a kernel looks to the side it looks farther to, each way."""
-    window = kernel.window if isinstance(kernel, Part) else Window.data(kernel.spec())
+    window = kernel.window
     return max(abs(window.left), abs(window.right - 1)), max(abs(window.top), abs(window.bottom - 1))
 
 
@@ -63,7 +71,8 @@ class Blur(Area):
 
     def halo(self) -> tuple[int, int]:
         """Half the kernel."""
-        return _reach(kernel_of(self.kernel, *parse_size(self.size)))
+        columns, rows = kernel_size(self.kernel, *parse_size(self.size))
+        return columns // 2, rows // 2
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Convolved."""
@@ -88,6 +97,7 @@ class Convolve(Area):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The convolved part, not yet computed; the kernel is held whole."""
         kernel = parts[1]
+        require_kernel(kernel.spec.width, kernel.spec.height, session)
         session.require(kernel.spec.width * kernel.spec.height * kernel.pixel_bytes, "a kernel")
         weights = kernel.buffer(kernel.window)
 
@@ -174,8 +184,12 @@ class Unsharp(Area):
         if self.kernel == "median":
             return max(1, math.ceil(self.width) // 2)
         if self.width > 3:  # ImageBufAlgo::unsharp_mask blurs the columns, then the rows
-            return _reach(kernel_of(self.kernel, 1, self.width))[1]
-        return _reach(kernel_of(self.kernel, self.width, self.width))[0]
+            return kernel_size(self.kernel, 1, self.width)[1] // 2
+        return kernel_size(self.kernel, self.width, self.width)[0] // 2
+
+    def neighbourhood(self) -> tuple[int, int]:
+        """Of each of its blurs, of columns and of rows; of a median, of both."""
+        return 2 * self.half() + 1, 2 * self.half() + 1 if self.kernel == "median" else 1
 
     def halo(self) -> tuple[int, int]:
         """One blur's behind the other."""

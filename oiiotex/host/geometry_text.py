@@ -35,8 +35,8 @@ class Box(NamedTuple):
     height: float
 
     def window(self) -> Window:
-        """As whole pixels."""
-        return Window.sized(int(self.x), int(self.y), int(self.width), int(self.height))
+        """As whole pixels; raises as `Window.in_range` does."""
+        return Window.sized(int(self.x), int(self.y), int(self.width), int(self.height)).in_range()
 
 
 def box_of(window: Window) -> Box:

@@ -215,7 +215,36 @@ class Area(_Resampled, Neighbourhood):
         """The window with its halo."""
         return [window.grown(*self.halo())]
 
+    def neighbourhood(self) -> tuple[int, int]:
+        """Columns and rows of what it looks at around a pixel."""
+        x, y = self.halo()
+        return 2 * x + 1, 2 * y + 1
 
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed; too large a kernel is refused."""
+        require_kernel(*self.neighbourhood(), session)
+        return super().result(parts, session)
+
+
+def require_kernel(width: int, height: int, session: Session) -> None:
+    """Refuse a kernel that nobody waits for, or whose values do not fit the memory budget.
+
+    Raises
+    ------
+    ParameterError
+        It has more than 2^24 pixels: OpenImageIO looks at each of them for each pixel.
+    ImageError
+        It does not fit.
+    """
+    if width * height > _MOST_NEIGHBOURS:
+        size = f"{width}x{height}"
+        raise ParameterError(
+            f"kernel {size}: expected at most {_MOST_NEIGHBOURS} pixels; use a smaller image or kernel"
+        )
+    session.require(width * height * 4, "a kernel", "use a smaller kernel")
+
+
+_MOST_NEIGHBOURS = 1 << 24  # of a pixel
 _CELL = 256  # side of the squares in which slanted reads are done: a band of rows would need all of its source
 
 

@@ -288,7 +288,8 @@ class SetOrigin(Respec):
 
     def change(self, spec: oiio.ImageSpec) -> None:
         """Put its corner there."""
-        spec.x, spec.y = parse_offset(self.place)
+        data = Window.sized(*parse_offset(self.place), spec.width, spec.height)
+        spec.x, spec.y = data.in_range()[:2]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,8 +302,7 @@ class MoveOrigin(Respec):
 
     def change(self, spec: oiio.ImageSpec) -> None:
         """Shift it."""
-        x, y = parse_offset(self.offset)
-        spec.x, spec.y = spec.x + x, spec.y + y
+        spec.x, spec.y = Window.data(spec).shifted(*parse_offset(self.offset)).in_range()[:2]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,7 +318,7 @@ class SetDisplayWindow(Respec):
         window = parse_box(self.size, box_of(Window.display(spec))).window()
         if window.empty:
             raise ParameterError(f"size={self.size}: the display window would have no pixel")
-        spec.full_x, spec.full_y, spec.full_width, spec.full_height = (*window[:2], *window.size)
+        window.show_in(spec)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,7 +329,7 @@ class DisplayWindowOfPixels(Respec):
 
     def change(self, spec: oiio.ImageSpec) -> None:
         """Set it."""
-        spec.full_x, spec.full_y, spec.full_width, spec.full_height = spec.x, spec.y, spec.width, spec.height
+        Window.data(spec).show_in(spec)
 
 
 OPS: tuple[type[Op], ...] = (

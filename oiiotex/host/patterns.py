@@ -16,9 +16,9 @@ from ..deferred import oiio
 from ..errors import ParameterError
 from ..session import Session
 from .drawing import Colours, colour_of, fill
-from .filtering import kernel_of
+from .filtering import kernel_of, kernel_size
 from .geometry_text import Box, parse_box, parse_size
-from .kinds import Hosted, checked
+from .kinds import Hosted, checked, require_kernel
 
 Painter: TypeAlias = "Callable[[oiio.ImageBuf], Any]"
 
@@ -161,7 +161,7 @@ class Kernel(Hosted, AnyWindow):
     def compute(self, session: Session) -> Image:
         """The kernel; its values sum to 1."""
         width, height = parse_size(self.size)
-        session.require(int(max(1.0, width) * max(1.0, height) * 4), self.flag())
+        require_kernel(*kernel_size(self.kernel, width, height), session)
         return Image((in_memory("kernel", kernel_of(self.kernel, width, height)),), "kernel")
 
 

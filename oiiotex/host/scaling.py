@@ -19,8 +19,9 @@ from ..errors import ParameterError
 from ..session import Session
 from .geometry_text import Box, box_of, parse_box
 from .kinds import Hosted, HostOp, Remap, checked, remapped, worked
-from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter
+from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter, require_filter
 
+_STACK = 6 << 20  # bytes; ImageBufAlgo::resize keeps a row's weights on a thread's stack, and dies where it is full
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 
 
@@ -49,6 +50,11 @@ def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highligh
     if box.empty:
         raise ParameterError(f"the result would be {box.width}x{box.height} pixels: it needs one at least")
     across, down = source.width / box.width, source.height / box.height
+    wide = 3 if not filter and min(across, down) < 1 else FILTERS.get(filter, 6)  # as ImageBufAlgo::resize chooses
+    taps = 2 * math.floor(wide / 2 * max(1, across)) + 1
+    if 4 * taps * box.width > _STACK:
+        most = _STACK // (4 * taps)
+        raise ParameterError(f"the result would be {box.width} pixels wide: expected at most {most} with this filter")
     support = FILTERS.get(known_filter(filter), 6) / 2
     reach = [support * max(1, across), support * max(1, down)]
     if filter in _UNSEPARABLE:  # ImageBufAlgo::resize walks a square then, which either scale can make large
@@ -96,7 +102,7 @@ def _sized(spec: oiio.ImageSpec, size: str) -> oiio.ImageSpec:
             math.ceil(np.float32(spec.height) * down),
         )
     new = data.apply_to(spec)
-    new.full_x, new.full_y, new.full_width, new.full_height = box.left, box.top, box.width, box.height
+    box.show_in(new)
     return new
 
 
@@ -146,7 +152,9 @@ class Resize(HostOp, Gather):
     def _warped(self, part: Part, target: oiio.ImageSpec, begin: Box, end: Box, session: Session) -> Part:
         matrix = _mapping(begin, end)
         inverse = np.linalg.inv(matrix.astype(np.float64))
-        wide = FILTERS[known_filter(self.filter) or "lanczos3"]
+        filter = known_filter(self.filter) or "lanczos3"
+        require_filter(inverse, filter, session)
+        wide = FILTERS[filter]
         values = tuple(float(v) for v in matrix.ravel())
 
         def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
@@ -237,13 +245,13 @@ class Fit(HostOp, Gather):
         x, y = int((box.width - wide) / 2), int((box.height - high) / 2)  # towards zero, negative ones too
 
         def place(new: oiio.ImageSpec) -> None:
-            new.full_x, new.full_y, new.full_width, new.full_height = box.left, box.top, box.width, box.height
+            box.show_in(new)
             new.x, new.y = new.x + x, new.y + y
 
         if (wide, high) == (spec.full_width, spec.full_height) and (box.left, box.top) == (spec.full_x, spec.full_y):
             return worked(part).respecced(place)
         target = Window.sized(box.left, box.top, max(1, wide), max(1, high)).apply_to(spec)
-        target.full_x, target.full_y, target.full_width, target.full_height = box.left, box.top, wide, high
+        Window.sized(box.left, box.top, wide, high).show_in(target)
         return scaled(self, part, target, self.filter, self.highlightcomp, session).respecced(place)
 
     def _fills_height(self, spec: oiio.ImageSpec, box: Window) -> bool:

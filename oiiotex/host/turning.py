@@ -88,8 +88,7 @@ class Transpose(Remap):
     def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
         """Both windows swapped."""
         spec = _swapped(Window.data(specs[0])).apply_to(specs[0])
-        display = _swapped(Window.display(specs[0]))
-        spec.full_x, spec.full_y, spec.full_width, spec.full_height = (*display[:2], display.width, display.height)
+        _swapped(Window.display(specs[0])).show_in(spec)
         return spec
 
     def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:

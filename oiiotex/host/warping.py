@@ -16,7 +16,7 @@ from ..core.window import Window, warp_needs
 from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
 from ..session import Session
-from .kinds import HostOp, checked, once, remapped, worked
+from .kinds import HostOp, checked, once, remapped, require_kernel, worked
 
 # OpenImageIO's filters and their widths in pixels
 FILTERS = {
@@ -96,6 +96,22 @@ def _one_channel(spec: oiio.ImageSpec) -> oiio.ImageSpec:
     return new
 
 
+def require_filter(inverse: np.ndarray, filter: str, session: Session) -> None:
+    """Refuse a reduction under which a filter looks at too many pixels, as `require_kernel` does.
+
+    Parameters
+    ----------
+    inverse : array of shape (3, 3)
+        From the result to the source. One that is no perspective: of those, no figure holds for all pixels.
+    filter : str
+        One of `FILTERS`.
+    session : Session
+    """
+    if np.array_equal(inverse[:, 2], (0, 0, 1)):
+        across, down = FILTERS[filter] * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))
+        require_kernel(math.ceil(across), math.ceil(down), session)
+
+
 def forward_window(matrix: np.ndarray, window: Window) -> Window:
     """The smallest window around a warped one, computed in float as ImageBufAlgo::warp does."""
     m = matrix.astype(np.float32)
@@ -144,6 +160,7 @@ class Warped(HostOp, Gather):
             inverse = np.linalg.inv(matrix.astype(np.float32).astype(np.float64))
         except np.linalg.LinAlgError:
             raise ParameterError("a matrix that has an inverse is wanted") from None
+        require_filter(inverse, self.filter or "lanczos3", session)
         data = part.window
         target = (forward_window(matrix, data) if self.recompute_roi else data).apply_to(part.spec)
         values = tuple(float(v) for v in matrix.astype(np.float32).ravel())

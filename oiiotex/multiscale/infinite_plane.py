@@ -213,9 +213,9 @@ def opened(
 
 def analysis_folder() -> Path:
     """Where what is found out about exemplars is kept from one run to the next."""
-    import platformdirs
+    from ..opencl.cache_folders import cache_folder  # when it is needed: help asks for none
 
-    return Path(platformdirs.user_cache_dir("oiiotex")) / "candidates"
+    return cache_folder() / "candidates"
 
 
 def _analysed(

@@ -105,6 +105,7 @@ def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
     """The device to use: `wanted`, else $OIIOTEX_DEVICE, else the first GPU, else the first CPU that works.
 
     A device that cannot compile is passed over, loudly, for the next one that `wanted` means; 'cpu' means all CPUs.
+    A simulator is used only where it is named.
 
     Raises
     ------
@@ -125,7 +126,8 @@ def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
             return info
         broken.append((info, trial))
     if not broken:
-        raise NoDeviceError("no OpenCL device", runtime.remedy([]))
+        only = "".join(f" but {info.name}, which --device must name" for info in devices(threads))
+        raise NoDeviceError(f"no OpenCL device{only}", runtime.remedy([]))
     reasons = "; ".join(f"{info.name} ({info.platform}): {trial.why}" for info, trial in broken)
     raise NoDeviceError(f"no OpenCL device can compile here: {reasons}", runtime.remedy([t for _, t in broken]))
 
@@ -151,7 +153,7 @@ def _candidates(wanted: str | None, threads: int) -> list[DeviceInfo]:
     wanted = wanted or named_by_environment()
     available = devices(threads)
     if not available or wanted is None:
-        unasked = [d for d in available if d.kind != "other"] or available
+        unasked = [d for d in available if d.kind != "other"]
         return [d for d in unasked if d.handle.int_ptr not in _refused]
     named = [d for d in available if d.matches(wanted)]
     if not named:

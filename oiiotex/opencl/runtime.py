@@ -35,6 +35,7 @@ from .. import __version__
 from ..core.machine import forget_current_folder, program, search_path, start_python, usable_threads
 from ..errors import DeviceError
 from . import cpu as opencl_cpu
+from .cache_folders import cache_folder
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -92,6 +93,7 @@ def _prepared(threads: int) -> None:
     count = str(threads or usable_threads())
     os.environ.setdefault("POCL_MAX_PTHREAD_COUNT", count)
     os.environ.setdefault("DPCPP_CPU_NUM_CUS", count)
+    os.environ.setdefault("PYOPENCL_CACHE_FAILURE_FATAL", "")  # pyopencl asks for it where its cache fails
     intel = _intel_library()
     if intel is not None and "OCL_ICD_VENDORS" not in os.environ:
         os.environ["OCL_ICD_VENDORS"] = _vendors_with(intel)
@@ -107,7 +109,7 @@ def _vendors_with(library: Path) -> str:
     """A folder of vendor files, the system's and one for `library`: to name the library alone hides the others."""
     files = {"oiiotex-pip.icd": f"{library}\n"}
     files |= {path.name: path.read_text() for path in sorted(_VENDORS.glob("*.icd"))}
-    folder = _cache_folder() / f"vendors-{hashlib.sha256(repr(files).encode()).hexdigest()[:16]}"
+    folder = cache_folder() / f"vendors-{hashlib.sha256(repr(files).encode()).hexdigest()[:16]}"
     for name, text in files.items():
         if not (folder / name).exists():
             _write(folder / name, text)
@@ -129,6 +131,7 @@ def load(threads: int = 0) -> ModuleType:
     DeviceError
         pyopencl is not installed or its OpenCL loader is broken.
     """
+    cache_folder()
     _prepared(threads)
     try:
         import pyopencl
@@ -289,7 +292,7 @@ def _path() -> str:
 
 
 def _lld_folder() -> Path:
-    return _cache_folder() / "linker"
+    return cache_folder() / "linker"
 
 
 # --- the cache folder ---
@@ -320,7 +323,7 @@ def _answer_file(device: cl.Device) -> Path:
     facts += [f"{name}={value}" for name, value in sorted(os.environ.items()) if name in _READ_BY_RUNTIMES]
     facts += [str(shutil.which(name, path=_path())) for name in ("ld", "gcc", "cc")]
     facts += sorted(map(str, Path("/usr/lib/gcc").glob("*/*/libgcc.a")))
-    return _cache_folder() / f"probe-{hashlib.sha256(chr(10).join(facts).encode()).hexdigest()[:16]}.json"
+    return cache_folder() / f"probe-{hashlib.sha256(chr(10).join(facts).encode()).hexdigest()[:16]}.json"
 
 
 _READ_BY_RUNTIMES = {
@@ -336,9 +339,3 @@ def _write(path: Path, text: str, mode: int = 0o644) -> None:
     part.write_text(text)
     part.chmod(mode)
     part.replace(path)
-
-
-def _cache_folder() -> Path:
-    import platformdirs
-
-    return Path(platformdirs.user_cache_dir("oiiotex"))

@@ -197,6 +197,8 @@ class Sewing:
         grid = Grid.tiling(*size, self.op.tile, patch=patch, overlap=min(self._overlap(patch), patch // 3))
         session.require(cell_memory(grid, self.guide is not None), _task(grid))
         held = source.spec.width * source.spec.height * self.op.photo_bytes(session)
+        if self.structured is not None:
+            self.structured.require_lattice(source.spec.height, source.spec.width, session, held)
         windows = (source.spec.width - patch + 1) * (source.spec.height - patch + 1)
         photo = {"exemplar": 6 * source.spec.width * source.spec.height, "key_map": 4 * windows}  # what is certain
         require_room(session.device, photo | plan_bytes(grid, AT_ONCE), session.budget, _task(grid), held)

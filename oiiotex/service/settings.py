@@ -7,13 +7,13 @@ import fcntl
 import hashlib
 import json
 import os
-import stat
 import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from .. import __version__
 from ..errors import Error
+from ..opencl.cache_folders import require_private
 from ..session import Session
 
 IDLE = 600.0  # s without a client after which it ends
@@ -84,9 +84,10 @@ def runtime_folder() -> Path:
         warnings.simplefilter("ignore")  # that there is no $XDG_RUNTIME_DIR: what stands in for it is looked at below
         folder = Path(platformdirs.user_runtime_dir("oiiotex"))
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    status = os.lstat(folder)
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o077:
-        raise Error(f"{folder} must be a folder of yours alone: set XDG_RUNTIME_DIR to one")
+    try:
+        require_private(folder, others=0o077)
+    except Error as error:
+        raise Error(f"{error}; set XDG_RUNTIME_DIR to one") from None
     return folder
 
 
