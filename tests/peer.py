@@ -35,9 +35,9 @@ def same(folder: Path, *words: object, tolerance: float = 0.0) -> None:
     for text in texts:
         if "OUT." in text:
             name = text[text.index("OUT.") :]
-            assert_same_file(
-                folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance
-            )
+            files = folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs.")
+            assert_same_file(*files, tolerance)
+            assert_same_thumbnail(*files)
 
 
 def refused(folder: Path, chain: str, says: str) -> None:
@@ -73,6 +73,14 @@ def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:
                 np.testing.assert_array_equal(x, y)
             level += 1
         subimage += 1
+
+
+def assert_same_thumbnail(ours: Path, theirs: Path) -> None:
+    """Compare the thumbnails of two image files; neither may have one."""
+    a, b = (oiio.ImageInput.open(str(path)).get_thumbnail(0) for path in (ours, theirs))
+    assert a.initialized == b.initialized
+    if b.initialized:
+        np.testing.assert_array_equal(a.get_pixels(), b.get_pixels())
 
 
 def facts(spec: oiio.ImageSpec) -> dict[str, object]:

@@ -265,6 +265,10 @@ class Chain:
         """Log what is left undone; where a line is only looked through, perhaps later."""
         log.log(level, "%s", text)
 
+    def set_global(self, name: str, kind: oiio.TypeDesc, value: object, before: object) -> None:
+        """Set an attribute of OpenImageIO, which had the value `before`."""
+        oiio.attribute(name, kind, value)
+
     def tell(self, text: str) -> None:
         """Print a line that -v asks for."""
         if self.settings.get("-v"):

@@ -16,7 +16,6 @@ REFUSED = (
     Refused("--deepholdout", 0, _DEEP),
     Refused("--deepen", 0, _DEEP),
     Refused("--flatten", 0, _DEEP),
-    Refused("--thumbnail-set", 0, "OpenImageIO cannot write thumbnails from Python"),
 )
 
 _OPTIONS = tuple(
@@ -48,7 +47,7 @@ _OPTIONS = tuple(
             "stack",
             "OPTIONS",
             "--label --dup --swap --pop --popbottom --stackreverse --stackextract --stackclear --subimage"
-            " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get",
+            " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get --thumbnail-set",
         ),
         (
             "Printing and comparing",

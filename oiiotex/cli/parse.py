@@ -294,7 +294,7 @@ def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
     if quote:
         raise ParameterError(f"{word}: the quote {quote} is not closed")
     modifiers: dict[str, str] = {}
-    for piece in pieces[1:]:
+    for piece in filter(None, pieces[1:]):  # `--op:a=1:` and `--op::a=1` say no more than `--op:a=1`
         name, equals, value = piece.partition("=")
         if not equals or not name:
             raise ParameterError(f"{word}: '{piece}' is not NAME=VALUE")

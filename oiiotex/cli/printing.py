@@ -176,10 +176,12 @@ class CountModifiers:
 
 def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
     """Print how many pixels of the top image have each of some colours."""
+    from ..host.arithmetic import numbers_for_channels
+
     part = chain.top.first
     words = text.split(":" if ":" in text else ";")
-    colours = np.array([_numbers(word, part.spec.nchannels, 0.0) for word in words], np.float32)
-    tolerance = _numbers(eps, part.spec.nchannels, 0.001)
+    colours = np.array([numbers_for_channels(word, part.spec.nchannels, 0.0) for word in words], np.float32)
+    tolerance = np.array(numbers_for_channels(eps, part.spec.nchannels, 0.001), np.float32)
     if not chain.acts():
         return
     for word, count in zip(words, colour_counts(part, colours, tolerance), strict=True):
@@ -188,23 +190,18 @@ def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
 
 def check_range(chain: Chain, low: str, high: str) -> None:
     """Print how many pixels of the top image are below or above a range."""
+    from ..host.arithmetic import numbers_for_channels
+
     part = chain.top.first
-    bounds = _numbers(low, part.spec.nchannels, 0.0), _numbers(high, part.spec.nchannels, 1.0)
+    count = part.spec.nchannels
+    bounds = (
+        np.array(numbers_for_channels(low, count, 0.0), np.float32),
+        np.array(numbers_for_channels(high, count, 1.0), np.float32),
+    )
     if not chain.acts():
         return
     below, above, within = range_counts(part, *bounds)
     print(f"{below:8}  < {low}\n{above:8}  > {high}\n{within:8}  within range")
-
-
-def _numbers(text: str, count: int, default: float) -> np.ndarray:
-    """'0.5,,1' -> one float per channel: one number is meant for all, what is left out has the default."""
-    words = text.split(",")
-    try:
-        numbers = [float(word) if word.strip() else default for word in words]
-    except ValueError:
-        raise ParameterError(f"'{text}': allowed are numbers with commas between them") from None
-    numbers = numbers * count if len(numbers) == 1 else [*numbers, *[default] * count]
-    return np.array(numbers[:count], np.float32)
 
 
 # --- texts of the program ---

@@ -53,6 +53,8 @@ class Part:
         A file must hold it as it is, or not at all: labels, source coordinates.
     levels : tuple of Part
         Its smaller versions, where the file is MIP-mapped.
+    thumbnail : callable or None
+        Gives the thumbnail that its file holds, or that --thumbnail-set has attached; None: there is none.
     depth : int
         How many ops must be asked, one within the other, before there is a pixel.
     title : str
@@ -67,6 +69,7 @@ class Part:
     ready: bool = False
     exact: bool = False
     levels: tuple[Part, ...] = ()
+    thumbnail: Callable[[], oiio.ImageBuf] | None = None
     depth: int = 0
     title: str = ""
 
@@ -238,7 +241,8 @@ def cropped(part: Part, window: Window) -> Part:
             out[shared.inside(wanted)] = part.read(shared)
         return out
 
-    return dataclasses.replace(part, spec=window.apply_to(derived_spec(part.spec)), fetch=fetch, levels=())
+    spec = window.apply_to(derived_spec(part.spec))
+    return dataclasses.replace(part, spec=spec, fetch=fetch, levels=(), thumbnail=None)
 
 
 def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | None = None) -> oiio.ImageSpec:

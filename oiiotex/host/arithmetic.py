@@ -21,6 +21,33 @@ def per_channel(given: Sequence[float], count: int, neutral: float) -> tuple[flo
     return given + (neutral,) * (count - len(given))
 
 
+def numbers_for_channels(text: str, count: int, default: float, name: str = "") -> tuple[float, ...]:
+    """A comma-separated list as one number for each channel: `default` where a place is empty or missing.
+
+    Parameters
+    ----------
+    text : str
+        Such as '0.5,,1'; a single number holds for all channels.
+    count : int
+        Channels, 1 or more.
+    default : float
+    name : str
+        The modifier, for the error.
+
+    Raises
+    ------
+    ParameterError
+        A place holds something else.
+    """
+    words = text.split(",")
+    try:
+        numbers = [float(word) if word.strip() else default for word in words]
+    except ValueError:
+        given = f"{name}={text}" if name else f"'{text}'"
+        raise ParameterError(f"{given}: expected a comma-separated list of numbers") from None
+    return per_channel(numbers, count, default)
+
+
 @dataclass(frozen=True, kw_only=True)
 class OneImage(PointOp):
     """One image, pixel by pixel."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import threading
 import weakref
@@ -167,6 +168,21 @@ class _Source:
             raise ImageError(f"{self.path}: {rows} cannot be read: {message or 'the file is damaged'}")
         return pixels.reshape(place.height, place.width, channels)
 
+    def thumbnail(self, subimage: int) -> oiio.ImageBuf:
+        """The thumbnail of a subimage.
+
+        Raises
+        ------
+        ImageError
+            The file has none that can be read.
+        """
+        with self._lock:
+            small = self._input.get_thumbnail(subimage)
+            message = error_text(self._input.geterror)
+        if small is None or not small.initialized:
+            raise ImageError(f"{self.path}: the thumbnail cannot be read: {message or 'the file is damaged'}")
+        return small
+
 
 def _state_of(path: str) -> tuple[int, ...] | None:
     """Which file this is and whether it is as it was; None where it is no more."""
@@ -197,7 +213,8 @@ def _part(source: _Source, cache: PieceCache, spec: oiio.ImageSpec, where: tuple
     def fetch(window: Window) -> np.ndarray:
         return assembled(window, cell, whole, piece)
 
-    return Part(name, spec, fetch, spec.format, native, ready=True)
+    small = functools.partial(source.thumbnail, where[0]) if spec.get_int_attribute("thumbnail_width") else None
+    return Part(name, spec, fetch, spec.format, native, ready=True, thumbnail=small)
 
 
 def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:
