@@ -32,6 +32,8 @@ class Option:
         A frozen dataclass whose `param` fields are its modifiers.
     needs : int
         Images that must be on the stack; with fewer it waits for the next ones, as ops do.
+    flat : bool
+        It looks at the pixels of those images, which may not be deep.
     state : bool
         It only sets what later options use, so it may stand between an op and the operands that the op waits for.
     throughout : bool
@@ -50,6 +52,7 @@ class Option:
     run: Callable[..., None] | None = None
     modifiers: type | None = None
     needs: int = 0
+    flat: bool = False
     state: bool = False
     throughout: bool = False
     late: bool = False

@@ -9,7 +9,7 @@ Where we depart from oiiotool
 4. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
 5. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
    been at work, and for all parts alike.
-6. --hash refuses files with channels of whole and of broken numbers. Deep files cannot be read at all.
+6. --hash refuses files with channels of integers and of floats. Of deep files only --info and --printinfo print.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..core.parameters import param
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ParameterError
-from .chain import Chain
+from .chain import Chain, require_flat
 from .metadata import Asked, Dump, description, unescaped
 from .output_settings import set_text, switch
 from .parse import Option
@@ -62,6 +62,8 @@ def print_input(chain: Chain, image: Image, info: int | None = None, infoformat:
     """
     settings = chain.settings
     level = int("--info" in settings) if info is None else info
+    if any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash")):
+        require_flat([image])
     if not (level or any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash"))):
         return
     asked = _asked(chain)
@@ -232,7 +234,13 @@ OPTIONS = (
     Option("--printinfo", (), "print the size and metadata of the top image", print_top, PrintInfoModifiers, needs=1),
     Option("--stats", (), "print pixel statistics of every image as it is read", switch("--stats"), state=True),
     Option(
-        "--printstats", (), "print pixel statistics of the top image", print_statistics, PrintStatsModifiers, needs=1
+        "--printstats",
+        (),
+        "print pixel statistics of the top image",
+        print_statistics,
+        PrintStatsModifiers,
+        needs=1,
+        flat=True,
     ),
     Option("--hash", (), "print the SHA-1 of the pixels of every image as it is read", switch("--hash"), state=True),
     Option("--dumpdata", (), "print the pixels of every image as it is read", dump_inputs, DumpModifiers, state=True),
@@ -245,7 +253,10 @@ OPTIONS = (
         count_colours,
         CountModifiers,
         needs=1,
+        flat=True,
     ),
-    Option("--rangecheck", ("LOW", "HIGH"), "count the pixels outside a range of colours", check_range, needs=1),
+    Option(
+        "--rangecheck", ("LOW", "HIGH"), "count the pixels outside a range of colours", check_range, needs=1, flat=True
+    ),
     Option("--echo", ("TEXT",), "print a text", echo, EchoModifiers, state=True),
 )

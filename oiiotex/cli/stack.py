@@ -275,7 +275,7 @@ OPTIONS = (
     Option("--sisplit", (), "replace an image by one for each of its parts", split_parts, needs=1),
     Option("--siappend", (), "make the last two images the parts of one", append_parts, AppendModifiers, needs=2),
     Option("--siappendall", (), "make all images the parts of one", append_all, needs=1),
-    Option("--layersplit", (), "replace an image by one for each layer of channels", split_layers, needs=1),
+    Option("--layersplit", (), "replace an image by one for each layer of channels", split_layers, needs=1, flat=True),
     Option("--unmip", (), "keep the largest version of a MIP-mapped image", without_levels, needs=1),
     Option("--selectmip", ("LEVEL",), "keep one version of a MIP-mapped image, 0 the largest", select_level, needs=1),
     Option(

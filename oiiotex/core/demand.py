@@ -159,7 +159,7 @@ def _whole_cell(inside: Window, cell: tuple[int, int], whole: Window) -> Window:
 
 def cached(part: Part, cache: PieceCache) -> Part:
     """The same part, computed in bands that are kept for a while: for what looks at rows again (halos, copies)."""
-    if part.ready:
+    if part.ready or part.spec.deep:  # OpenImageIO holds deep pixels whole
         return part
     owner, whole = object(), part.window
     cell = (whole.width, rows_for(part, BAND_BYTES // 2))

@@ -41,7 +41,7 @@ class Part:
         Data and display window, channels, pixel type, metadata. Never changed in place.
     fetch : callable
         Window inside the data window -> its pixels: (height, width, channels) of the spec's pixel type, or an
-        ImageBuf with that data window.
+        ImageBuf with that data window; of a deep part always the latter.
     stored : oiio.TypeDesc or None
         The pixel type in which it is written unless the user says another; None for what an op of the host has
         computed, which is written as the first file of the run was.
@@ -85,6 +85,8 @@ class Part:
 
     def read(self, window: Window) -> np.ndarray:
         """(height, width, channels) of the spec's pixel type; do not write into it."""
+        if self.spec.deep:
+            raise ImageError(f"part '{self.name}' is deep: expected a flat image; --flatten makes one of it")
         pixels = self.fetch(window)
         if isinstance(pixels, oiio.ImageBuf):
             array = pixels.get_pixels(self.spec.format, window.roi(self.spec.nchannels))
@@ -94,7 +96,7 @@ class Part:
     def buffer(self, window: Window) -> oiio.ImageBuf:
         """As an ImageBuf with that data window, for ops of the host; do not write into it."""
         pixels = self.fetch(window)
-        if isinstance(pixels, oiio.ImageBuf) and (pixels.spec().format == self.working_type):
+        if self.spec.deep or (isinstance(pixels, oiio.ImageBuf) and pixels.spec().format == self.working_type):
             return pixels
         spec = window.apply_to(self.spec)
         spec.set_format(self.working_type)
@@ -126,8 +128,13 @@ class Part:
         same = Window.data(spec) == self.window and Window.display(spec) == Window.display(self.spec)
         levels = tuple(level.respecced(change) for level in self.levels) if same else ()
 
-        def fetch(window: Window) -> np.ndarray:
-            return self.read(window.shifted(-x, -y))
+        def fetch(window: Window) -> Pixels:
+            there = window.shifted(-x, -y)
+            if not spec.deep:
+                return self.read(there)
+            buffer = self.buffer(there).copy()
+            change(buffer.specmod())
+            return buffer
 
         return dataclasses.replace(self, spec=spec, fetch=fetch, levels=levels)
 
@@ -220,6 +227,8 @@ def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
     def fetch(window: Window) -> Pixels:
         if window == whole:
             return buffer
+        if spec.deep:
+            return oiio.ImageBufAlgo.crop(buffer, roi=window.roi(spec.nchannels))
         pixels = buffer.get_pixels(spec.format, window.roi(spec.nchannels))
         return pixels.reshape(window.height, window.width, spec.nchannels)
 

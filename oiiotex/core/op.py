@@ -108,6 +108,7 @@ class Op:
     prefix: ClassVar[str] = "--tex"
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
     copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
+    deep: ClassVar[bool] = False  # it takes deep images; else they are refused
     carries: ClassVar[bool] = False  # the further parts of its first image follow what it makes
     PAPER: ClassVar[dict[str, Any]] = {}  # what its parameter `paper` stands for, if it has one: values of others
     name: ClassVar[str]

@@ -195,6 +195,7 @@ class AddValues(ImageAndValues):
     """Add to all channels a value, or to each its own."""
 
     name: ClassVar[str] = "addc"
+    deep: ClassVar[bool] = True
     aliases: ClassVar[tuple[str, ...]] = ("--cadd",)
     function = "add"
 
@@ -204,6 +205,7 @@ class SubtractValues(ImageAndValues):
     """Subtract from all channels a value, or from each its own."""
 
     name: ClassVar[str] = "subc"
+    deep: ClassVar[bool] = True
     aliases: ClassVar[tuple[str, ...]] = ("--csub",)
     function = "sub"
 
@@ -213,6 +215,7 @@ class MultiplyValues(ImageAndValues):
     """Multiply all channels by a value, or each by its own."""
 
     name: ClassVar[str] = "mulc"
+    deep: ClassVar[bool] = True
     aliases: ClassVar[tuple[str, ...]] = ("--cmul",)
     function = "mul"
     neutral = 1.0
@@ -223,6 +226,7 @@ class DivideValues(ImageAndValues):
     """Divide all channels by a value, or each by its own; what is divided by 0 becomes 0."""
 
     name: ClassVar[str] = "divc"
+    deep: ClassVar[bool] = True
     function = "div"
     neutral = 1.0
 

@@ -91,6 +91,8 @@ def _index(name: str, names: Sequence[str]) -> int | None:
 class ChosenChannels(OneImage):
     """Some channels, in some order."""
 
+    deep: ClassVar[bool] = True
+
     def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
         """The channels of the result."""
         raise NotImplementedError

@@ -258,7 +258,10 @@ def remapped(
     near = [once(part, bring) if scattered else cached(part, session.cache) for part in parts]
 
     def at(window: Window) -> oiio.ImageBuf:
-        pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
+        pieces = [
+            (part, part.window if part.spec.deep else _seen(wanted, part))
+            for part, wanted in zip(near, needs(window), strict=True)
+        ]
         session.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
         buffers = [part.buffer(w) for part, w in pieces]
         return checked(apply(window.apply_to(target), *buffers))
@@ -359,6 +362,7 @@ class Respec(HostOp, Pointwise):
 
     mixes: ClassVar[bool] = False
     keeps: ClassVar[bool] = True
+    deep: ClassVar[bool] = True
 
     source: Image = image(help="the image")
 

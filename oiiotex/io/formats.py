@@ -83,11 +83,13 @@ def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Imag
     Raises
     ------
     ImageError
-        There are several parts in a format of one image, or no pixel is left.
+        There are several parts in a format of one image, a deep one in a format of flat images, or no pixel is left.
     """
     if len(image.parts) > 1 and not out.supports("multiimage"):
         names = ", ".join(p.name for p in image.parts)
         raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
+    if any(part.spec.deep for part in image.parts) and not out.supports("deepdata"):
+        raise ImageError(f"{path}: {out.format_name()} cannot hold deep images: expected EXR; or put --flatten before")
     parts = [_with_fitting_channels(part, out, path) for part in image.parts]
     if how.autocrop and not out.supports("displaywindow"):
         parts = [_in_window(part, Window.display(part.spec)) for part in parts]

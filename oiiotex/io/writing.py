@@ -143,6 +143,11 @@ def _write_parts(
             bands = _bands(part, spec)
             if out.format_name() == "openexr" and spec.get_string_attribute("openexr:lineOrder") == "decreasingY":
                 bands = reversed(list(bands))  # OpenEXR ends the process where rows come in another order
+            if spec.deep:
+                if not out.write_deep_image(part.buffer(part.window).deepdata()):
+                    raise ImageError(f"{path}: writing failed: {_error_text(out, temporary, path)}")
+                written += spec.height
+                continue
             for window, pixels in stream(part.levels[m - 1] if m else part, bands):
                 if not _put(out, spec, window.shifted(x, y), np.ascontiguousarray(pixels)):
                     row = window.top - spec.y
@@ -210,6 +215,7 @@ def _require_types(
         place = os.devnull if out.format_name() == "jpeg" else str(temporary)  # see _way_to
         spec = Window(0, 0, 1, 1).apply_to(levels[0])
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = 0, 0, 1, 1
+        spec.deep = False
         if not trial.open(place, spec):
             raise ImageError(f"{path}: cannot be written: {_error_text(trial, temporary, path)}")
         stored = trial.spec().format
@@ -231,7 +237,7 @@ def _check_arrived(temporary: Path, path: Path, image: Image, format_name: str) 
         arrived = read(temporary).parts
         for part in arrived:
             last = part.window.bottom - 1
-            part.read(Window(part.window.left, last, part.window.right, last + 1))
+            part.buffer(Window(part.window.left, last, part.window.right, last + 1))
     except (ImageError, ValueError) as error:
         raise ImageError(f"{path}: {_NOT_WHOLE}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])
