@@ -29,6 +29,7 @@ def folder(tmp_path_factory) -> Path:
     save(alpha, folder / "alpha.png")
     for line in (
         "a.png --pattern constant:color=42 52x40 1 --chnames Z --siappend -d half -d Z=float -o parts.exr",
+        "a.png --ch R,Z=G --mulc 1,1e9 -d half -d Z=float -o mixed.exr",
         "a.png --ch R,G,B,R,G,B -d half -o six.exr",
         "six.exr -d half -otex mip.exr",
         "a.png --dup --resize 20x15 --thumbnail-set -o small.tga",
@@ -64,6 +65,11 @@ LINES = [
     "-i:ch=R,Z parts.exr -a --addc 1 -o OUT.exr",
     "-i:ch=R a.png --addc .1 -o OUT.tif",
     "-i:ch=B,G mip.exr -o OUT.exr",
+    # a channel under the name of another one has not got its type
+    "parts.exr --subimage 1 --addc 1 --chnames R -o OUT.exr",
+    "mixed.exr --chnames Z,R --addc 0 -o OUT.exr",
+    "mixed.exr --addc 0 --chnames Z,R -d Z=half -o OUT.exr",
+    "mixed.exr -d R=half --addc 0 --chnames X -o OUT.exr",
     # modifiers and values as oiiotool reads them
     "a.png --clamp:min=0.2:max=,,0.5 -o OUT.tif",
     "a.png --clamp:min=,0.4:max=0.7,,0.6 -o OUT.tif",

@@ -243,7 +243,14 @@ class Chain:
         for image in (self._entitled(op, operands, image) for image in images):
             self.push(_with_metadata_of(operands, image) if self.settings.get("--metamerge") else image)
         self.user |= bound.facts()
+        self._rename(bound.renamed())
         self.unwritten = True
+
+    def _rename(self, names: dict[str, str]) -> None:
+        """Let `-d CHANNEL=TYPE` follow a channel to its new name, where the type of the first file no longer holds."""
+        if names:
+            types = self.settings.get("-d channels", {})
+            self.settings["-d channels"] = types | {new: types.get(old) for new, old in names.items()}
 
     def _entitled(self, op: type[Op], operands: list[Image], image: Image) -> Image:
         """The image under its title; computed now where too many ops would wait for each other's pixels."""

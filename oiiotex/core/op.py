@@ -197,6 +197,10 @@ class Op:
         """Where this use sees images: in what the op declares; of Lab, with its parameter `data`, as data."""
         return Space.DATA if self.space is Space.LAB and self.values().get("data") else self.space
 
+    def renamed(self) -> dict[str, str]:
+        """Channels that it has renamed: the old name by the new one."""
+        return {}
+
     def carried(self) -> tuple[Any, ...]:
         """The further parts of its first image, where these follow what it makes."""
         return getattr(self, self.images()[0].attribute).parts[1:] if self.carries else ()

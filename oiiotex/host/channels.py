@@ -175,6 +175,11 @@ class ChannelNames(Respec):
         spec.alpha_channel = max((n for n, kind in enumerate(kinds) if kind in ("a", "alpha")), default=-1)
         spec.z_channel = max((n for n, kind in enumerate(kinds) if kind in ("z", "depth")), default=-1)
 
+    def renamed(self) -> dict[str, str]:
+        """The names that are given, by which the first file may have a channel of another type."""
+        given = zip(self.names.split(","), self.source.first.spec.channelnames, strict=False)
+        return {new: old for new, old in given if new}
+
 
 # --- new channels from all ---
 

@@ -38,8 +38,8 @@ class Format:
         Width and height of tiles of computed parts; None: scanlines.
     bits : int
         Significant bits, where they are fewer than the type has; 0: as in the source.
-    channel_types : dict of str to oiio.TypeDesc
-        Of single channels by name, or by 'part.name'; 'part.*' stands for all channels of a part.
+    channel_types : dict of str to oiio.TypeDesc or None
+        Of single channels by name, or by 'part.name'; 'part.*' stands for all channels of a part. None: as the part.
     tile : (int, int) or None
         Width and height of tiles; None: as in a file that is only copied, else scanlines.
     scanline : bool
@@ -57,7 +57,7 @@ class Format:
     computed_channels: dict[str, oiio.TypeDesc] = field(default_factory=dict)
     computed_tile: tuple[int, int] | None = None
     bits: int = 0
-    channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
+    channel_types: dict[str, oiio.TypeDesc | None] = field(default_factory=dict)
     tile: tuple[int, int] | None = None
     scanline: bool = False
     attributes: dict[str, Any] = field(default_factory=dict)
@@ -233,7 +233,7 @@ def _set_types(spec: oiio.ImageSpec, part: Part, how: Format, part_name: str) ->
     types = [spec.channelformat(c) for c in range(spec.nchannels)]
     for c, name in enumerate(spec.channelnames):
         keys = (f"{part_name}.{name}", f"{part_name}.*", name)
-        types[c] = next((by_channel[key] for key in keys if key in by_channel), types[c])
+        types[c] = next((by_channel[key] for key in keys if key in by_channel), None) or types[c]
     if any(kind != types[0] for kind in types):
         spec.channelformats = tuple(types)
     else:
