@@ -75,6 +75,7 @@ ARGUMENTS = {
     "shift": "+1+1", "aspect": "2", "angle": "30", "corners": "0,0,1,1", "points": "0,0,1,1", "kernel": "gaussian",
     "--crop": "1x1+0+0", "--cut": "1x1+0+0", "--mosaic": "1x1", "--resize": "1x1", "--create": "1x1 3",
     "--pattern": "noise 1x1 3",
+    "--deepen": "--flatten",  # pixels of deep images are no array
 }  # fmt: skip
 
 
