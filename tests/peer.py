@@ -35,9 +35,9 @@ def same(folder: Path, *words: object, tolerance: float = 0.0) -> None:
     for text in texts:
         if "OUT." in text:
             name = text[text.index("OUT.") :]
-            assert_same_file(
-                folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs."), tolerance
-            )
+            files = folder / name.replace("OUT.", "ours."), folder / name.replace("OUT.", "theirs.")
+            assert_same_file(*files, tolerance)
+            assert_same_thumbnail(*files)
 
 
 def refused(folder: Path, chain: str, says: str) -> None:
@@ -66,6 +66,10 @@ def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:
             if not there[0]:
                 break
             assert facts(a.spec()) == facts(b.spec())
+            if b.spec().deep:
+                assert_same_samples(*(i.read_native_deep_image(subimage, level) for i in (a, b)))
+                level += 1
+                continue
             x, y = (i.read_image(subimage, level, 0, i.spec().nchannels, i.spec().format) for i in (a, b))
             if tolerance:
                 np.testing.assert_allclose(x.astype(np.float64), y.astype(np.float64), rtol=0, atol=tolerance)
@@ -75,11 +79,32 @@ def assert_same_file(ours: Path, theirs: Path, tolerance: float = 0.0) -> None:
         subimage += 1
 
 
+def assert_same_samples(a: oiio.DeepData, b: oiio.DeepData) -> None:
+    """Compare the samples of two deep images, of which neither has none."""
+
+    def samples(data: oiio.DeepData) -> list[list[float]]:
+        return [
+            [data.deep_value(pixel, channel, n) for n in range(data.samples(pixel)) for channel in range(data.channels)]
+            for pixel in range(data.pixels)
+        ]
+
+    assert samples(a) == samples(b)
+    assert any(samples(b))
+
+
+def assert_same_thumbnail(ours: Path, theirs: Path) -> None:
+    """Compare the thumbnails of two image files; neither may have one."""
+    a, b = (oiio.ImageInput.open(str(path)).get_thumbnail(0) for path in (ours, theirs))
+    assert a.initialized == b.initialized
+    if b.initialized:
+        np.testing.assert_array_equal(a.get_pixels(), b.get_pixels())
+
+
 def facts(spec: oiio.ImageSpec) -> dict[str, object]:
     """What a spec says, less what names the program that wrote it."""
     found: dict[str, object] = {
         name: getattr(spec, name)
-        for name in ("x", "y", "width", "height", "full_x", "full_y", "full_width", "full_height", "nchannels",
+        for name in ("x", "y", "width", "height", "full_x", "full_y", "full_width", "full_height", "nchannels", "deep",
                      "channelnames", "alpha_channel", "z_channel", "tile_width", "tile_height")
     }  # fmt: skip
     found["type"] = [str(spec.channelformat(c)) for c in range(spec.nchannels)]

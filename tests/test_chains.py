@@ -295,7 +295,7 @@ def test_no_error_exit_goes_on(folder, tmp_path, caplog):
         ("a.png --subimage 3", "has no part '3'; it has 0"),
         ("a.png -o:tiel=3x3 x.png", "unknown modifier 'tiel', did you mean 'tile'?"),
         ("a.png --flipp", "unknown option '--flipp', did you mean '--flip'?"),
-        ("a.png --flatten", "deep images are not supported"),
+        ("a.png --capture", "save the camera's picture to a file"),
         ("a.png -o:all=0 100%.png", "allowed is one %d"),
         ("a.png --addc:colour=3 1", "unknown modifier 'colour'"),
         ("a.png --addc x", "value=x"),

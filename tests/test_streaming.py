@@ -50,7 +50,7 @@ SAMPLES: dict[str, list[dict[str, Any]]] = {
     },
     "polar": [{}],
     "unpolar": [{}],
-    "clamp": [{"min": (0.2,), "max": (0.8,)}],
+    "clamp": [{"min": "0.2", "max": "0.8"}],
     "contrast": [{"black": (0.1,), "white": (0.8,)}],
     "saturate": [{"scale": 0.5}],
     "rangecompress": [{}],
@@ -135,6 +135,10 @@ SAMPLES: dict[str, list[dict[str, Any]]] = {
     "unsharp": [{}, {"width": 7.0}, {"kernel": "median", "width": 4.0, "threshold": 0.2}],
     "laplacian": [{}],
     "fillholes": [{}],
+    "flatten": [{}],
+    "deepen": [],  # deep results are held whole: tests/test_deep.py
+    "deepmerge": [],
+    "deepholdout": [],
     "fft": [{}],
     "ifft": [{}],
     "decorrstretch": [{}],
@@ -211,6 +215,9 @@ def images_for(op: type[Op], data: Window, type: str) -> dict[str, Any]:
     if op.name == "st_warp":
         st = dear(data.shifted(3, 2), 2, "float", 2, 0, 1)
         return {"source": picture(1), "st": Image((st,), "st")}
+    if op.name == "flatten":
+        flat = picture(1).first
+        return {"source": Image((in_memory("deep", oiio.ImageBufAlgo.deepen(flat.buffer(flat.window))),), "deep")}
     if op.name == "ifft":
         square = oiio.ImageBuf(oiio.ImageSpec(20, 15, 1, "float"))
         oiio.ImageBufAlgo.noise(square, "uniform", 0, 1)
@@ -273,7 +280,7 @@ def test_windows_do_not_show(op: type[HostOp], number: int, where: str, small_pi
     """Rows, columns, squares and random windows are pieces of the whole."""
     assert op.name in SAMPLES, f"{op.flag()} needs an entry in SAMPLES"
     if not SAMPLES[op.name]:
-        pytest.skip("needs a file, or what no built-in colour config has")
+        pytest.skip("needs a file, or what no built-in colour config has, or its result is deep")
     arguments = SAMPLES[op.name][number]
     type = "half" if where == "overscan" else "float"
     whole = computed(op, arguments, DATA[where], type, Session())

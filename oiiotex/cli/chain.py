@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..core.attributes import require_utf8
@@ -17,13 +17,13 @@ from ..core.image import Image, Part
 from ..core.op import Op
 from ..core.parameters import Parameter
 from ..deferred import oiio
-from ..errors import Error, ParameterError
+from ..errors import Error, ImageError, ParameterError
 from ..io.formats import Format
 from ..io.reading import read
 from ..run import run
 from ..session import Session
 from .first_image import First
-from .parse import Step, split_modifiers, values_of
+from .parse import Option, Step, split_modifiers, values_of
 from .sequences import Frame
 from .titles import title_of
 
@@ -168,14 +168,20 @@ class Chain:
             self._waiting.append((step, (), values))
             return self._run_waiting()
         option = step.option
-        assert option is not None and option.run is not None
+        assert option is not None
         if option.needs > len(self.stack):
             self._waiting.append((step, texts, values))
             return None
         if not (option.state or option.control or option.name == "-i"):
             self._nothing_waits()
-        option.run(self, *texts, **values)
+        self._run_option(option, texts, values)
         return self._run_waiting()
+
+    def _run_option(self, option: Option, texts: tuple[str, ...], values: dict[str, Any]) -> None:
+        if option.flat:
+            require_flat(self.stack[-option.needs :])
+        assert option.run is not None
+        option.run(self, *texts, **values)
 
     @functools.cached_property
     def _expressions(self) -> Expressions:
@@ -213,8 +219,8 @@ class Chain:
                 if step.op is not None:
                     self.apply(step.op, **values)
                 else:
-                    assert step.option is not None and step.option.run is not None
-                    step.option.run(self, *texts, **values)
+                    assert step.option is not None
+                    self._run_option(step.option, texts, values)
             except Error as error:
                 if isinstance(error, StepError):
                     raise
@@ -229,13 +235,22 @@ class Chain:
         share = f" share {values['tiles']}" if values.get("tiles") else ""
         with self.session.stats.time(f"{op.flag()}{share}"):
             bound = op(**self._bound(op, operands, values))
+            if not op.deep:
+                require_flat(bound.operands())
             self.inputs |= {image.source for image in bound.operands()} | set(map(str, bound.paths_read()))
             images = self.images_of(bound)
         del self.stack[len(self.stack) - count :]
         for image in (self._entitled(op, operands, image) for image in images):
             self.push(_with_metadata_of(operands, image) if self.settings.get("--metamerge") else image)
         self.user |= bound.facts()
+        self._rename(bound.renamed())
         self.unwritten = True
+
+    def _rename(self, names: dict[str, str]) -> None:
+        """Let `-d CHANNEL=TYPE` follow a channel to its new name, where the type of the first file no longer holds."""
+        if names:
+            types = self.settings.get("-d channels", {})
+            self.settings["-d channels"] = types | {new: types.get(old) for new, old in names.items()}
 
     def _entitled(self, op: type[Op], operands: list[Image], image: Image) -> Image:
         """The image under its title; computed now where too many ops would wait for each other's pixels."""
@@ -268,6 +283,10 @@ class Chain:
     def note(self, level: int, text: str) -> None:
         """Log what is left undone; where a line is only looked through, perhaps later."""
         log.log(level, "%s", text)
+
+    def set_global(self, name: str, kind: oiio.TypeDesc, value: object, before: object) -> None:
+        """Set an attribute of OpenImageIO, which had the value `before`."""
+        oiio.attribute(name, kind, value)
 
     def tell(self, text: str) -> None:
         """Print a line that -v asks for."""
@@ -356,6 +375,13 @@ class Chain:
         raise ParameterError(
             f"{parameter.name}={name}: neither a part ({has}) nor a file; allowed is {parameter.allowed()}"
         )
+
+
+def require_flat(images: Iterable[Image]) -> None:
+    """Raise an ImageError where one has a deep part."""
+    for image in images:
+        if any(part.spec.deep for part in image.parts):
+            raise ImageError(f"{image.title} is deep: expected a flat image; put --flatten before it")
 
 
 def _with_metadata_of(operands: list[Image], result: Image) -> Image:

@@ -317,8 +317,15 @@ def _limit(name: str, argument: str, help: str) -> Option:
 
 
 OPTIONS = (
-    Option("--diff", (), "print how two images differ; exits 1 where they do", difference, needs=2),
-    Option("--pdiff", (), "the same by Yee's perceptual metric; holds both images", perceptual_difference, needs=2),
+    Option("--diff", (), "print how two images differ; exits 1 where they do", difference, needs=2, flat=True),
+    Option(
+        "--pdiff",
+        (),
+        "the same by Yee's perceptual metric; holds both images",
+        perceptual_difference,
+        needs=2,
+        flat=True,
+    ),
     Option(
         "--flipdiff",
         (),
@@ -326,6 +333,7 @@ OPTIONS = (
         flip_difference,
         FlipModifiers,
         needs=2,
+        flat=True,
     ),
     _limit("fail", "THRESHOLD", "difference above which a pixel fails --diff (1e-6)"),
     _limit("failpercent", "PERCENT", "pixels that may fail (0)"),

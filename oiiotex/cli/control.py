@@ -181,17 +181,22 @@ def set_oiio_attribute(chain: Chain, name: str, text: str, type: str | None = No
     Parameters
     ----------
     chain : Chain
-        One that is only looked through sets nothing.
     name, text : str
         The attribute and its value.
     type : str, optional
-        int, float, string ...; by the looks of the value when left out.
+        int, float, string ...; default: by the look of the value.
+
+    Raises
+    ------
+    ParameterError
+        OpenImageIO does not have the attribute, or has it with another type.
     """
     value = attribute_value(text, type)
-    if chain.dry:
-        return
-    if not oiio.attribute(name, value):
-        raise ParameterError(f"OpenImageIO has no attribute '{name}' of that type")
+    kind = oiio.TypeDesc(type) if type else oiio.TypeDesc({int: "int", float: "float"}.get(value.__class__, "string"))
+    before = oiio.getattribute(name, kind)
+    if before is None:
+        raise ParameterError(f"{name}: expected an attribute of OpenImageIO of type {kind}")
+    chain.set_global(name, kind, value, before)
 
 
 def evaluation_off(chain: Chain) -> None:

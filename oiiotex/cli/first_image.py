@@ -24,7 +24,7 @@ class First:
         for part in image.parts:
             self.spec = self.spec or part.spec
             own = part.spec.format
-            merged = own if self.pixel_type is None else _merged(self.pixel_type, own)
+            merged = own if self.pixel_type is None else merged_type(self.pixel_type, own)
             self.pixel_type = merged
             self.bits = self.bits or part.spec.get_int_attribute("oiio:BitsPerSample")
             if part.spec.tile_width:
@@ -37,7 +37,7 @@ class First:
                 self.channel_types.setdefault(key, part.spec.channelformat(channel))
 
 
-def _merged(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:
+def merged_type(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:
     """The type that holds the values of both, as oiiotool merges them."""
     order = ("uint8", "int8", "uint16", "int16", "half", "uint", "int", "float", "double")
     low, high = sorted((str(a), str(b)), key=order.index)

@@ -7,16 +7,9 @@ from .. import filters, host
 from ..deferred import Shelf
 from .parse import Language, Refused
 
-_DEEP = "deep images are not supported"
-
 REFUSED = (
     Refused("--capture", 0, "OpenImageIO's wheel has no OpenCV; save the camera's picture to a file"),
     Refused("--gpu", 0, "OpenImageIO's own GPU support is not in its wheel; --device chooses where --tex... ops run"),
-    Refused("--deepmerge", 0, _DEEP),
-    Refused("--deepholdout", 0, _DEEP),
-    Refused("--deepen", 0, _DEEP),
-    Refused("--flatten", 0, _DEEP),
-    Refused("--thumbnail-set", 0, "OpenImageIO cannot write thumbnails from Python"),
 )
 
 _OPTIONS = tuple(
@@ -48,7 +41,7 @@ _OPTIONS = tuple(
             "stack",
             "OPTIONS",
             "--label --dup --swap --pop --popbottom --stackreverse --stackextract --stackclear --subimage"
-            " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get",
+            " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get --thumbnail-set",
         ),
         (
             "Printing and comparing",

@@ -157,7 +157,8 @@ def _shown_spec(image: Image, part: Part, native: bool) -> oiio.ImageSpec:
     """The spec as the host's ops see it, which note where an image came from."""
     spec = oiio.ImageSpec(part.spec)
     if not native:
-        spec.set_format(part.working_type)
+        if not spec.deep:  # its samples stay of the file's types
+            spec.set_format(part.working_type)
         spec.erase_attribute("oiio:SHA-1")  # of other pixels, soon
         text = spec.get_string_attribute("ImageDescription")
         if "oiio:SHA-1=" in text:

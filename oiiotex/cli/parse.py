@@ -32,6 +32,8 @@ class Option:
         A frozen dataclass whose `param` fields are its modifiers.
     needs : int
         Images that must be on the stack; with fewer it waits for the next ones, as ops do.
+    flat : bool
+        It looks at the pixels of those images, which may not be deep.
     state : bool
         It only sets what later options use, so it may stand between an op and the operands that the op waits for.
     throughout : bool
@@ -50,6 +52,7 @@ class Option:
     run: Callable[..., None] | None = None
     modifiers: type | None = None
     needs: int = 0
+    flat: bool = False
     state: bool = False
     throughout: bool = False
     late: bool = False
@@ -294,7 +297,7 @@ def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
     if quote:
         raise ParameterError(f"{word}: the quote {quote} is not closed")
     modifiers: dict[str, str] = {}
-    for piece in pieces[1:]:
+    for piece in filter(None, pieces[1:]):  # `--op:a=1:` and `--op::a=1` say no more than `--op:a=1`
         name, equals, value = piece.partition("=")
         if not equals or not name:
             raise ParameterError(f"{word}: '{piece}' is not NAME=VALUE")

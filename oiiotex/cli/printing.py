@@ -9,7 +9,7 @@ Where we depart from oiiotool
 4. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
 5. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
    been at work, and for all parts alike.
-6. --hash refuses files with channels of whole and of broken numbers. Deep files cannot be read at all.
+6. --hash refuses files with channels of integers and of floats. Of deep files only --info and --printinfo print.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..core.parameters import param
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ParameterError
-from .chain import Chain
+from .chain import Chain, require_flat
 from .metadata import Asked, Dump, description, unescaped
 from .output_settings import set_text, switch
 from .parse import Option
@@ -62,6 +62,8 @@ def print_input(chain: Chain, image: Image, info: int | None = None, infoformat:
     """
     settings = chain.settings
     level = int("--info" in settings) if info is None else info
+    if any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash")):
+        require_flat([image])
     if not (level or any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash"))):
         return
     asked = _asked(chain)
@@ -177,10 +179,12 @@ class CountModifiers:
 
 def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
     """Print how many pixels of the top image have each of some colours."""
+    from ..host.arithmetic import numbers_for_channels
+
     part = chain.top.first
     words = text.split(":" if ":" in text else ";")
-    colours = np.array([_numbers(word, part.spec.nchannels, 0.0) for word in words], np.float32)
-    tolerance = _numbers(eps, part.spec.nchannels, 0.001)
+    colours = np.array([numbers_for_channels(word, part.spec.nchannels, 0.0) for word in words], np.float32)
+    tolerance = np.array(numbers_for_channels(eps, part.spec.nchannels, 0.001), np.float32)
     if not chain.acts(part):
         return
     for word, count in zip(words, colour_counts(part, colours, tolerance), strict=True):
@@ -189,23 +193,18 @@ def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
 
 def check_range(chain: Chain, low: str, high: str) -> None:
     """Print how many pixels of the top image are below or above a range."""
+    from ..host.arithmetic import numbers_for_channels
+
     part = chain.top.first
-    bounds = _numbers(low, part.spec.nchannels, 0.0), _numbers(high, part.spec.nchannels, 1.0)
+    count = part.spec.nchannels
+    bounds = (
+        np.array(numbers_for_channels(low, count, 0.0), np.float32),
+        np.array(numbers_for_channels(high, count, 1.0), np.float32),
+    )
     if not chain.acts(part):
         return
     below, above, within = range_counts(part, *bounds)
     print(f"{below:8}  < {low}\n{above:8}  > {high}\n{within:8}  within range")
-
-
-def _numbers(text: str, count: int, default: float) -> np.ndarray:
-    """'0.5,,1' -> one float per channel: one number is meant for all, what is left out has the default."""
-    words = text.split(",")
-    try:
-        numbers = [float(word) if word.strip() else default for word in words]
-    except ValueError:
-        raise ParameterError(f"'{text}': allowed are numbers with commas between them") from None
-    numbers = numbers * count if len(numbers) == 1 else [*numbers, *[default] * count]
-    return np.array(numbers[:count], np.float32)
 
 
 # --- texts of the program ---
@@ -236,7 +235,13 @@ OPTIONS = (
     Option("--printinfo", (), "print the size and metadata of the top image", print_top, PrintInfoModifiers, needs=1),
     Option("--stats", (), "print pixel statistics of every image as it is read", switch("--stats"), state=True),
     Option(
-        "--printstats", (), "print pixel statistics of the top image", print_statistics, PrintStatsModifiers, needs=1
+        "--printstats",
+        (),
+        "print pixel statistics of the top image",
+        print_statistics,
+        PrintStatsModifiers,
+        needs=1,
+        flat=True,
     ),
     Option("--hash", (), "print the SHA-1 of the pixels of every image as it is read", switch("--hash"), state=True),
     Option("--dumpdata", (), "print the pixels of every image as it is read", dump_inputs, DumpModifiers, state=True),
@@ -249,7 +254,10 @@ OPTIONS = (
         count_colours,
         CountModifiers,
         needs=1,
+        flat=True,
     ),
-    Option("--rangecheck", ("LOW", "HIGH"), "count the pixels outside a range of colours", check_range, needs=1),
+    Option(
+        "--rangecheck", ("LOW", "HIGH"), "count the pixels outside a range of colours", check_range, needs=1, flat=True
+    ),
     Option("--echo", ("TEXT",), "print a text", echo, EchoModifiers, state=True),
 )

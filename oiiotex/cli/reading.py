@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import logging
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ from ..deferred import np, oiio
 from ..errors import ImageError, ParameterError
 from .chain import Chain
 from .control import SetModifiers
+from .first_image import merged_type
 from .output_settings import switch
 from .parse import Option
 
@@ -38,6 +40,8 @@ class ReadModifiers:
     infoformat: str = param("", choices=("", "text", "xml"), help="as text or xml")
     now: bool = param(False, help="read the file now; it is read piece by piece when it is needed else")
     get_thumbnail: bool = param(False, help="the file's thumbnail instead of its pixels")
+    fail: bool = param(True, help="with get_thumbnail: a file without one is an error; 0: one is made of its pixels")
+    index: int = param(0, ge=0, le=0, help="with get_thumbnail: which one; OpenImageIO gives only the first")
 
 
 def read_input(chain: Chain, path: str, **modifiers: Any) -> None:
@@ -64,11 +68,13 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
     image = chain.opened(path, native, config)
     chain.tell(f"Reading {path}")
     chain.inputs.add(path)
-    chain.first.learn(image)
     if given.info or any(name in settings for name in _PRINTING):
         from .printing import print_input
 
         print_input(chain, image, given.info, given.infoformat)
+    if given.ch is not None:
+        image = _of_channels(chain, image, given.ch)
+    chain.first.learn(image)
     if given.type is not None:
         image = _retyped(image, type_named(given.type))
     if given.now:
@@ -78,6 +84,27 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
         image = Image(parts, image.source)
     return image
+
+
+def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
+    """The image as if its file held these channels: of the file's types, and float where the file lacks one."""
+    from ..host.channels import Channels
+
+    op = Channels(source=image, channels=channels)
+
+    def chosen(part: Part) -> Part:
+        if op.idle([part]):
+            return part
+        own, result = part.spec, op.result([part], chain.session)
+        order = [channel.source for channel in op.chosen(own)]
+        types = [own.channelformat(c) if isinstance(c, int) else oiio.TypeDesc("float") for c in order]
+        spec = oiio.ImageSpec(result.spec)
+        spec.set_format(functools.reduce(merged_type, types))
+        spec.channelformats = tuple(types) if any(kind != types[0] for kind in types) else ()
+        spec.tile_width, spec.tile_height, spec.tile_depth = own.tile_width, own.tile_height, own.tile_depth
+        return Part(part.name, spec, result.fetch, spec.format, part.native, levels=tuple(map(chosen, part.levels)))
+
+    return Image(tuple(map(chosen, image.parts)), image.source)
 
 
 def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
@@ -118,14 +145,10 @@ def _substitute(chain: Chain, error: ImageError) -> Image:
 
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
     """What is done to an image as soon as it has been read."""
-    if given.ch is not None:
-        from ..host.channels import Channels
-
-        chain.apply(Channels, channels=given.ch, allsubimages=True)
     if given.get_thumbnail:
         from .stack import thumbnail
 
-        thumbnail(chain)
+        thumbnail(chain, given.fail, given.index)
     if chain.settings.get("--autoorient"):
         from ..host.turning import Reorient
 

@@ -83,7 +83,7 @@ class Rehearsals:
         """
         chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.measure)
         try:
-            with _quiet():
+            with _quiet(), chain.globals:
                 chain.run(steps)
         except Unseen:
             return Foresight(len(steps), files=tuple(chain.files))
@@ -194,6 +194,7 @@ class _Rehearsal(Chain):
         self._idle: list[str] = []  # settings of outputs since the last one
         self._last = ""  # the last op
         self._notes: list[tuple[int, int, str]] = []  # step, level and text
+        self.globals = contextlib.ExitStack()  # attributes of OpenImageIO, which it gives back as they were
 
     def foresight(self, steps: Sequence[Step]) -> Foresight:
         """What has been seen when all steps have been done."""
@@ -247,6 +248,11 @@ class _Rehearsal(Chain):
             super().acts(*parts)
         self._needed = self.position
         return False
+
+    def set_global(self, name: str, kind: oiio.TypeDesc, value: object, before: object) -> None:
+        """Set an attribute of OpenImageIO until the line has been looked through."""
+        self.globals.callback(oiio.attribute, name, kind, before)
+        super().set_global(name, kind, value, before)
 
     def tell(self, text: str) -> None:
         """Not now."""

@@ -8,8 +8,9 @@ import re
 from dataclasses import dataclass
 
 from ..core.demand import cached
-from ..core.image import Image, Part, from_buffer
+from ..core.image import Image, Part, derived_spec, in_memory
 from ..core.parameters import param
+from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ImageError, ParameterError
 from .chain import Chain
@@ -207,25 +208,58 @@ def select_level(chain: Chain, text: str) -> None:
 class ThumbnailModifiers:
     """Of --thumbnail-get."""
 
-    fail: bool = param(True, help="an error where there is none; else a small version is made")
-    index: int = param(0, ge=0, le=0, help="which thumbnail")
+    fail: bool = param(True, help="an image without a thumbnail is an error; 0: a small version is made of it")
+    index: int = param(0, ge=0, le=0, help="which thumbnail; OpenImageIO gives only the first")
 
 
 def thumbnail(chain: Chain, fail: bool = True, index: int = 0) -> None:
     """Replace an image by the thumbnail in its file."""
     image = chain.top
-    file = oiio.ImageInput.open(image.source)
-    small = file.get_thumbnail(0) if file is not None else None
-    if small is not None and small.initialized:
-        chain.stack[-1] = Image(from_buffer(small).parts, image.source)
+    part = image.first
+    if part.thumbnail is not None:
+        chain.stack[-1] = Image((in_memory("part0", part.thumbnail()),), image.source)
     elif fail:
-        raise ImageError(f"{image.source} has no thumbnail")
+        raise ImageError(f"{image.source}: expected an image with a thumbnail; add fail=0 to make one")
     else:
-        from ..host.scaling import Resize
+        chain.stack[-1] = Image((_thumbnail_of(chain, part),), image.source)
 
-        longer = max(image.first.spec.full_width, image.first.spec.full_height)
-        percent = min(100.0, 25600 / longer)
-        chain.apply(Resize, size=f"{percent}%")
+
+def _thumbnail_of(chain: Chain, part: Part) -> Part:
+    """A version of the display window that fits into 256 x 256 pixels."""
+    from ..host.kinds import checked, once
+
+    spec = oiio.ImageSpec(part.spec)
+    chain.session.require(4 * spec.width * spec.height * spec.nchannels, "--thumbnail-get:fail=0")
+    scale = min(1.0, 256 / max(spec.full_width, spec.full_height))
+    spec.full_width, spec.full_height = (max(1, int(s * scale + 0.5)) for s in (spec.full_width, spec.full_height))
+    whole = Window.sized(0, 0, spec.full_width, spec.full_height)
+    spec.full_x = spec.full_y = 0
+
+    def resized(_: Part) -> Part:
+        buffer = oiio.ImageBufAlgo.resize(part.buffer(part.window), roi=whole.roi(spec.nchannels))
+        return in_memory(part.name, checked(buffer))
+
+    small = derived_spec(whole.apply_to(spec))
+    small.set_format(part.working_type)
+    return once(Part(part.name, small, part.fetch), resized)
+
+
+def attach_thumbnail(chain: Chain) -> None:
+    """Make the top image the thumbnail of the image below it."""
+    small, image = chain.pop(), chain.pop()
+
+    def describe(spec: oiio.ImageSpec) -> None:
+        for name, value in zip(("width", "height", "nchannels"), _shape(small.first.spec), strict=True):
+            spec.attribute(f"thumbnail_{name}", value)
+
+    part = small.first
+    first = dataclasses.replace(image.first.respecced(describe), thumbnail=lambda: part.buffer(part.window))
+    chain.push(Image((first, *image.parts[1:]), image.source))
+    chain.unwritten = True
+
+
+def _shape(spec: oiio.ImageSpec) -> tuple[int, int, int]:
+    return spec.width, spec.height, spec.nchannels
 
 
 OPTIONS = (
@@ -241,10 +275,11 @@ OPTIONS = (
     Option("--sisplit", (), "replace an image by one for each of its parts", split_parts, needs=1),
     Option("--siappend", (), "make the last two images the parts of one", append_parts, AppendModifiers, needs=2),
     Option("--siappendall", (), "make all images the parts of one", append_all, needs=1),
-    Option("--layersplit", (), "replace an image by one for each layer of channels", split_layers, needs=1),
+    Option("--layersplit", (), "replace an image by one for each layer of channels", split_layers, needs=1, flat=True),
     Option("--unmip", (), "keep the largest version of a MIP-mapped image", without_levels, needs=1),
     Option("--selectmip", ("LEVEL",), "keep one version of a MIP-mapped image, 0 the largest", select_level, needs=1),
     Option(
         "--thumbnail-get", (), "replace an image by the thumbnail in its file", thumbnail, ThumbnailModifiers, needs=1
     ),
+    Option("--thumbnail-set", (), "make the top image the thumbnail of the image below it", attach_thumbnail, needs=2),
 )

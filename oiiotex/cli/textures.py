@@ -16,7 +16,7 @@ from ..io.atomic import temporary_beside
 from ..io.description import describe, is_ours, warn_of_loss
 from ..io.formats import Format
 from ..io.reading import checked_name, keep_readable, read
-from .chain import Chain
+from .chain import Chain, require_flat
 from .output import is_left, may_write, software
 from .parse import Option
 
@@ -79,6 +79,7 @@ def write_texture(mode: str) -> Any:
 
     def run(chain: Chain, path: str, **modifiers: Any) -> None:
         given = TextureModifiers(**modifiers)
+        require_flat([chain.top])
         part = chain.top.first
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
         chain.session.require(3 * size, "a MIP-mapped texture")

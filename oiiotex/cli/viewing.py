@@ -79,4 +79,8 @@ def _tev(given: ViewModifiers) -> Iterator[Ipc]:
         raise Error(f"--tev: no tev listens at {given.host}:{given.port} ({text}): start it first") from error
 
 
-OPTIONS = (Option("--tev", (), "show the top image in the viewer tev while it is made", show, ViewModifiers, needs=1),)
+OPTIONS = (
+    Option(
+        "--tev", (), "show the top image in the viewer tev while it is made", show, ViewModifiers, needs=1, flat=True
+    ),
+)

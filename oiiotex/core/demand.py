@@ -165,7 +165,7 @@ def cached(part: Part, cache: PieceCache) -> Part:
     ImageError
         One row is more than the cache holds.
     """
-    if part.ready:
+    if part.ready or part.spec.deep:  # OpenImageIO holds deep pixels whole
         return part
     row = part.spec.width * part.pixel_bytes
     if row > cache.limit:

@@ -41,7 +41,7 @@ class Part:
         Data and display window, channels, pixel type, metadata. Never changed in place.
     fetch : callable
         Window inside the data window -> its pixels: (height, width, channels) of the spec's pixel type, or an
-        ImageBuf with that data window.
+        ImageBuf with that data window; of a deep part always the latter.
     stored : oiio.TypeDesc or None
         The pixel type in which it is written unless the user says another; None for what an op of the host has
         computed, which is written as the first file of the run was.
@@ -53,6 +53,8 @@ class Part:
         A file must hold it as it is, or not at all: labels, source coordinates.
     levels : tuple of Part
         Its smaller versions, where the file is MIP-mapped.
+    thumbnail : callable or None
+        Gives the thumbnail that its file holds, or that --thumbnail-set has attached; None: there is none.
     depth : int
         How many ops must be asked, one within the other, before there is a pixel.
     title : str
@@ -67,6 +69,7 @@ class Part:
     ready: bool = False
     exact: bool = False
     levels: tuple[Part, ...] = ()
+    thumbnail: Callable[[], oiio.ImageBuf] | None = None
     depth: int = 0
     title: str = ""
 
@@ -82,6 +85,8 @@ class Part:
 
     def read(self, window: Window) -> np.ndarray:
         """(height, width, channels) of the spec's pixel type; do not write into it."""
+        if self.spec.deep:
+            raise ImageError(f"part '{self.name}' is deep: expected a flat image; --flatten makes one of it")
         pixels = self.fetch(window)
         if isinstance(pixels, oiio.ImageBuf):
             array = pixels.get_pixels(self.spec.format, window.roi(self.spec.nchannels))
@@ -91,7 +96,7 @@ class Part:
     def buffer(self, window: Window) -> oiio.ImageBuf:
         """As an ImageBuf with that data window, for ops of the host; do not write into it."""
         pixels = self.fetch(window)
-        if isinstance(pixels, oiio.ImageBuf) and (pixels.spec().format == self.working_type):
+        if self.spec.deep or (isinstance(pixels, oiio.ImageBuf) and pixels.spec().format == self.working_type):
             return pixels
         spec = window.apply_to(self.spec)
         spec.set_format(self.working_type)
@@ -123,8 +128,13 @@ class Part:
         same = Window.data(spec) == self.window and Window.display(spec) == Window.display(self.spec)
         levels = tuple(level.respecced(change) for level in self.levels) if same else ()
 
-        def fetch(window: Window) -> np.ndarray:
-            return self.read(window.shifted(-x, -y))
+        def fetch(window: Window) -> Pixels:
+            there = window.shifted(-x, -y)
+            if not spec.deep:
+                return self.read(there)
+            buffer = self.buffer(there).copy()
+            change(buffer.specmod())
+            return buffer
 
         return dataclasses.replace(self, spec=spec, fetch=fetch, levels=levels)
 
@@ -217,6 +227,8 @@ def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
     def fetch(window: Window) -> Pixels:
         if window == whole:
             return buffer
+        if spec.deep:
+            return oiio.ImageBufAlgo.crop(buffer, roi=window.roi(spec.nchannels))
         pixels = buffer.get_pixels(spec.format, window.roi(spec.nchannels))
         return pixels.reshape(window.height, window.width, spec.nchannels)
 
@@ -238,7 +250,8 @@ def cropped(part: Part, window: Window) -> Part:
             out[shared.inside(wanted)] = part.read(shared)
         return out
 
-    return dataclasses.replace(part, spec=window.apply_to(derived_spec(part.spec)), fetch=fetch, levels=())
+    spec = window.apply_to(derived_spec(part.spec))
+    return dataclasses.replace(part, spec=spec, fetch=fetch, levels=(), thumbnail=None)
 
 
 def derived_spec(spec: oiio.ImageSpec, width: int | None = None, height: int | None = None) -> oiio.ImageSpec:

@@ -108,6 +108,7 @@ class Op:
     prefix: ClassVar[str] = "--tex"
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
     copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
+    deep: ClassVar[bool] = False  # it takes deep images; else they are refused
     carries: ClassVar[bool] = False  # the further parts of its first image follow what it makes
     PAPER: ClassVar[dict[str, Any]] = {}  # what its parameter `paper` stands for, if it has one: values of others
     name: ClassVar[str]
@@ -196,6 +197,10 @@ class Op:
     def working_space(self) -> Space:
         """Where this use sees images: in what the op declares; of Lab, with its parameter `data`, as data."""
         return Space.DATA if self.space is Space.LAB and self.values().get("data") else self.space
+
+    def renamed(self) -> dict[str, str]:
+        """Channels that it has renamed: the old name by the new one."""
+        return {}
 
     def carried(self) -> tuple[Any, ...]:
         """The further parts of its first image, where these follow what it makes."""

@@ -24,8 +24,8 @@ SHELVES = tuple(
         ),
         (
             "compositing",
-            "Compositing, and colours by alpha",
-            "over zover premult unpremult repremult",
+            "Compositing of flat and of deep images, and colors by alpha",
+            "over zover premult unpremult repremult deepen flatten deepmerge deepholdout",
         ),
         (
             "channels",

@@ -21,6 +21,33 @@ def per_channel(given: Sequence[float], count: int, neutral: float) -> tuple[flo
     return given + (neutral,) * (count - len(given))
 
 
+def numbers_for_channels(text: str, count: int, default: float, name: str = "") -> tuple[float, ...]:
+    """A comma-separated list as one number for each channel: `default` where a place is empty or missing.
+
+    Parameters
+    ----------
+    text : str
+        Such as '0.5,,1'; a single number holds for all channels.
+    count : int
+        Channels, 1 or more.
+    default : float
+    name : str
+        The modifier, for the error.
+
+    Raises
+    ------
+    ParameterError
+        A place holds something else.
+    """
+    words = text.split(",")
+    try:
+        numbers = [float(word) if word.strip() else default for word in words]
+    except ValueError:
+        given = f"{name}={text}" if name else f"'{text}'"
+        raise ParameterError(f"{given}: expected a comma-separated list of numbers") from None
+    return per_channel(numbers, count, default)
+
+
 @dataclass(frozen=True, kw_only=True)
 class OneImage(PointOp):
     """One image, pixel by pixel."""
@@ -168,6 +195,7 @@ class AddValues(ImageAndValues):
     """Add to all channels a value, or to each its own."""
 
     name: ClassVar[str] = "addc"
+    deep: ClassVar[bool] = True
     aliases: ClassVar[tuple[str, ...]] = ("--cadd",)
     function = "add"
 
@@ -177,6 +205,7 @@ class SubtractValues(ImageAndValues):
     """Subtract from all channels a value, or from each its own."""
 
     name: ClassVar[str] = "subc"
+    deep: ClassVar[bool] = True
     aliases: ClassVar[tuple[str, ...]] = ("--csub",)
     function = "sub"
 
@@ -186,6 +215,7 @@ class MultiplyValues(ImageAndValues):
     """Multiply all channels by a value, or each by its own."""
 
     name: ClassVar[str] = "mulc"
+    deep: ClassVar[bool] = True
     aliases: ClassVar[tuple[str, ...]] = ("--cmul",)
     function = "mul"
     neutral = 1.0
@@ -196,6 +226,7 @@ class DivideValues(ImageAndValues):
     """Divide all channels by a value, or each by its own; what is divided by 0 becomes 0."""
 
     name: ClassVar[str] = "divc"
+    deep: ClassVar[bool] = True
     function = "div"
     neutral = 1.0
 

@@ -92,6 +92,8 @@ def _index(name: str, names: Sequence[str]) -> int | None:
 class ChosenChannels(OneImage):
     """Some channels, in some order."""
 
+    deep: ClassVar[bool] = True
+
     def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
         """The channels of the result."""
         raise NotImplementedError
@@ -173,6 +175,11 @@ class ChannelNames(Respec):
         kinds = [name.lower().rpartition(".")[2] for name in spec.channelnames]
         spec.alpha_channel = max((n for n, kind in enumerate(kinds) if kind in ("a", "alpha")), default=-1)
         spec.z_channel = max((n for n, kind in enumerate(kinds) if kind in ("z", "depth")), default=-1)
+
+    def renamed(self) -> dict[str, str]:
+        """The names that are given, by which the first file may have a channel of another type."""
+        given = zip(self.names.split(","), self.source.first.spec.channelnames, strict=False)
+        return {new: old for new, old in given if new}
 
 
 # --- new channels from all ---

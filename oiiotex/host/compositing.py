@@ -1,20 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compositing, and colours by alpha."""
+"""Compositing of flat and of deep images, and colors by alpha."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from ..core.image import Part
+from ..core.image import Image, Part
 from ..core.op import Op
-from ..core.parameters import param
+from ..core.parameters import image, param
 from ..deferred import oiio
 from ..session import Session
 from .arithmetic import OneImage, TwoImages
-from .kinds import worked
+from .kinds import AtOnce, worked
 
 log = logging.getLogger("oiiotex")
 
@@ -84,4 +84,81 @@ class Repremultiply(ByAlpha):
     function = "repremult"
 
 
-OPS: tuple[type[Op], ...] = (Over, DepthOver, Premultiply, Unpremultiply, Repremultiply)
+# --- deep images: pixels of any number of samples, each with a depth; OpenImageIO holds them whole ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeepOp(AtOnce):
+    """An op of deep images, through the function of ImageBufAlgo."""
+
+    deep: ClassVar[bool] = True
+
+    def extra(self) -> tuple[Any, ...]:
+        """What the function takes after the images."""
+        return ()
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The result from whole images."""
+        return self.of_buffers(*buffers, *self.extra())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deepen(DeepOp):
+    """Turn a flat image into a deep one, with a sample in each pixel that is not empty."""
+
+    name: ClassVar[str] = "deepen"
+    function: ClassVar[str] = "deepen"
+
+    source: Image = image(help="the image")
+    z: float = param(1.0, help="depth of the samples of an image without channel Z")
+
+    def extra(self) -> tuple[Any, ...]:
+        """The depth."""
+        return (self.z,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flatten(DeepOp):
+    """Composite the samples of each pixel of a deep image into a flat image."""
+
+    name: ClassVar[str] = "flatten"
+    function: ClassVar[str] = "flatten"
+
+    source: Image = image(help="the deep image")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _TwoDeep(DeepOp):
+    """Two deep images."""
+
+    a: Image = image(help="the first deep image")
+    b: Image = image(help="the second deep image")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeepMerge(_TwoDeep):
+    """Merge the samples of two deep images; samples behind an opaque one are removed."""
+
+    name: ClassVar[str] = "deepmerge"
+    function: ClassVar[str] = "deep_merge"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeepHoldout(_TwoDeep):
+    """Remove the samples of the first deep image that lie behind an opaque sample of the second."""
+
+    name: ClassVar[str] = "deepholdout"
+    function: ClassVar[str] = "deep_holdout"
+
+
+OPS: tuple[type[Op], ...] = (
+    Over,
+    DepthOver,
+    Premultiply,
+    Unpremultiply,
+    Repremultiply,
+    Deepen,
+    Flatten,
+    DeepMerge,
+    DeepHoldout,
+)

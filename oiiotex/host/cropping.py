@@ -26,6 +26,7 @@ class Cropped(Remap):
     """Another data window, black where there was nothing."""
 
     mixes: ClassVar[bool] = False
+    deep: ClassVar[bool] = True
 
     source: Image = image(help="the image")
 
@@ -117,6 +118,7 @@ class Trim(Hosted, ScanThenMap):
     """Crop all parts to the smallest window around all that is not zero in any of them."""
 
     name: ClassVar[str] = "trim"
+    deep: ClassVar[bool] = True
 
     source: Image = image(help="the image")
 
@@ -135,7 +137,7 @@ class Trim(Hosted, ScanThenMap):
 
 def _nonzero(part: Part) -> Window | None:
     window: Window | None = None
-    for band in bands(part):
+    for band in (part.window,) if part.spec.deep else bands(part):
         roi = oiio.ImageBufAlgo.nonzero_region(part.buffer(band))
         if roi.npixels:
             nonzero = Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend)

@@ -3,9 +3,8 @@
 
 An op of the host declares its parameters as any `Op` and says in `apply` which ImageBufAlgo function computes it. The
 kinds differ in what `apply` is given: pixel for pixel (`PointOp`), with a halo (`Area`), from elsewhere (`Remap`), or
-the whole image (`AtOnce`); `Respec` changes no pixel, and what makes its image its own way says only its kind.
-OpenImageIO's functions give a window the same pixels whatever lies around it, as long as what they look at is there
-(tests/test_streaming.py holds every op to it).
+the whole image (`AtOnce`); `Respec` changes no pixel. OpenImageIO's functions give a window the same pixels whatever
+lies around it, as long as what they look at is there (tests/test_streaming.py holds every op to it).
 """
 
 from __future__ import annotations
@@ -313,8 +312,8 @@ def with_edges(wanted: Window, spec: oiio.ImageSpec) -> Window:
 
 
 def _seen(wanted: Window, part: Part) -> Window:
-    """What an op sees of a window: a pixel at least, be it far away."""
-    seen = with_edges(wanted, part.spec) & part.window
+    """What an op sees of a window: a pixel at least, be it far away; all of a deep part, whose rows cannot be read."""
+    seen = part.window if part.spec.deep else with_edges(wanted, part.spec) & part.window
     return _nearest(wanted, part.window) if seen.empty else seen
 
 
@@ -388,6 +387,7 @@ class Respec(HostOp, Pointwise):
 
     mixes: ClassVar[bool] = False
     keeps: ClassVar[bool] = True
+    deep: ClassVar[bool] = True
 
     source: Image = image(help="the image")
 
@@ -396,5 +396,5 @@ class Respec(HostOp, Pointwise):
         raise NotImplementedError
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The part under its new spec, written in its own type as before."""
+        """The part under its new spec, in its own type."""
         return parts[0].respecced(self.change)

@@ -54,7 +54,7 @@ class NewImage(Hosted, AnyWindow):
             paint(buffer)
             return checked(buffer)
 
-        return Image((Part("new", spec, fetch, ready=True),), "new")
+        return Image((Part("part0", spec, fetch, ready=True),), "new")
 
 
 @dataclass(frozen=True, kw_only=True)

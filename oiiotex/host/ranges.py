@@ -15,7 +15,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
 from ..session import Session
-from .arithmetic import OneImage, per_channel
+from .arithmetic import OneImage, numbers_for_channels
 from .kinds import Area
 
 _LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
@@ -27,15 +27,15 @@ class Clamp(OneImage):
 
     name: ClassVar[str] = "clamp"
 
-    min: Numbers | None = param(None, help="lower bound, for all channels or for each; none when left out")
-    max: Numbers | None = param(None, help="upper bound, for all channels or for each; none when left out")
+    min: str = param("", help="lower bound of all channels, or a comma-separated list; an empty place sets no bound")
+    max: str = param("", help="upper bound of all channels, or a comma-separated list; an empty place sets no bound")
     clampalpha: bool = param(False, help="keep alpha in 0 .. 1 as well")
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Clamped."""
         count = buffers[0].nchannels
-        low = per_channel(self.min or (-_LARGEST,), count, -_LARGEST)
-        high = per_channel(self.max or (_LARGEST,), count, _LARGEST)
+        low = numbers_for_channels(self.min, count, -_LARGEST, "min")
+        high = numbers_for_channels(self.max, count, _LARGEST, "max")
         return oiio.ImageBufAlgo.clamp(*buffers, low, high, self.clampalpha)
 
 

@@ -183,6 +183,7 @@ class Resample(Remap):
     """Resize without a filter: between the four nearest pixels, or the nearest one."""
 
     name: ClassVar[str] = "resample"
+    deep: ClassVar[bool] = True
 
     source: Image = image(help="the image")
     size: str = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")

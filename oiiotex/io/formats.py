@@ -38,8 +38,8 @@ class Format:
         Width and height of tiles of computed parts; None: scanlines.
     bits : int
         Significant bits, where they are fewer than the type has; 0: as in the source.
-    channel_types : dict of str to oiio.TypeDesc
-        Of single channels by name, or by 'part.name'.
+    channel_types : dict of str to oiio.TypeDesc or None
+        Of single channels by name, or by 'part.name'; 'part.*' stands for all channels of a part. None: as the part.
     tile : (int, int) or None
         Width and height of tiles; None: as in a file that is only copied, else scanlines.
     scanline : bool
@@ -57,7 +57,7 @@ class Format:
     computed_channels: dict[str, oiio.TypeDesc] = field(default_factory=dict)
     computed_tile: tuple[int, int] | None = None
     bits: int = 0
-    channel_types: dict[str, oiio.TypeDesc] = field(default_factory=dict)
+    channel_types: dict[str, oiio.TypeDesc | None] = field(default_factory=dict)
     tile: tuple[int, int] | None = None
     scanline: bool = False
     attributes: dict[str, Any] = field(default_factory=dict)
@@ -83,11 +83,13 @@ def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Imag
     Raises
     ------
     ImageError
-        There are several parts in a format of one image, or no pixel is left.
+        There are several parts in a format of one image, a deep one in a format of flat images, or no pixel is left.
     """
     if len(image.parts) > 1 and not out.supports("multiimage"):
         names = ", ".join(p.name for p in image.parts)
         raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
+    if any(part.spec.deep for part in image.parts) and not out.supports("deepdata"):
+        raise ImageError(f"{path}: {out.format_name()} cannot hold deep images: expected EXR; or put --flatten before")
     parts = [_with_fitting_channels(part, out, path) for part in image.parts]
     if how.autocrop and not out.supports("displaywindow"):
         parts = [_in_window(part, Window.display(part.spec)) for part in parts]
@@ -164,11 +166,12 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
         levels = []
         for level in (part, *_levels(part, out, how, several)):
             spec = oiio.ImageSpec(level.spec)
-            _set_types(spec, part, how)
+            name = f"subimage{n:02}" if several and nameless(part) else part.name
+            _set_types(spec, part, how, name)
             _set_tiles(spec, part, how, out, tiled)
             if n > 0 and out.format_name() == "openexr":  # OpenImageIO opens all parts as the first
                 spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(specs[0][0])
-            if several and not re.fullmatch(r"part\d+", part.name):  # OpenImageIO numbers the nameless
+            if several and not nameless(part):
                 spec.attribute("oiio:subimagename", part.name)
             if several and n > 0 and shared is not None:
                 spec.attribute("PixelAspectRatio", shared)
@@ -188,6 +191,11 @@ def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio
     return specs
 
 
+def nameless(part: Part) -> bool:
+    """Whether its name is only a number: OpenImageIO writes such parts as subimage00, subimage01 and so on."""
+    return re.fullmatch(r"part\d+", part.name) is not None
+
+
 def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tuple[Part, ...]:
     """The smaller versions that are written: TIFF has them as further images, which must be tiled to be known."""
     if several or how.scanline:
@@ -197,19 +205,24 @@ def _levels(part: Part, out: oiio.ImageOutput, how: Format, several: bool) -> tu
     return part.levels if part.spec.tile_width and out.format_name() == "tiff" else ()
 
 
-def _kept(part: Part) -> bool:
+def keeps_type(part: Part) -> bool:
     """Whether a file must hold the part's own type: rounded ids would be other ids."""
     return part.exact or str(part.stored) in _IDS
 
 
-def wanted_type(part: Part, how: Format) -> oiio.TypeDesc | None:
-    """The type that a file must have for the part, or be refused: what the user asks for, or what may not change."""
-    return part.stored if _kept(part) else how.pixel_type
+def wanted_type(part: Part, how: Format, spec: oiio.ImageSpec) -> oiio.TypeDesc | None:
+    """The type that a file must have for the part, or be refused: what the user asks for, or what may not change.
+
+    `spec` is that of the part as `specs_of` gives it: -d PART.*=TYPE overrides -d TYPE there.
+    """
+    if keeps_type(part):
+        return part.stored
+    return spec.format if how.pixel_type is not None else None
 
 
-def _set_types(spec: oiio.ImageSpec, part: Part, how: Format) -> None:
+def _set_types(spec: oiio.ImageSpec, part: Part, how: Format, part_name: str) -> None:
     by_channel = dict(how.channel_types)
-    if how.pixel_type is not None and not _kept(part):
+    if how.pixel_type is not None and not keeps_type(part):
         spec.set_format(how.pixel_type)
     elif part.stored is not None:
         if part.stored != spec.format:
@@ -219,8 +232,8 @@ def _set_types(spec: oiio.ImageSpec, part: Part, how: Format) -> None:
         by_channel = {**how.computed_channels, **by_channel}
     types = [spec.channelformat(c) for c in range(spec.nchannels)]
     for c, name in enumerate(spec.channelnames):
-        keys = (f"{part.name}.{name}", f"{part.name}.*", name)
-        types[c] = next((by_channel[key] for key in keys if key in by_channel), types[c])
+        keys = (f"{part_name}.{name}", f"{part_name}.*", name)
+        types[c] = next((by_channel[key] for key in keys if key in by_channel), None) or types[c]
     if any(kind != types[0] for kind in types):
         spec.channelformats = tuple(types)
     else:

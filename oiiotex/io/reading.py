@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 import threading
 import weakref
@@ -11,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ..core.demand import PieceCache, assembled
-from ..core.image import Image, Part, dtype_of
+from ..core.image import Image, Part, dtype_of, in_memory
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
@@ -137,8 +138,8 @@ class _Source:
             levels: list[oiio.ImageSpec] = []
             while self._input.seek_subimage(subimage, len(levels)):
                 spec = oiio.ImageSpec(self._input.spec())
-                if spec.deep or spec.depth > 1:
-                    raise ImageError(f"{self.path}: deep and volume images are not supported")
+                if spec.depth > 1:
+                    raise ImageError(f"{self.path}: volume images are not supported")
                 if self.format == "tiff" and spec.format == oiio.DOUBLE:
                     raise ImageError(f"{self.path}: TIFF files of doubles are not supported")
                 restore(spec, self.format, self.place)
@@ -167,6 +168,29 @@ class _Source:
             raise ImageError(f"{self.path}: {rows} cannot be read: {message or 'the file is damaged'}")
         return pixels.reshape(place.height, place.width, channels)
 
+    def deep(self, where: tuple[int, int]) -> oiio.ImageBuf:
+        """All pixels of a deep (subimage, level)."""
+        with self._lock:
+            buffer = oiio.ImageBuf(self.place, *where, self._config or oiio.ImageSpec())
+            if not buffer.read(*where, True) or buffer.has_error:
+                raise ImageError(f"{self.path}: the pixels cannot be read: {error_text(buffer.geterror)}")
+            return buffer
+
+    def thumbnail(self, subimage: int) -> oiio.ImageBuf:
+        """The thumbnail of a subimage.
+
+        Raises
+        ------
+        ImageError
+            The file has none that can be read.
+        """
+        with self._lock:
+            small = self._input.get_thumbnail(subimage)
+            message = error_text(self._input.geterror)
+        if small is None or not small.initialized:
+            raise ImageError(f"{self.path}: the thumbnail cannot be read: {message or 'the file is damaged'}")
+        return small
+
 
 def _state_of(path: str) -> tuple[int, ...] | None:
     """Which file this is and whether it is as it was; None where it is no more."""
@@ -181,6 +205,10 @@ def _part(source: _Source, cache: PieceCache, spec: oiio.ImageSpec, where: tuple
     name = spec.get_string_attribute("oiio:subimagename") or f"part{where[0]}"
     whole, cell = Window.data(spec), _piece_size(spec)
     dtype_of(spec)  # refuses pixels that numpy lacks
+
+    if spec.deep:  # its samples are read whole, when they are first asked for
+        whole_buffer = functools.cache(lambda: source.deep(where))
+        return Part(name, spec, lambda window: in_memory(name, whole_buffer()).fetch(window), spec.format, native)
 
     def make(place: Window) -> Callable[[], np.ndarray]:
         return lambda: source.read(place, spec, where)
@@ -197,7 +225,8 @@ def _part(source: _Source, cache: PieceCache, spec: oiio.ImageSpec, where: tuple
     def fetch(window: Window) -> np.ndarray:
         return assembled(window, cell, whole, piece)
 
-    return Part(name, spec, fetch, spec.format, native, ready=True)
+    small = functools.partial(source.thumbnail, where[0]) if spec.get_int_attribute("thumbnail_width") else None
+    return Part(name, spec, fetch, spec.format, native, ready=True, thumbnail=small)
 
 
 def _piece_size(spec: oiio.ImageSpec) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from ..deferred import np, oiio
 from ..errors import ImageError
 from .atomic import temporary_beside, tried_beside
 from .description import warn_of_loss
-from .formats import Format, fitted, specs_of, tile_of, wanted_type
+from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type
 from .reading import checked_name, error_text, keep_readable, read
 
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more rows of scanlines together, but DWAB with 256
@@ -133,10 +133,20 @@ def _write_parts(
     for n, (part, levels) in enumerate(zip(image.parts, specs, strict=True)):
         for m, spec in enumerate(levels):
             _open(out, temporary, path, [s[0] for s in specs], n, m, spec)
+            if part.thumbnail is not None and not m and out.supports("thumbnail"):
+                out.set_thumbnail(part.thumbnail())
             opened = out.spec()  # some formats have only tiles, or begin at 0
             spec.tile_width, spec.tile_height, spec.tile_depth = tile_of(opened)
             x, y = opened.x - spec.x, opened.y - spec.y
-            for window, pixels in stream(part.levels[m - 1] if m else part, _bands(part, spec)):
+            bands = _bands(part, spec)
+            if out.format_name() == "openexr" and spec.get_string_attribute("openexr:lineOrder") == "decreasingY":
+                bands = reversed(list(bands))  # OpenEXR ends the process where rows come in another order
+            if spec.deep:
+                if not out.write_deep_image(part.buffer(part.window).deepdata()):
+                    raise ImageError(f"{path}: writing failed: {_error_text(out, temporary, path)}")
+                written += spec.height
+                continue
+            for window, pixels in stream(part.levels[m - 1] if m else part, bands):
                 if not _put(out, spec, window.shifted(x, y), np.ascontiguousarray(pixels)):
                     row = window.top - spec.y
                     raise ImageError(f"{path}: writing failed at row {row}: {_error_text(out, temporary, path)}")
@@ -191,8 +201,8 @@ def _require_types(
 ) -> None:
     """Refuse a type that the format would silently exchange, before the work begins: asked of one-pixel images."""
     for part, levels in zip(image.parts, specs, strict=True):
-        wanted = wanted_type(part, how)
-        if part is image.first and how.pixel_type not in (None, wanted):
+        wanted = wanted_type(part, how, levels[0])
+        if part is image.first and keeps_type(part) and how.pixel_type not in (None, wanted):
             change = f"as {how.pixel_type}, part '{part.name}' of {wanted} would lose its values"
             raise ImageError(f"{path}: {change}")
         if out.format_name() == "tiff" and levels[0].format == oiio.DOUBLE:
@@ -203,6 +213,7 @@ def _require_types(
         place = os.devnull if out.format_name() == "jpeg" else str(temporary)  # see _way_to
         spec = Window(0, 0, 1, 1).apply_to(levels[0])
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = 0, 0, 1, 1
+        spec.deep = False
         if not trial.open(place, spec):
             raise ImageError(f"{path}: cannot be written: {_error_text(trial, temporary, path)}")
         stored = trial.spec().format
@@ -224,7 +235,7 @@ def _check_arrived(temporary: Path, path: Path, image: Image, format_name: str) 
         arrived = read(temporary).parts
         for part in arrived:
             last = part.window.bottom - 1
-            part.read(Window(part.window.left, last, part.window.right, last + 1))
+            part.buffer(Window(part.window.left, last, part.window.right, last + 1))
     except (ImageError, ValueError) as error:
         raise ImageError(f"{path}: {_NOT_WHOLE}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])

@@ -35,7 +35,6 @@ from .. import __version__
 from ..core.machine import forget_current_folder, program, search_path, start_python, usable_threads
 from ..errors import DeviceError
 from . import cpu as opencl_cpu
-from .cache_folders import cache_folder
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -296,6 +295,13 @@ def _lld_folder() -> Path:
 
 
 # --- the cache folder ---
+
+
+def cache_folder() -> Path:
+    """As in `cache_folders`, which is loaded when it is needed: help asks for none."""
+    from . import cache_folders
+
+    return cache_folders.cache_folder()
 
 
 def _kept(device: cl.Device) -> Trial | None:
