@@ -269,7 +269,8 @@ from oiiotex.io.writing import write
 def fetch(window):
     return np.random.default_rng(window.top).integers(0, 255, (window.height, window.width, 3), np.uint8)
 
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))
+most = int(sys.argv[2]) or resource.RLIM_INFINITY
+resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
 try:
     write(Image((Part("a", oiio.ImageSpec(200, 300, 3, oiio.UINT8), fetch),)), sys.argv[1])
 except ImageError as error:
@@ -280,8 +281,24 @@ except ImageError as error:
 @pytest.mark.parametrize("name", ["a.tif", "a.exr", "a.png", "a.jpg", "a.tga", "a.bmp", "a.webp", "a.gif"])
 def test_a_disk_that_takes_no_more_is_an_error_in_one_line_and_leaves_what_was_there(tmp_path, name):
     (tmp_path / name).write_bytes(b"the user's own")
-    done = subprocess.run([sys.executable, "-c", FULL, name], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, name, "20000"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
     (line,) = done.stdout.splitlines()
     assert line.startswith(f"{name}: ")
     assert ".oiiotex-" not in line
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {name: b"the user's own"}
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.tga", "a.gif", "a.fits"])
+def test_a_disk_that_lacks_a_byte_is_an_error_too(tmp_path, name):
+    """Several of OpenImageIO's writers do not notice that the last bytes have found no room."""
+
+    def said(most: int) -> str:
+        words = [sys.executable, "-c", FULL, name, str(most)]
+        return subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60).stdout
+
+    assert said(0) == ""
+    whole = (tmp_path / name).read_bytes()
+    assert "could not be written whole" in said(len(whole) - 1)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {name: whole}

@@ -337,7 +337,8 @@ OPTIONS = (
         write_output,
         WriteModifiers,
         late=True,
+        writes=True,
     ),
     *output_settings.OPTIONS,
-    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile),
+    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile, writes=True),
 )

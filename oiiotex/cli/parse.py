@@ -40,6 +40,8 @@ class Option:
         It decides what is done: it is seen even where steps are skipped.
     late : bool
         It evaluates the expressions in its arguments itself.
+    writes : bool
+        Its last argument names a file that it writes.
     aliases : tuple of str
         Other spellings.
     """
@@ -53,6 +55,7 @@ class Option:
     state: bool = False
     throughout: bool = False
     late: bool = False
+    writes: bool = False
     control: bool = False
     aliases: tuple[str, ...] = ()
 

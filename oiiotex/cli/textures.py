@@ -139,7 +139,7 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
 
 
 OPTIONS = tuple(
-    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers)
+    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers, writes=True)
     for name, help, mode in (
         ("-otex", "write the top image as a MIP-mapped texture", "MakeTxTexture"),
         ("-oenv", "write the top image as a latitude-longitude environment map", "MakeTxEnvLatl"),

@@ -31,9 +31,15 @@ _MARK = re.compile(r"\..*\.oiiotex-(\w+)-\d+-[0-9a-f]{16}", re.DOTALL)  # of a w
 _REST = re.compile(r"(\.kept|\.texture)?(\.[0-9a-f]{8}\.temp)?(\.[^.]*)?", re.DOTALL)  # maketx adds eight digits
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)  # of file systems that cannot be told to
 
+OUTSIDE = "is not in the product's folder: expected $output, $report or $folder/NAME"
+
 _live: dict[Path, int] = {}  # hidden files of this process, and the descriptors that hold their locks
 _making = threading.RLock()  # who ends the process takes it and keeps it: nothing is begun any more
 _bounds: Path | None = None  # the folder to which a recipe's line is confined
+
+
+class OutsideError(ParameterError):
+    """The line of a recipe would write somewhere else than into its product's folder."""
 
 
 # --- writing ---
@@ -58,7 +64,7 @@ def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
     ------
     ImageError
         `path` is no regular file, or its folder cannot be written.
-    ParameterError
+    OutsideError
         `path` is outside of the folder of `writing_only_below`.
     """
     path = _followed(path)
@@ -87,7 +93,7 @@ def held_beside(path: Path) -> Path:
 
     Raises
     ------
-    ImageError, ParameterError
+    ImageError, OutsideError
         As `require_place`.
     """
     return _claimed(path, 0o600)
@@ -167,7 +173,7 @@ def require_place(path: Path, cache: bool = False) -> None:
     ------
     ImageError
         Something else than a file lies there, or the folder is not there or cannot be written.
-    ParameterError
+    OutsideError
         It is outside of the folder of `writing_only_below`.
     """
     _require_inside(path, cache)
@@ -187,7 +193,7 @@ def make_folders(folder: Path) -> None:
     ------
     OSError
         It cannot be made.
-    ParameterError
+    OutsideError
         It is outside of the folder of `writing_only_below`.
     """
     _require_inside(folder)
@@ -197,7 +203,7 @@ def make_folders(folder: Path) -> None:
 def _require_inside(path: Path, cache: bool = False) -> None:
     if _bounds is None or cache or Path(os.path.realpath(path)).is_relative_to(_bounds):
         return
-    raise ParameterError(f"{path}: not in the product's folder: expected $output, $report or $folder/NAME")
+    raise OutsideError(f"{path}: {OUTSIDE}")
 
 
 def _followed(path: Path) -> Path:

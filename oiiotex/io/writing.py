@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from .reading import checked_name, error_text, keep_readable, read
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more rows of scanlines together, but DWAB with 256
 _PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libwebp's writer never ends
 _AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded whole when they are closed
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NOT_WHOLE = "the file could not be written whole: is the disk full?"
 _COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # whoever writes must not wait for ever
 
@@ -262,18 +264,32 @@ def _require_types(
 def require_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:
     """Refuse a file that did not reach the disk whole: several of OpenImageIO's writers do not notice a full one.
 
-    Its last rows are read back. Warn of what it does not say of the image.
+    Its last rows are read back, and what comes after them is missing where the disk takes no further byte. How many
+    blocks are free says nothing: some file systems do not count them. Warn of what the file does not say of the image.
 
     Raises
     ------
     ImageError
-        It cannot be read.
+        It cannot be read, or its end is missing.
     """
     try:
+        _require_room(temporary)
         arrived = read(temporary).parts
         for level in (level for part in arrived for level in (part, *part.levels)):
             last = level.window.bottom - 1
             level.read(Window(level.window.left, last, level.window.right, last + 1))
-    except (ImageError, ValueError) as error:
+    except (ImageError, OSError, ValueError) as error:
         raise ImageError(f"{path}: {_NOT_WHOLE}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])
+
+
+def _require_room(temporary: Path) -> None:
+    """Raise OSError where one byte more would not fit: a file that was cut off ends where the room ends."""
+    with open(temporary, "ab", buffering=0) as file:
+        size = file.tell()
+        try:
+            file.write(b"\0")
+        except OSError as error:
+            if error.errno in _FULL:
+                raise
+        file.truncate(size)
