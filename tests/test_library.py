@@ -20,7 +20,7 @@ from oiiotex import errors
 from oiiotex.library import asset as making
 from oiiotex.library import digests, ingest, runs
 from oiiotex.library.catalogue import Catalogue
-from oiiotex.library.main import run
+from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
 from oiiotex.library.upkeep import check, orphans
 from oiiotex.recipes import found as finding

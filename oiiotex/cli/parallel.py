@@ -19,7 +19,7 @@ from ..errors import Error
 from ..session import Session
 from .parse import CommandLine
 from .progress import Display
-from .stopping import end_at_once
+from .stopping import end_at_once, end_on_signals
 from .streams import loud, quiet_libraries
 from .tasks import Job, Task, skip, work
 
@@ -85,8 +85,7 @@ def _start_worker(level: int, debugging: bool) -> None:
     if not debugging:
         quiet_libraries()
     logging.basicConfig(format="%(message)s", level=level)
-    signal.signal(signal.SIGTERM, end_at_once)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_on_signals()
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

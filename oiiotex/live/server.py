@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import signal
 import socket
 import threading
 import webbrowser
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +25,7 @@ from .document import Document, default_state
 from .guard import LOOPBACK, Guard, token_for
 
 if TYPE_CHECKING:
+    import uvicorn
     from starlette.applications import Starlette
     from starlette.requests import Request
     from starlette.responses import Response
@@ -85,8 +87,31 @@ def serve(
     print(f"{url}  (Ctrl-C ends it)", flush=True)
     if open_page:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-    with listening:
-        uvicorn.Server(config).run(sockets=[listening])
+    server = uvicorn.Server(config)
+    with listening, _ended_by_hang_up(server):
+        server.run(sockets=[listening])
+
+
+@contextlib.contextmanager
+def _ended_by_hang_up(server: uvicorn.Server) -> Iterator[None]:
+    """SIGHUP ends the server as SIGINT and SIGTERM do, which uvicorn hears of itself: what is done there is kept."""
+    heard: list[int] = []
+
+    def hang_up(number: int, _: object) -> None:
+        heard.append(number)
+        server.should_exit = True
+
+    before = signal.getsignal(signal.SIGHUP) if hasattr(signal, "SIGHUP") else signal.SIG_IGN
+    if before == signal.SIG_IGN or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGHUP, hang_up)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    if heard:
+        signal.raise_signal(signal.SIGHUP)
 
 
 def _hub(
