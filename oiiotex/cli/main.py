@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 
-from .stopping import Stopped, discard_unfinished, raise_if_stopped, stop_on_signals, watch_signals
+from .stopping import Stopped, end_unwound, raise_if_stopped, stop_on_signals, watch_signals
 
 
 def main(words: list[str] | None = None) -> None:
@@ -30,11 +30,7 @@ def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
         watch_signals()
         status = _run(words, work)
     except Stopped as stopped:
-        status = 128 + stopped.number
-        from .streams import drop
-
-        discard_unfinished()
-        drop(1)
+        end_unwound(stopped.number)
     import gc
 
     gc.unfreeze()  # what is held to the end is let go as ever: libraries look for leaks

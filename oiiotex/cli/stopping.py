@@ -10,6 +10,7 @@ import _signal as signal  # what `signal` gives names to, which takes a thousand
 import os
 import sys
 from collections.abc import Callable
+from types import FrameType
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _ATOMIC = "oiiotex.io.atomic"
@@ -76,14 +77,20 @@ def raise_if_stopped() -> None:
 
 def end_at_once(number: int, _: object = None) -> None:
     """A signal's handler: what is half written goes, and the process with it."""
-    discard_unfinished()
+    if _writing():
+        sys.modules[_ATOMIC].discard_all()
     os._exit(128 + number)
 
 
-def discard_unfinished() -> None:
-    """Remove what is half written: a signal may come between a file and who would remove it."""
-    if _writing():
-        sys.modules[_ATOMIC].discard_all()
+def end_unwound(number: int) -> None:
+    """End the process once `Stopped` has unwound it: a signal may have come between a file and who would remove it.
+
+    Python does not take itself down: threads of other people's code still run, which that aborts.
+    """
+    import atexit
+
+    atexit._run_exitfuncs()
+    end_at_once(number)
 
 
 def _writing() -> bool:
@@ -91,12 +98,19 @@ def _writing() -> bool:
     return hasattr(sys.modules.get(_ATOMIC), "discard_all") and sys.modules[_ATOMIC].is_writing()
 
 
-def _stop(number: int, _: object) -> None:
+def _stop(number: int, frame: FrameType | None) -> None:
     global _requested
-    if _requested:
+    if _requested or _imports(frame):  # modules of C++ take an exception while they are loaded for the end of all
         end_at_once(number)
     _requested = number
     raise Stopped(number)
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Whether something is being imported in that frame."""
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
 
 
 def _end_or_report(lost: sys.UnraisableHookArgs) -> None:
