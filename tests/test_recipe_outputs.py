@@ -22,7 +22,7 @@ from oiiotex.errors import Error, ParameterError
 from oiiotex.io.atomic import make_folders, writing_only_below
 from oiiotex.io.checkpoint import Checkpoint
 from oiiotex.library.asset import run_line
-from oiiotex.recipes.lines import Step, require_lines
+from oiiotex.recipes.lines import Step, require_confined, require_lines
 from oiiotex.run import run
 from oiiotex.session import Session
 from tests import sources
@@ -256,7 +256,7 @@ def test_checkpoints_and_folders_are_held_to_it_too(asset):
 )
 def test_what_the_line_alone_shows_is_said_before_the_work(line):
     with pytest.raises(ParameterError, match=f"product t: .*{OUTSIDE}: expected"):
-        require_lines(recipe(f'[[product]]\nname = "t"\nline = "{line}"\n'))
+        require_confined(recipe(f'[[product]]\nname = "t"\nline = "{line}"\n'))
 
 
 @pytest.mark.parametrize(
@@ -270,11 +270,13 @@ def test_what_the_line_alone_shows_is_said_before_the_work(line):
     ],
 )
 def test_expressions_within_the_folder_are_no_fault(line):
-    assert require_lines(recipe(f'[[product]]\nname = "t"\nline = "{line}"\n')) == "t"
+    told = recipe(f'[[product]]\nname = "t"\nline = "{line}"\n')
+    require_confined(told)
+    assert require_lines(told) == "t"
 
 
 def test_nothing_is_left_of_looking_a_recipe_through(tmp_path, monkeypatch: Any):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    require_lines(recipe('[[product]]\nname = "t"\nline = "$maps -o t/x.exr $outputs"\n'))
+    require_confined(recipe('[[product]]\nname = "t"\nline = "$maps -o t/x.exr $outputs"\n'))
     assert os.listdir(tmp_path) == []

@@ -32,6 +32,7 @@ _NOT_HERE = {
     "--farm": _SPREADS, "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS,
     "--tev": _SHOWS, "--oiioattrib": "it would hold for the lines of other materials, too",
 }  # fmt: skip
+_EVERY_MAP = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
 _KINDS = {"color": "colour", "normal": "normal", "height": "height"}
 
 
@@ -93,8 +94,7 @@ def require_lines(recipe: Recipe) -> str:
         An option or a modifier is unknown or no library's, a placeholder is none, or not one line has `$outputs`, once
         and behind all images.
     """
-    every = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
-    steps = steps_of(recipe, every)
+    steps = steps_of(recipe, _EVERY_MAP)
     for step in steps:
         try:
             _require_deliverable(step)
@@ -103,14 +103,18 @@ def require_lines(recipe: Recipe) -> str:
     delivered = [step.product for step in steps if step.outputs]
     if len(delivered) != 1:
         raise ParameterError(f"{len(delivered)} products have $outputs: one must, whose files are delivered")
-    _require_inside(steps, [source_name(role, file) for role, file in every.items()])
     return delivered[0]
 
 
-def _require_inside(steps: Sequence[Step], sources: Sequence[str]) -> None:
+def require_confined(recipe: Recipe) -> None:
     """Refuse files outside of a product's folder, as far as expressions and control flow say it without pixels.
 
     The lines are looked through as a run does it, in a folder like an asset's; what depends on pixels the run refuses.
+
+    Raises
+    ------
+    ParameterError
+        A line would write such a file.
     """
     import tempfile
 
@@ -121,8 +125,8 @@ def _require_inside(steps: Sequence[Step], sources: Sequence[str]) -> None:
 
     some = as_foreseen(from_array(np.zeros((1, 1, 3), np.float16)))
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        files = {os.path.realpath(name): some for name in sources}
-        for step in steps:
+        files = {os.path.realpath(source_name(role, file)): some for role, file in _EVERY_MAP.items()}
+        for step in steps_of(recipe, _EVERY_MAP):
             os.mkdir(step.product)
             words = list(step.words)
             command = parse(words, LANGUAGE)
