@@ -302,3 +302,32 @@ def test_a_disk_that_lacks_a_byte_is_an_error_too(tmp_path, name):
     whole = (tmp_path / name).read_bytes()
     assert "could not be written whole" in said(len(whole) - 1)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {name: whole}
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+import numpy as np, OpenImageIO as oiio
+from oiiotex.core.image import Image, from_array
+from oiiotex.io.writing import write
+
+def pester():
+    while True:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.0005)
+
+signal.signal(signal.SIGTERM, lambda number, frame: None)
+image = from_array(np.random.default_rng(1).integers(0, 255, (2000, 2000, 3), dtype=np.uint8))
+threading.Thread(target=pester, daemon=True).start()
+write(image, sys.argv[1])
+print("whole", flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.webp"])
+def test_a_signal_that_cuts_a_write_to_a_pipe_short_is_no_full_disk(tmp_path, name):
+    """Libjpeg ends the process where a write fails, as it does when a signal comes while the pipe is full."""
+    words = [sys.executable, "-c", INTERRUPTED, name]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.returncode) == ("whole\n", 0), done.stderr
+    assert os.listdir(tmp_path) == [name]

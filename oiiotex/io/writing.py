@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -111,12 +112,26 @@ def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path
         )
     os.close(source)
     try:
-        yield Path(f"/dev/fd/{sink}")
+        with _uninterrupted():
+            yield Path(f"/dev/fd/{sink}")
     finally:
         os.close(sink)
         code = copier.wait()
     if code:
         raise ImageError(f"{path}: {_NOT_WHOLE}")
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Other threads take the signals: one that comes while a pipe is full would cut the write short."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _error_text(out: oiio.ImageOutput | oiio.ImageBuf, temporary: Path, path: Path) -> str:
