@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 
 def one_line(text: str) -> str:
@@ -30,7 +29,7 @@ class ParameterTypeError(ParameterError, TypeError):
 class QualityError(Error):
     """A result is beyond a limit of `fail`. `result`: what the function would have returned."""
 
-    def __init__(self, text: str, result: Any):
+    def __init__(self, text: str, result: object):
         super().__init__(text)
         self.result = result
 

@@ -28,7 +28,7 @@ from .core.op import Kind, Op, Output, Space
 from .core.window import Window
 from .deferred import np, oiio
 from .errors import Error, ImageError, ParameterError, Unseen
-from .io.atomic import name_beside, temporary_beside
+from .io.atomic import require_place, temporary_beside
 from .io.cryptomatte import cryptomatte_part
 from .io.movie import require_encoder, write_movie
 from .io.paint_palette import require_palette, write_palette
@@ -305,7 +305,7 @@ def _require_free(op: Op, files: Mapping[str, Path], written: set[str]) -> None:
         if all(output.kind.is_image and output.kind is not Kind.CRYPTOMATTE for output in outputs):
             require_writable(Image(tuple(_pixel_of(output) for output in outputs)), path, _type_of(outputs[0]))
         else:
-            name_beside(path)  # it looks at the folder
+            require_place(path)
             if outputs[0].kind is Kind.MOVIE:
                 require_encoder(path)
             elif outputs[0].kind is Kind.PAINTS:

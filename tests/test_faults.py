@@ -28,6 +28,7 @@ OUTPUTS = {
     "tiled tiff": ["--tile", "64", "64", "-o", "out.tif"],
     "png": ["-o", "out.png"],
     "jpeg": ["--quality", "100", "-o", "out.jpg"],
+    "webp": ["--quality", "100", "-o", "out.webp"],
     "texture": ["-otex", "out.tx"],
 }
 
@@ -50,7 +51,7 @@ def on_small_disk(tmp_path: Path, size: str, *commands: str) -> subprocess.Compl
 def test_a_full_disk_is_one_line_and_keeps_the_old_output(tmp_path, picture, output):
     name = OUTPUTS[output][-1]
     run = shlex.join([*PROGRAM, str(picture), *OUTPUTS[output]])
-    done = on_small_disk(tmp_path, "72k", f"echo old >{name}", run, f"code=$?; cat {name}; ls -A; exit $code")
+    done = on_small_disk(tmp_path, "48k", f"echo old >{name}", run, f"code=$?; cat {name}; ls -A; exit $code")
     line = line_of(done)
     assert name in line
     assert ".oiiotex-" not in line

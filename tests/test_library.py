@@ -20,7 +20,7 @@ from oiiotex import errors
 from oiiotex.library import asset as making
 from oiiotex.library import digests, ingest, runs
 from oiiotex.library.catalogue import Catalogue
-from oiiotex.library.main import run
+from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
 from oiiotex.library.upkeep import check, orphans
 from oiiotex.recipes import found as finding
@@ -275,8 +275,10 @@ def test_no_line_gets_at_the_photos(photos, tmp_path, here, monkeypatch, disk):
     if disk == "of its own":
         monkeypatch.setattr(finding.os, "link", lambda *names: os.stat("/no link across disks"))
     before = (photos / "gravel.png").read_bytes()
-    told = recipe(LINE + '[[product]]\nname = "u"\nline = "$color --dup --flip -o {BOTTOM.filename}"\n')
-    tally, said = brought_in(photos, tmp_path / "library", told)
+    product = LINE + '[[product]]\nname = "u"\nline = "$color --dup --flip -o {BOTTOM.filename}"\n'
+    tally, said = brought_in(photos, tmp_path / "library", recipe(product))
+    assert tally.counts == {"failed": 2} and all("is not in the product's folder" in text for text in said), said
+    tally, said = brought_in(photos, tmp_path / "library", recipe(product.replace("{BOTTOM.filename}", "u/x.png")))
     assert tally.counts == {"ok": 2}, said
     assert (photos / "gravel.png").read_bytes() == before
 

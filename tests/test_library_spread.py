@@ -11,7 +11,7 @@ from oiiotex.library import asset as making
 from oiiotex.library import catalogue as catalogues
 from oiiotex.library import ingest, runs
 from oiiotex.library.catalogue import Catalogue
-from oiiotex.library.main import run
+from oiiotex.library.commands import run
 from oiiotex.library.upkeep import check
 from tests import pictures as drawn
 from tests.conftest import save

@@ -14,7 +14,7 @@ from oiiotex import errors
 from oiiotex.errors import ParameterError
 from oiiotex.library import catalogue as catalogues
 from oiiotex.library.catalogue import Catalogue
-from oiiotex.library.main import run
+from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
 from oiiotex.library.search import Search
 from oiiotex.library.upkeep import check, orphans

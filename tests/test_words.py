@@ -18,7 +18,7 @@ from oiiotex.cli.parse import Refused, parse, split_modifiers
 from oiiotex.core.parameters import declared
 from oiiotex.errors import Error
 from oiiotex.filters import FILTERS
-from oiiotex.library import main as library
+from oiiotex.library import commands as library
 from oiiotex.session import Session
 
 ROOT = Path(__file__).parents[1]
@@ -33,6 +33,7 @@ WRONG = {"--resize:fliter=box", "--tex", "--texNAME", "--op:key=value", "--op", 
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
     "--no-build-isolation", "--extra-index-url", "--protocol",
+    "--no-dashboard",
 }  # fmt: skip
 OURS = {
     ".json",

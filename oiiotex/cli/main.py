@@ -1,46 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The program: settings, exit codes, signals."""
+"""The program: settings, exit codes, signals. All but the signals is imported once they are answered."""
 
 from __future__ import annotations
 
-import gc
 import os
-import signal
 import sys
 from collections.abc import Callable
-from typing import NoReturn
 
-from ..errors import Error, one_line
-from .stopping import Stopped, raise_if_stopped, stop_on_signals
-from .streams import drop, open_standard_streams, quiet_libraries
+from .stopping import Stopped, end_unwound, ignore_interrupts, raise_if_stopped, stop_on_signals, watch_signals
 
 
-def main(words: list[str] | None = None) -> NoReturn:
-    """Run the command line and exit: 0 well, 1 an error, 3 a measure beyond a limit, 130, 143 after SIGINT, SIGTERM."""
+def main(words: list[str] | None = None) -> None:
+    """Run the command line and exit: 0 well, 1 an error, 3 a measure beyond a limit, 128 + N after a signal N."""
     exit_with(sys.argv[1:] if words is None else words, _line)
 
 
-def exit_with(words: list[str], work: Callable[[list[str]], int]) -> NoReturn:
+def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
     """Do the work of a program of this package with its words, and exit with the code that it returns.
 
-    What goes wrong is one line on stderr, and exit 1; after a signal it is 128 and the signal's number.
+    What goes wrong is one line on stderr, and exit 1; after SIGINT, SIGTERM and SIGHUP it is 130, 143 and 129.
     """
-    open_standard_streams()
-    if not _debugging(words):
-        quiet_libraries()
     try:
         stop_on_signals()
+        from .streams import open_standard_streams, quiet_libraries
+
+        open_standard_streams()
+        if not _debugging(words):
+            quiet_libraries()
+        watch_signals()
         status = _run(words, work)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done: one that comes while Python ends changes no code
+        ignore_interrupts()
     except Stopped as stopped:
-        status = 128 + stopped.number
-        drop(1)
-        sys.unraisablehook = lambda lost: None  # what libraries say of being cut off
+        end_unwound(stopped.number)
+    import gc
+
     gc.unfreeze()  # what is held to the end is let go as ever: libraries look for leaks
     sys.exit(status)
 
 
 def _line(words: list[str]) -> int:
+    import gc
+
     gc.disable()  # of what is imported nothing is rubbish: looking for some takes a tenth of the start
     from .running import run  # only now: a signal while much is imported is answered too
 
@@ -50,6 +50,9 @@ def _line(words: list[str]) -> int:
 
 
 def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
+    from ..errors import Error
+    from .streams import drop
+
     try:
         if os.environ.get("OCIO"):  # OpenImageIO opens it, whatever it is, with the first image
             from ..io.documents import require_regular
@@ -78,6 +81,9 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
 
 def _failed(words: list[str], text: str) -> int:
     """Say what went wrong in one line, behind what has been printed."""
+    from ..errors import one_line
+    from .streams import drop
+
     if _debugging(words):
         import traceback
 

@@ -21,6 +21,7 @@ from ..core.parameters import Size, param
 from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ImageError, ParameterError
+from ..io.atomic import make_folders, require_place, temporary_beside
 from ..io.formats import Format
 from ..io.writing import write
 from . import output_settings
@@ -159,7 +160,7 @@ def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
     folder = os.path.dirname(path)
     if chain.settings.get("--create-dir") and folder:
         try:
-            os.makedirs(folder, exist_ok=True)
+            make_folders(Path(folder))
         except OSError as error:
             raise ImageError(f"{path}: the folder cannot be made: {error.strerror}") from error
     return True
@@ -316,14 +317,13 @@ def _adjust_time(path: str, image: Image) -> None:
 
 def write_profile(chain: Chain, path: str) -> None:
     """Write the top image's ICC profile to a file of its own."""
-    from ..io.atomic import name_beside, temporary_beside
 
     profile = chain.top.first.spec.getattribute("ICCProfile")
     if profile is None:
         raise ImageError(f"{chain.top.source} has no ICC profile")
     if is_left(chain, path):
         return
-    name_beside(Path(path))  # it looks at the folder
+    require_place(Path(path))
     if not chain.settings.get("-n") and chain.acts():
         with temporary_beside(Path(path)) as temporary:
             temporary.write_bytes(bytes(profile))
@@ -337,7 +337,8 @@ OPTIONS = (
         write_output,
         WriteModifiers,
         late=True,
+        writes=True,
     ),
     *output_settings.OPTIONS,
-    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile),
+    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile, writes=True),
 )

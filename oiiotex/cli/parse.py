@@ -42,6 +42,8 @@ class Option:
         It decides what is done: it is seen even where steps are skipped.
     late : bool
         It evaluates the expressions in its arguments itself.
+    writes : bool
+        Its last argument names a file that it writes.
     aliases : tuple of str
         Other spellings.
     """
@@ -56,6 +58,7 @@ class Option:
     state: bool = False
     throughout: bool = False
     late: bool = False
+    writes: bool = False
     control: bool = False
     aliases: tuple[str, ...] = ()
 

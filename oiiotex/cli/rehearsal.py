@@ -70,9 +70,6 @@ class Rehearsals:
     session: Session
     files: dict[str, Image] = field(default_factory=dict)  # that would be written, by their real paths
 
-    def _access(self) -> ChainAccess:
-        return _Access(self)
-
     def foresight(self, steps: Sequence[Step], frame: Frame | None) -> Foresight:
         """What can be said of the steps.
 
@@ -241,6 +238,9 @@ class _Rehearsal(Chain):
         except Error:
             self._certain = True
             raise
+
+    def _access(self) -> ChainAccess:
+        return _Access(self)
 
     def acts(self, *parts: Part) -> bool:
         """No."""

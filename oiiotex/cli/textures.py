@@ -12,10 +12,11 @@ from ..core.image import Image, type_named
 from ..core.parameters import Size, param
 from ..deferred import oiio
 from ..errors import ImageError, ParameterError, one_line
-from ..io.atomic import temporary_beside
-from ..io.description import describe, is_ours, warn_of_loss
+from ..io.atomic import part_of, take, temporary_beside
+from ..io.description import describe, is_ours
 from ..io.formats import Format
-from ..io.reading import checked_name, keep_readable, read
+from ..io.reading import checked_name, keep_readable
+from ..io.writing import require_arrived
 from .chain import Chain, require_flat
 from .output import is_left, may_write, software
 from .parse import Option
@@ -96,12 +97,13 @@ def write_texture(mode: str) -> Any:
             out = oiio.ImageOutput.create(given.fileformatname or str(temporary))
             format_name = out.format_name() if out is not None else ""
             described = part.respecced(lambda spec: describe(spec, format_name)) if is_ours(part.spec) else part
-            written = oiio.ImageBufAlgo.make_texture(
-                getattr(oiio, mode), described.buffer(part.window), str(temporary), config
-            )
-            if not written or not temporary.stat().st_size:
+            made = part_of(temporary, "texture")  # make_texture replaces the file, and with it the lock
+            if not oiio.ImageBufAlgo.make_texture(
+                getattr(oiio, mode), described.buffer(part.window), str(made), config
+            ) or not (made.exists() and made.stat().st_size):
                 raise ImageError(f"{path}: {one_line(oiio.geterror()) or 'no texture could be made'}")
-            warn_of_loss(path, format_name, [part.spec], [read(temporary).first.spec])
+            take(temporary, made)
+            require_arrived(temporary, path, image, format_name)
             keep_readable(Path(path))
 
     return run
@@ -138,7 +140,7 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
 
 
 OPTIONS = tuple(
-    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers)
+    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers, writes=True)
     for name, help, mode in (
         ("-otex", "write the top image as a MIP-mapped texture", "MakeTxTexture"),
         ("-oenv", "write the top image as a latitude-longitude environment map", "MakeTxEnvLatl"),

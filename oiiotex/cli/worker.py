@@ -18,7 +18,7 @@ import traceback
 from typing import Any, BinaryIO
 
 from ..errors import Error
-from .stopping import end_at_once
+from .stopping import end_at_once, end_on_signals
 from .streams import drop, quiet_libraries
 
 
@@ -34,10 +34,7 @@ def serve(level: int, debugging: bool, folder: str) -> None:
     folder : str
         The parent's current one.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
-        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
-            signal.signal(number, end_at_once)
+    end_on_signals()
     with open(os.dup(0), "rb") as requests, open(os.dup(1), "wb") as answers:
         drop(0)  # neither libraries nor what they start read or write there
         drop(1)

@@ -1,59 +1,92 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Temp-then-rename: a file appears under its name whole, or not at all."""
+"""Temp-then-rename: a file appears under its name whole, or not at all.
+
+An unfinished file lies beside its target under a hidden name, and is locked as long as its writer lives. What writers
+leave that were killed is known by the lock that is gone, never by its name alone.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import platform
 import re
 import stat
 import threading
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import ImageError
+from ..errors import ImageError, ParameterError
 
-_STEM = 100  # bytes of the name that a temporary one keeps: names have a limit
-_live: set[Path] = set()
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_STEM = 100  # bytes of the target's name that a hidden one keeps: names have a limit
+_OLD = 24 * 3600  # s without a change, after which a file is a leftover where no lock can say so
+_MARK = re.compile(r"\..*\.oiiotex-(\w+)-\d+-[0-9a-f]{16}", re.DOTALL)  # of a writer, on the host of group 1
+_REST = re.compile(r"(\.kept|\.texture)?(\.[0-9a-f]{8}\.temp)?(\.[^.]*)?", re.DOTALL)  # maketx adds eight digits
+_NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF)  # of file systems that cannot be told to
+
+OUTSIDE = "is not in the product's folder: expected $output, $report or $folder/NAME"
+
+_live: dict[Path, int] = {}  # hidden files of this process, and the descriptors that hold their locks
 _making = threading.RLock()  # who ends the process takes it and keeps it: nothing is begun any more
+_bounds: Path | None = None  # the folder to which a recipe's line is confined
+
+
+class OutsideError(ParameterError):
+    """The line of a recipe would write somewhere else than into its product's folder."""
+
+
+# --- writing ---
 
 
 @contextlib.contextmanager
-def temporary_beside(path: Path) -> Iterator[Path]:
+def temporary_beside(path: Path, cache: bool = False) -> Iterator[Path]:
     """An empty file beside `path` that becomes `path` when the block ends well, and is gone when it does not.
 
     It is made under a name that nobody can foresee and through no link, and bears the mode of the file that it
     replaces. Where `path` is a link, the file that it leads to is replaced, in that file's folder. What SIGKILL leaves
-    bears host and pid; it is swept here by the next run that writes into the folder.
+    is swept by the next run that writes into the folder. The file, and then its name, are on the disk when this ends,
+    unless $OIIOTEX_FSYNC is 0.
+
+    Parameters
+    ----------
+    path : Path
+    cache : bool
+        The file is of a cache: a recipe's line may write it, too, and the disk need not have it yet.
 
     Raises
     ------
     ImageError
         `path` is no regular file, or its folder cannot be written.
+    OutsideError
+        `path` is outside of the folder of `writing_only_below`.
     """
     path = _followed(path)
-    temporary = name_beside(path)
     mode = stat.S_IMODE(os.stat(path).st_mode) & 0o777 if path.exists() else None
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+    durable = not cache and os.environ.get("OIIOTEX_FSYNC") != "0"
+    temporary = _claimed(path, 0o666 if mode is None else mode, cache)
     try:
-        try:
-            with _making:
-                _live.add(temporary)  # before it is there: a signal may come in between
-                os.close(os.open(temporary, flags, 0o666 if mode is None else mode))  # as readable as the old one
-        except OSError as error:
-            raise ImageError(f"{path}: {error.strerror}") from error
         yield temporary
         try:
+            if durable:
+                _sync(temporary)
             if mode is not None:
                 temporary.chmod(mode)
             temporary.replace(path)
         except OSError as error:
             raise ImageError(f"{path}: {error.strerror}") from error
+        if durable:
+            with contextlib.suppress(OSError):  # the file is whole; not every file system can sync a folder
+                _sync(path.parent)
     finally:
-        temporary.unlink(missing_ok=True)
-        _live.discard(temporary)
+        release(temporary)
 
 
 @contextlib.contextmanager
@@ -73,32 +106,95 @@ def written(path: Path) -> Iterator[BinaryIO]:
         raise ImageError(f"{path}: {error.strerror}") from error
 
 
-@contextlib.contextmanager
-def tried_beside(path: Path) -> Iterator[Path]:
-    """A name as `name_beside` gives it, to try what can be written: nothing is left there when the block ends.
+def held_beside(path: Path) -> Path:
+    """An empty hidden file beside `path`, for as long as nobody calls `release`; `part_of` names more of its kind.
 
     Raises
     ------
-    ImageError
-        As `name_beside`.
+    ImageError, OutsideError
+        As `require_place`.
     """
-    temporary = name_beside(path)
-    _live.add(temporary)
+    return _claimed(path, 0o600)
+
+
+def part_of(temporary: Path, what: str) -> Path:
+    """The name of a further hidden file, 'kept' or 'texture', that goes when `temporary` is released."""
+    mark = _mark_of(temporary)
+    return temporary.with_name(f"{mark}.{what}{temporary.name[len(mark) :]}")
+
+
+def take(temporary: Path, made: Path) -> None:
+    """Let a file that another writer made stand for `temporary`: it is locked before it has the name.
+
+    Raises
+    ------
+    OSError
+        It is not there.
+    """
+    if fcntl is None:
+        made.replace(temporary)
+        return
+    with _making:
+        file = os.open(made, os.O_RDWR)
+        _lock(file, shared=False)
+        made.replace(temporary)
+        os.close(_live[temporary])
+        _live[temporary] = file
+
+
+def release(temporary: Path) -> None:
+    """Remove a hidden file, and what else bears its mark."""
+    temporary.unlink(missing_ok=True)
+    if (file := _live.pop(temporary, -1)) >= 0:
+        os.close(file)
+    for what in ("kept", "texture"):
+        part_of(temporary, what).unlink(missing_ok=True)
+
+
+def is_writing() -> bool:
+    """Whether this process has unfinished files."""
+    return bool(_live)
+
+
+def discard_all() -> None:
+    """Remove what this process is writing, and let it begin nothing more: for one that ends without unwinding."""
+    _making.acquire(timeout=1)  # a file system that hangs does not keep the process
+    for temporary in list(_live):
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+            for name in _groups(temporary.parent)[_mark_of(temporary)]:  # such as maketx makes
+                (temporary.parent / name).unlink(missing_ok=True)
+
+
+# --- where may be written ---
+
+
+@contextlib.contextmanager
+def writing_only_below(folder: Path) -> Iterator[None]:
+    """While this lasts, this process writes below that folder alone, caches excepted.
+
+    The line of a recipe is confined so: whatever expressions, variables and links lead to, it is refused where it
+    would be opened.
+    """
+    global _bounds
+    before, _bounds = _bounds, Path(os.path.realpath(folder))
     try:
-        yield temporary
+        yield
     finally:
-        temporary.unlink(missing_ok=True)
-        _live.discard(temporary)
+        _bounds = before
 
 
-def name_beside(path: Path) -> Path:
-    """A hidden name beside `path` that bears host and pid, and cannot be foreseen.
+def require_place(path: Path, cache: bool = False) -> None:
+    """Refuse a name under which no file can, or may, be written.
 
     Raises
     ------
     ImageError
         Something else than a file lies there, or the folder is not there or cannot be written.
+    OutsideError
+        It is outside of the folder of `writing_only_below`.
     """
+    _require_inside(path, cache)
     if os.path.exists(path) and not os.path.isfile(path):
         raise ImageError(f"{path}: not a regular file")  # renaming over a device would replace it
     folder = path.parent
@@ -106,10 +202,26 @@ def name_beside(path: Path) -> Path:
         raise ImageError(f"{path}: no such folder as {folder}")
     if not os.access(folder, os.W_OK):
         raise ImageError(f"{path}: the folder {folder} cannot be written")
-    _sweep(folder)
-    mark = f"{_host()}-{os.getpid()}-{os.urandom(8).hex()}"
-    stem = path.stem.encode(errors="surrogateescape")[:_STEM].decode(errors="ignore")
-    return folder / f".{stem}.oiiotex-{mark}{path.suffix}"
+
+
+def make_folders(folder: Path) -> None:
+    """Make a folder, and those above it, where they are not there.
+
+    Raises
+    ------
+    OSError
+        It cannot be made.
+    OutsideError
+        It is outside of the folder of `writing_only_below`.
+    """
+    _require_inside(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _require_inside(path: Path, cache: bool = False) -> None:
+    if _bounds is None or cache or Path(os.path.realpath(path)).is_relative_to(_bounds):
+        return
+    raise OutsideError(f"{path}: {OUTSIDE}")
 
 
 def _followed(path: Path) -> Path:
@@ -129,32 +241,109 @@ def _followed(path: Path) -> Path:
         raise ImageError(f"{path}: a link that leads nowhere") from error
 
 
-def discard_all() -> None:
-    """Remove what this process is writing, and let it begin nothing more: for one that ends without unwinding."""
-    _making.acquire(timeout=1)  # a file system that hangs does not keep the process
-    for temporary in list(_live):
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
+# --- hidden files ---
 
 
-def _sweep(folder: Path) -> None:
-    """Remove temporary files of this host's processes that are no more."""
-    pattern = re.compile(rf"\..*\.oiiotex-{re.escape(_host())}-(\d+)-[0-9a-f]+(\.\w+)?")
-    for entry in folder.iterdir():
-        match = pattern.fullmatch(entry.name)
-        if match and not _alive(int(match[1])):
+def _claimed(path: Path, mode: int, cache: bool = False) -> Path:
+    """A new hidden file beside `path`, locked; leftovers of the folder are swept."""
+    require_place(path, cache)
+    stem = path.stem.encode(errors="surrogateescape")[:_STEM].decode(errors="ignore")
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+    while True:
+        mark = f"{_host()}-{os.getpid()}-{os.urandom(8).hex()}"
+        temporary = path.with_name(f".{stem}.oiiotex-{mark}{path.suffix}")
+        try:
+            with _making:
+                _live[temporary] = -1  # before it is there: a signal may come in between
+                file = _live[temporary] = os.open(temporary, flags, mode | stat.S_IRUSR | stat.S_IWUSR)
+        except OSError as error:
+            del _live[temporary]
+            raise ImageError(f"{path}: {error.strerror}") from error
+        if _lock(file, shared=False) is not False and temporary.exists():
+            break
+        release(temporary)  # who sweeps has come in between
+    _sweep(path.parent, os.fstat(file).st_mtime)
+    if fcntl is None:  # Windows renames no file that is open
+        os.close(file)
+        _live[temporary] = -1
+    return temporary
+
+
+def _mark_of(temporary: Path) -> str:
+    match = _MARK.match(temporary.name)
+    assert match is not None, temporary
+    return match[0]
+
+
+def _sweep(folder: Path, now: float) -> None:
+    """Remove hidden files whose writers live no more; `now` is the time by the clock of the folder's machine."""
+    for names in _groups(folder).values():
+        paths = [folder / name for name in names]
+        if any(_is_written(path, now) for path in paths):
+            continue
+        for path in paths:
             with contextlib.suppress(OSError):
-                entry.unlink(missing_ok=True)
+                path.unlink(missing_ok=True)
 
 
-def _alive(pid: int) -> bool:
+def _groups(folder: Path) -> defaultdict[str, list[str]]:
+    """Hidden files of a folder by their marks."""
+    groups = defaultdict(list)
+    for name in os.listdir(folder):
+        match = _MARK.match(name)
+        if match and _REST.fullmatch(name, match.end()):
+            groups[match[0]].append(name)
+    return groups
+
+
+def _is_written(path: Path, now: float) -> bool:
+    """Whether the writer of a hidden file may be alive: it holds the lock, or nothing can say so and it is not old.
+
+    Locks of other hosts need not reach this one: NFS has them on request.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)
     try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
+        file = os.open(path, flags)
+    except FileNotFoundError:
         return False
-    except (PermissionError, OverflowError):
-        pass
+    except OSError:  # somebody else's, or no file at all
+        return True
+    try:
+        locked = _lock(file, shared=True)
+        match = _MARK.match(path.name)
+        if locked and match and match[1] == _host():
+            return False
+        return locked is False or now - os.fstat(file).st_mtime < _OLD
+    finally:
+        os.close(file)
+
+
+def _lock(file: int, shared: bool) -> bool | None:
+    """Lock an open file until it is closed; False where another one has it, None where the file system has no locks.
+
+    NFS locks for writing only what is open for writing: who only asks takes a shared lock.
+    """
+    if fcntl is None:
+        return None
+    try:
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # ENOLCK, ENOSYS, EOPNOTSUPP
+        return None
     return True
+
+
+def _sync(path: Path) -> None:
+    """Have the disk hold a file's bytes, or a folder's names, before this returns."""
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
+    finally:
+        os.close(file)
 
 
 def _host() -> str:

@@ -18,7 +18,7 @@ from pathlib import Path
 from ..core.window import Window
 from ..deferred import np
 from ..errors import Error
-from .atomic import temporary_beside
+from .atomic import make_folders, temporary_beside
 
 log = logging.getLogger("oiiotex")
 
@@ -84,7 +84,7 @@ class Checkpoint:
         plain = io.BytesIO()
         np.save(plain, pixels, allow_pickle=False)
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)  # --create-dir makes the others later
+            make_folders(self.folder)  # --create-dir makes those above it later
             with temporary_beside(file) as temporary:
                 temporary.write_bytes(zlib.compress(plain.getbuffer(), _SPEED))
             self.count += 1

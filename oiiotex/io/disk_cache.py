@@ -66,7 +66,7 @@ def cached_arrays(folder: Path | None, name: str, make: Callable[[], Arrays]) ->
     if sum(array.nbytes for array in arrays) <= MOST_BYTES:
         with contextlib.suppress(OSError, Error):  # a run does not fail for want of a cache
             folder.mkdir(parents=True, exist_ok=True)
-            with temporary_beside(path) as temporary:
+            with temporary_beside(path, cache=True) as temporary:
                 _write(temporary, arrays)
             _sweep(folder, path)
     return arrays

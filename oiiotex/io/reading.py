@@ -16,7 +16,7 @@ from ..core.image import Image, Part, dtype_of, in_memory
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, one_line
-from .atomic import name_beside
+from .atomic import held_beside, part_of, release
 from .description import restore
 from .documents import require_regular
 
@@ -118,7 +118,8 @@ class _Source:
 
     def keep(self) -> None:
         """Go on reading under another name: most readers open the file anew to go back to earlier rows."""
-        kept = name_beside(Path(self.place))
+        held = held_beside(Path(self.place))
+        kept = part_of(held, "kept")
         with self._lock:
             try:
                 os.link(self.place, kept)
@@ -126,7 +127,7 @@ class _Source:
                 import shutil
 
                 shutil.copyfile(self.place, kept)
-            weakref.finalize(self, kept.unlink, missing_ok=True)
+            weakref.finalize(self, release, held)
             self.place = str(kept)
             self._state = _state_of(self.place)
             self._input = self._open()

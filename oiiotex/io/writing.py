@@ -4,22 +4,27 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ..core.demand import BAND_BYTES, rows_for, stream
-from ..core.image import Image, Part
+from ..core.image import Image, Part, dtype_of
 from ..core.machine import program, start
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .atomic import temporary_beside, tried_beside
+from .atomic import held_beside, release, temporary_beside
 from .description import warn_of_loss
 from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type
 from .reading import checked_name, error_text, keep_readable, read
 
 _BLOCK_ROWS = 64  # bands are multiples of it: no format compresses more rows of scanlines together, but DWAB with 256
+_PIPED = ("jpeg", "webp")  # on a full disk libjpeg ends the process, and libwebp's writer never ends
+_AT_CLOSE = ("gif", "jpegxl", "webp")  # encoded whole when they are closed
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _NOT_WHOLE = "the file could not be written whole: is the disk full?"
 _COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # whoever writes must not wait for ever
 
@@ -51,25 +56,26 @@ def write(
     with temporary_beside(path) as temporary:
         out, image, specs = _prepared(image, temporary, path, how)
         with _way_to(temporary, path, out) as way:
-            try:
-                _write_parts(out, way, path, image, specs, advance)
-            finally:
-                closed = out.close()
-            if not closed:
-                raise ImageError(f"{path}: {_error_text(out, way, path)}")
+            if out.format_name() in _AT_CLOSE and len(image.parts) == 1:
+                _write_whole(out.format_name(), way, path, image.first, specs[0][0], advance)
+            else:
+                _write_rows(out, way, path, image, specs, advance)
         format_name = out.format_name()
         del out  # a MIP-mapped EXR is finished only now
         if not temporary.stat().st_size:
             raise ImageError(f"{path}: {format_name} writes no file")
-        _check_arrived(temporary, path, image, format_name)
+        require_arrived(temporary, path, image, format_name)
         keep_readable(path)
 
 
 def require_writable(image: Image, path: str | os.PathLike, how: Format | oiio.TypeDesc | None = None) -> None:
     """Refuse, before the work, what `write` would refuse of the name and the parts' types: no pixel is asked for."""
     path = Path(checked_name(path))
-    with tried_beside(path) as temporary:
+    temporary = held_beside(path)
+    try:
         _prepared(image, temporary, path, how)
+    finally:
+        release(temporary)
 
 
 def _prepared(
@@ -89,11 +95,11 @@ def _prepared(
 
 @contextlib.contextmanager
 def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path]:
-    """Where OpenImageIO writes: for JPEG a pipe to the file, because libjpeg ends the process where a disk is full."""
-    if out.format_name() != "jpeg" or not os.path.isdir("/dev/fd"):
+    """Where OpenImageIO writes: for some formats a pipe to the file, which takes all even where the disk is full."""
+    if out.format_name() not in _PIPED or not os.path.isdir("/dev/fd"):
         yield temporary
         return
-    from subprocess import DEVNULL  # of all formats JPEG alone starts a process
+    from subprocess import DEVNULL  # few formats start a process
 
     shell = program("sh")
     if shell is None:
@@ -104,7 +110,8 @@ def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path
         copier = start([shell, "-c", _COPY], stdin=source, stdout=file, stderr=DEVNULL, start_new_session=True)
     os.close(source)
     try:
-        yield Path(f"/dev/fd/{sink}")
+        with _uninterrupted():
+            yield Path(f"/dev/fd/{sink}")
     finally:
         os.close(sink)
         code = copier.wait()
@@ -112,12 +119,67 @@ def _way_to(temporary: Path, path: Path, out: oiio.ImageOutput) -> Iterator[Path
         raise ImageError(f"{path}: {_NOT_WHOLE}")
 
 
-def _error_text(out: oiio.ImageOutput, temporary: Path, path: Path) -> str:
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Other threads take the signals: one that comes while a pipe is full would cut the write short."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _error_text(out: oiio.ImageOutput | oiio.ImageBuf, temporary: Path, path: Path) -> str:
     """The format's error, of the name that the user knows."""
     return error_text(out.geterror).replace(str(temporary), str(path))
 
 
 # --- writing ---
+
+
+def _write_whole(
+    format_name: str,
+    temporary: Path,
+    path: Path,
+    part: Part,
+    spec: oiio.ImageSpec,
+    advance: Callable[[int, int], object] | None,
+) -> None:
+    """Write through an image in memory, which the format's encoder holds anyway.
+
+    OpenImageIO holds the GIL while it closes a file, for as long as these formats encode: nobody would hear a signal.
+    """
+    whole = None
+    for window, pixels in stream(part, part.window.cells(part.window.width, rows_for(part, BAND_BYTES, _BLOCK_ROWS))):
+        if whole is None:
+            held = oiio.ImageSpec(spec)
+            held.set_format(spec.format if pixels.dtype == dtype_of(spec) else oiio.TypeDesc(oiio.FLOAT))
+            whole = oiio.ImageBuf(held)
+        roi = oiio.ROI(window.left, window.right, window.top, window.bottom, 0, 1, 0, spec.nchannels)
+        whole.set_pixels(roi, np.ascontiguousarray(pixels))
+        if advance is not None:
+            advance(window.bottom - part.window.top, spec.height)
+    if not whole.write(str(temporary), spec.format, format_name):
+        raise ImageError(f"{path}: cannot be written: {_error_text(whole, temporary, path)}")
+
+
+def _write_rows(
+    out: oiio.ImageOutput,
+    temporary: Path,
+    path: Path,
+    image: Image,
+    specs: list[list[oiio.ImageSpec]],
+    advance: Callable[[int, int], object] | None,
+) -> None:
+    try:
+        _write_parts(out, temporary, path, image, specs, advance)
+    finally:
+        closed = out.close()
+    if not closed:
+        raise ImageError(f"{path}: {_error_text(out, temporary, path)}")
 
 
 def _write_parts(
@@ -223,19 +285,35 @@ def _require_types(
             raise ImageError(f"{path}: {trial.format_name()} cannot hold part '{part.name}' as {wanted}")
 
 
-def _check_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:
+def require_arrived(temporary: Path, path: Path, image: Image, format_name: str) -> None:
     """Refuse a file that did not reach the disk whole: several of OpenImageIO's writers do not notice a full one.
 
-    Warn of what it does not say of the image.
+    Its last rows are read back, and what comes after them is missing where the disk takes no further byte. How many
+    blocks are free says nothing: some file systems do not count them. Warn of what the file does not say of the image.
+
+    Raises
+    ------
+    ImageError
+        It cannot be read, or its end is missing.
     """
-    disk = os.statvfs(temporary) if hasattr(os, "statvfs") else None
     try:
-        if disk is not None and disk.f_bfree == 0:
-            raise ImageError("no space left")
+        _require_room(temporary)
         arrived = read(temporary).parts
-        for part in arrived:
-            last = part.window.bottom - 1
-            part.buffer(Window(part.window.left, last, part.window.right, last + 1))
-    except (ImageError, ValueError) as error:
+        for level in (level for part in arrived for level in (part, *part.levels)):
+            last = level.window.bottom - 1
+            level.buffer(Window(level.window.left, last, level.window.right, last + 1))
+    except (ImageError, OSError, ValueError) as error:
         raise ImageError(f"{path}: {_NOT_WHOLE}") from error
     warn_of_loss(path, format_name, [part.spec for part in image.parts], [part.spec for part in arrived])
+
+
+def _require_room(temporary: Path) -> None:
+    """Raise OSError where one byte more would not fit: a file that was cut off ends where the room ends."""
+    with open(temporary, "ab", buffering=0) as file:
+        size = file.tell()
+        try:
+            file.write(b"\0")
+        except OSError as error:
+            if error.errno in _FULL:
+                raise
+        file.truncate(size)

@@ -29,6 +29,7 @@ from ..core.attributes import TAG
 from ..core.image import Image
 from ..deferred import np, oiio
 from ..errors import Error, one_line
+from ..io.atomic import writing_only_below
 from ..io.disk_cache import hash_of
 from ..io.reading import read
 from ..materials import documents, preview
@@ -170,6 +171,22 @@ def digest_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def run_line(step: Step, folder: Path, budget: int = 0, threads: int = 0) -> int:
+    """Run a product's line in an asset's folder, where it writes into the product's own alone; returns its exit code.
+
+    Raises
+    ------
+    Error
+        It fails.
+    """
+    task = Task(Frame(None, step.words), len(parse(list(step.words), LANGUAGE).steps))
+    with writing_only_below(folder / step.product):
+        _, error, status = work(LineJob(task, budget, threads, folder=str(folder)))
+    if error:
+        raise Error(f"product {step.product}: {error}")
+    return status
+
+
 @dataclass
 class _Making:
     """One job while it is done."""
@@ -246,16 +263,7 @@ class _Making:
                 continue
             (self.folder / step.product).mkdir(exist_ok=True)
             self._lay_out_sources()
-            steps_in_line = len(parse(list(step.words), LANGUAGE).steps)
-            _, error, status = work(
-                LineJob(
-                    Task(Frame(None, step.words), steps_in_line), self.job.budget, self.job.threads,
-                    folder=str(self.folder),
-                )
-            )  # fmt: skip
-            if error:
-                raise Error(f"product {step.product}: {error}")
-            if status:
+            if status := run_line(step, self.folder, self.job.budget, self.job.threads):
                 reasons.append(f"product {step.product}: beyond a limit of its line (exit {status})")
         return keys, reasons
 

@@ -25,7 +25,7 @@ from ..cli.progress import Display
 from ..core.machine import memory, usable_threads
 from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials
-from ..recipes.lines import require_lines
+from ..recipes.lines import require_confined, require_lines
 from ..recipes.recipe import Recipe
 from .asset import Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
 from .catalogue import PLACES, SIDECAR, Asset, Catalogue, Label
@@ -85,6 +85,7 @@ def ingest(
     """
     start = time.perf_counter()
     require_lines(recipe)
+    require_confined(recipe)
     if photos.resolve() == library.resolve():
         raise ParameterError(f"{library}: photos and library are one folder: give the library one of its own")
     found = materials(photos, recipe)

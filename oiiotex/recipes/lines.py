@@ -3,16 +3,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from ..cli.language import LANGUAGE
 from ..cli.parse import Step as WrittenStep
 from ..cli.parse import parse, split_modifiers
-from ..errors import ParameterError
+from ..core.image import from_array
+from ..deferred import np
+from ..errors import Error, ParameterError
+from ..io.atomic import OUTSIDE, OutsideError, writing_only_below
 from ..materials.naming import COLOURS, ROLES
 from .found import MapFile
 from .recipe import Deliver, Recipe
@@ -24,9 +30,9 @@ _SPREADS = "`oiiotex-library ingest` spreads materials itself"
 _SHOWS = "nobody looks on while a library is made"
 _NOT_HERE = {
     "--farm": _SPREADS, "--share": _SPREADS, "--join": _SPREADS, "--openjd": _SPREADS, "--texlive": _SHOWS,
-    "--tev": _SHOWS,
+    "--tev": _SHOWS, "--oiioattrib": "it would hold for the lines of other materials, too",
 }  # fmt: skip
-_WRITE = ("-o", "-otex", "-oenv", "-obump", "--iccwrite")
+_EVERY_MAP = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
 _KINDS = {"color": "colour", "normal": "normal", "height": "height"}
 
 
@@ -88,8 +94,7 @@ def require_lines(recipe: Recipe) -> str:
         An option or a modifier is unknown or no library's, a placeholder is none, or not one line has `$outputs`, once
         and behind all images.
     """
-    every = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
-    steps = steps_of(recipe, every)
+    steps = steps_of(recipe, _EVERY_MAP)
     for step in steps:
         try:
             _require_deliverable(step)
@@ -101,6 +106,39 @@ def require_lines(recipe: Recipe) -> str:
     return delivered[0]
 
 
+def require_confined(recipe: Recipe) -> None:
+    """Refuse files outside of a product's folder, as far as expressions and control flow say it without pixels.
+
+    The lines are looked through as a run does it, in a folder like an asset's; what depends on pixels the run refuses.
+
+    Raises
+    ------
+    ParameterError
+        A line would write such a file.
+    """
+    import tempfile
+
+    from ..cli.rehearsal import Rehearsals
+    from ..cli.sequences import Frame
+    from ..cli.tasks import session_for
+    from ..run import as_foreseen
+
+    some = as_foreseen(from_array(np.zeros((1, 1, 3), np.float16)))
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        files = {os.path.realpath(source_name(role, file)): some for role, file in _EVERY_MAP.items()}
+        for step in steps_of(recipe, _EVERY_MAP):
+            os.mkdir(step.product)
+            words = list(step.words)
+            command = parse(words, LANGUAGE)
+            rehearsals = Rehearsals(session_for(command, words), files)
+            try:
+                with writing_only_below(Path(step.product)):
+                    rehearsals.foresight(command.steps, Frame(None, step.words))
+            except Error as error:  # whatever else is wrong need not be so for every material
+                if isinstance(error.__cause__ or error, OutsideError):
+                    raise ParameterError(f"product {step.product}: {error}") from error
+
+
 def _require_deliverable(step: Step) -> None:
     """Refuse what would wait for somebody, spread or share the line itself, or read images behind what is delivered."""
     command = parse(list(step.words), LANGUAGE)
@@ -110,9 +148,9 @@ def _require_deliverable(step: Step) -> None:
     for each in command.steps:
         for said, name in _written(each):
             parts = name.split("/")
-            # an expression may begin with a map's name, which is one below the asset's folder
+            # what an expression stands for is said below, or by the run
             if not (parts[0] == step.product or parts[0].startswith("{")) or ".." in parts:
-                raise ParameterError(f"{said}: is not in the product's folder: write $output, or $folder/NAME")
+                raise ParameterError(f"{said}: {OUTSIDE}")
     places = [place for place, word in enumerate(step.words) if word in step.outputs.values()]
     if len(places) > len(step.outputs):
         raise ParameterError("$outputs stands twice, or another -o writes the same file")
@@ -125,7 +163,7 @@ def _require_deliverable(step: Step) -> None:
 
 def _written(step: WrittenStep) -> Iterator[tuple[str, str]]:
     """Files that a step of a line writes: as the line says them, and their names."""
-    if step.option and step.option.name in _WRITE:
+    if step.option and step.option.writes:
         yield f"{step.word} {step.arguments[-1]}", step.arguments[-1]
     if step.op:
         asking = {output.asked_by for output in step.op.outputs}
