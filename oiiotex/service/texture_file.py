@@ -132,7 +132,7 @@ def read_texture_file(name: str) -> TextureFile:
     for text, most, called in ((name, MOST_NAME, "a file's name"), (query, MOST_QUERY, "what is behind '?'")):
         if len(text) > most or "\0" in text:
             raise ImageError(
-                f"{name[:60]}: {called} has {len(text)} letters: expected {most} at most, none of them NUL"
+                f"{name[:300]}: {called} has {len(text)} letters: expected {most} at most, none of them NUL"
             )
     path = Path(name)
     where = str(path)
