@@ -157,10 +157,11 @@ def kill(one: Case, known: Whole, inputs: Path, folder: Path, number: int, momen
         fate = signal.Signals(number).name
     _, said = run.communicate(timeout=60)
     where = f"{one.words}, signal {number} after {moment:.3f} s: {said}"
-    # Python itself takes a while to start, and ends by the signal as soon as it no longer minds it
-    assert run.returncode in (0, SIGNALS[number], -number), where
-    # Python itself tells of SIGINT where it comes before ours, and of processes that SIGKILL leaves without a parent
-    if number in (signal.SIGTERM, signal.SIGHUP):
+    if number == signal.SIGINT and "KeyboardInterrupt" in said:  # Python had not come to the program yet
+        assert run.returncode in (1, -number), where
+    else:  # and it ends by a signal as soon as it no longer minds it
+        assert run.returncode in (0, SIGNALS[number], -number), where
+    if number in (signal.SIGTERM, signal.SIGHUP):  # SIGKILL leaves processes without a parent, and Python says so
         assert said == "", where
     for name in one.outputs:
         as_it_was = (folder / name).read_bytes() == OLD
