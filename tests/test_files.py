@@ -150,7 +150,7 @@ def test_a_truncated_file_is_an_error_and_not_half_an_image(tmp_path, name):
 def test_a_deep_image_has_no_flat_pixels(tmp_path):
     part = read(deep_file(tmp_path / "deep.exr")).first
     assert part.buffer(part.window).deep
-    assert refusal(part.pixels) == f"part '{part.name}' is deep: expected a flat image; put --flatten before it"
+    assert refusal(part.pixels) == f"part '{part.name}' is deep: expected a flat image; flatten it first"
 
 
 # --- every common format ---

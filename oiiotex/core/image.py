@@ -86,7 +86,7 @@ class Part:
     def read(self, window: Window) -> np.ndarray:
         """(height, width, channels) of the spec's pixel type; do not write into it."""
         if self.spec.deep:
-            raise ImageError(f"part '{self.name}' is deep: expected a flat image; put --flatten before it")
+            raise ImageError(f"part '{self.name}' is deep: expected a flat image; flatten it first")
         pixels = self.fetch(window)
         if isinstance(pixels, oiio.ImageBuf):
             array = pixels.get_pixels(self.spec.format, window.roi(self.spec.nchannels))
