@@ -343,7 +343,7 @@ class Session:
             if most and size > most:
                 raise ImageError(
                     f"{image} takes {size} MB: expected at most {most} MB, which is what OpenImageIO reads here;"
-                    " see --oiioattrib limits:imagesize_MB"
+                    " raise its attribute limits:imagesize_MB"
                 )
             self.require(16 * width * max(part.pixel_bytes, 4 * part.spec.nchannels), f"{image}")
 

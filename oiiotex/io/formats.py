@@ -89,7 +89,7 @@ def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Imag
         names = ", ".join(p.name for p in image.parts)
         raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")
     if any(part.spec.deep for part in image.parts) and not out.supports("deepdata"):
-        raise ImageError(f"{path}: {out.format_name()} cannot hold deep images: expected EXR; or put --flatten before")
+        raise ImageError(f"{path}: {out.format_name()} cannot hold deep images: expected EXR, or a flat image")
     parts = [_with_fitting_channels(part, out, path) for part in image.parts]
     if how.autocrop and not out.supports("displaywindow"):
         parts = [_in_window(part, Window.display(part.spec)) for part in parts]
