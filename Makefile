@@ -8,15 +8,15 @@ EXTRAS := cpu,linker,demo
 .PHONY: demo test test-all lint docs golden benchmark plugin extension blender clean
 
 demo: $(VENV)/demo
-	@$(BIN)/python -m docs.device
-	$(BIN)/python -m docs.demo $(if $(PHOTO),--photo "$(PHOTO)")
+	@$(BIN)/python -m tools.device
+	$(BIN)/python -m tools.demo $(if $(PHOTO),--photo "$(PHOTO)")
 
 test: $(VENV)/test
-	@$(BIN)/python -m docs.device
+	@$(BIN)/python -m tools.device
 	$(BIN)/python -m pytest -n 2 -m "not slow"
 
 test-all: $(VENV)/test  # with the slow sweeps
-	@$(BIN)/python -m docs.device
+	@$(BIN)/python -m tools.device
 	$(BIN)/python -m pytest -n 2
 
 lint: $(VENV)/test
@@ -24,21 +24,21 @@ lint: $(VENV)/test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
-	$(BIN)/python -m docs.pages
-	$(BIN)/python -m docs.pictures
-	$(BIN)/python -m docs.decompose_pictures
-	$(BIN)/python -m docs.stationarized
-	$(BIN)/python -m docs.comparison
-	$(BIN)/python -m docs.dominant_pictures
-	$(BIN)/python -m docs.atlas_pictures
-	$(BIN)/python -m docs.capture_pictures
-	$(BIN)/python -m docs.structure_pictures
-	$(BIN)/python -m docs.measure_pictures
-	$(BIN)/python -m docs.multiscale_pictures
-	$(BIN)/python -m docs.synth_pictures
-	$(BIN)/python -m docs.library_pictures
-	$(BIN)/python -m docs.live_pictures
-	@$(BIN)/oiiotex --plugin-path > /dev/null && $(BIN)/python -m docs.hosts_pictures
+	$(BIN)/python -m tools.docs.pages
+	$(BIN)/python -m tools.docs.pictures.photos
+	$(BIN)/python -m tools.docs.pictures.decompose
+	$(BIN)/python -m tools.docs.pictures.stationarize
+	$(BIN)/python -m tools.docs.pictures.comparison
+	$(BIN)/python -m tools.docs.pictures.dominant
+	$(BIN)/python -m tools.docs.pictures.atlas
+	$(BIN)/python -m tools.docs.pictures.capture
+	$(BIN)/python -m tools.docs.pictures.structure
+	$(BIN)/python -m tools.docs.pictures.measures
+	$(BIN)/python -m tools.docs.pictures.multiscale
+	$(BIN)/python -m tools.docs.pictures.synth
+	$(BIN)/python -m tools.docs.pictures.library
+	$(BIN)/python -m tools.docs.pictures.live
+	@$(BIN)/oiiotex --plugin-path > /dev/null && $(BIN)/python -m tools.docs.pictures.hosts
 
 plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/hosts.md
 	$(BIN)/python hosts/openimageio/build.py

@@ -34,8 +34,6 @@ from skimage import color
 
 from benchmarks import drifts
 from benchmarks.peers import PEERS, ToolError
-from docs.demo import save
-from docs.layout import pixels
 from oiiotex import filters
 from oiiotex.charts.tile_preview import made_seamless
 from oiiotex.core.source_map import SourceMap
@@ -44,6 +42,8 @@ from oiiotex.filters.stationarize import Stationarize
 from oiiotex.session import Session
 from oiiotex.stationarity.copy_detection import copies_by_source
 from oiiotex.stationarity.seam_measures import seam_ratio
+from tools.demo import save
+from tools.docs.pictures.layout import pixels
 
 SIDES, SCALES = (320, 512, 1024), (512, 1024, 2048)
 SIMILAR = 0.9, 1.1  # band energies at one size over those at the smallest

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.demo import gravel, stained
 from oiiotex import filters
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_on_device import LabGrid
@@ -27,6 +26,7 @@ from oiiotex.multiscale.targets import stacks_of
 from oiiotex.session import Session
 from oiiotex.superpixels.slic import SeedGrid, Slic
 from tests import pictures
+from tools.demo import gravel, stained
 
 Work = Callable[[], Any]
 EXEMPLAR = 512  # px

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles of docs/comparison.py and hex tiling, judged by costs of ours and by features of a network that is not ours.
+"""Tiles of docs/comparison.md and hex tiling, judged by costs of ours and by features of a network that is not ours.
 
 python -m benchmarks.judged_outside FOLDER [--photos 8]
 
@@ -28,10 +28,10 @@ import OpenImageIO as oiio
 
 from benchmarks import hex_tiling
 from benchmarks.measures import sharpness
-from docs.comparison import PHOTOS, SIGMA, buffer, square, ways
 from oiiotex import filters
 from oiiotex.errors import Error
 from oiiotex.filters.stationarity import COST
+from tools.docs.pictures.comparison import PHOTOS, SIGMA, buffer, square, ways
 
 SIDE, PLANE = 256, 384  # px, of a photo and of what is judged
 PATCH, PATCHES = 11, 500

@@ -16,7 +16,6 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.measures import data_folder
-from docs.demo import save
 from oiiotex.color.lab_grid import FINE_STEPS
 from oiiotex.core.op import Space
 from oiiotex.core.window import Window
@@ -27,6 +26,7 @@ from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
 from oiiotex.multiscale.synthesizer import Synthesizer
 from oiiotex.session import Session
 from tests import pictures
+from tools.demo import save
 
 PHOTOS = (
     "castle_brick_broken", "pebbles_beach_shadow", "flower_meadow_stones", "stone_breccia", "bark_flaky",

@@ -24,8 +24,8 @@ import OpenImageIO as oiio
 
 from benchmarks.measures import tile_figures
 from benchmarks.peers import PEERS, Tool, ToolError
-from docs.demo import gravel, save, stained
 from oiiotex.opencl.device import choose
+from tools.demo import gravel, save, stained
 
 SIZE = (512, 512)
 OURS = Tool(

@@ -22,7 +22,6 @@ import pytest
 from benchmarks.numba_histograms import BoundProjection
 from benchmarks.numba_multiscale import BoundCorrection
 from benchmarks.numba_patchmatch import BoundMatcher
-from docs.demo import gravel, save, stained
 from oiiotex.color.lab import working_values
 from oiiotex.color.lab_grid import to_grid
 from oiiotex.core.image import from_buffer
@@ -44,6 +43,7 @@ from oiiotex.projections.histograms import Projection, layout
 from oiiotex.projections.projection import projected
 from oiiotex.session import Session
 from oiiotex.stationarity.grid_statistics import CellGrid
+from tools.demo import gravel, save, stained
 
 ROUNDS, WARMUPS = 15, 2
 STEP = 1000  # numbers the iteration; any that has not been

@@ -23,7 +23,6 @@ from statistics import median
 import numpy as np
 
 from benchmarks.speed import machine
-from docs.demo import gravel, save, stained
 from oiiotex.core.window import Window
 from oiiotex.io.reading import read
 from oiiotex.multiscale.candidate_sets import DIMS, DISC, analyse, neighbourhoods, project
@@ -31,6 +30,7 @@ from oiiotex.multiscale.graph import Graph
 from oiiotex.multiscale.infinite_plane import Plane, graph_images, opened
 from oiiotex.multiscale.synthesizer import Synthesizer
 from oiiotex.session import Session
+from tools.demo import gravel, save, stained
 
 SIDE = 1024  # px of a window
 SAMPLED = 1500  # texels of a level whose exact candidates are looked for

@@ -38,7 +38,7 @@ def rows_of(paper: str) -> dict[str, list[str]]:
 def commands() -> list[str]:
     """All that is to be run, as it stands in the cells."""
     return re.findall(
-        r"`((?:oiiotex|python -m) [^`]+)`", PAGE.replace("`python -m docs...` and `python -m benchmarks...`", "")
+        r"`((?:oiiotex|python -m) [^`]+)`", PAGE.replace("`python -m tools...` and `python -m benchmarks...`", "")
     )
 
 

@@ -10,11 +10,11 @@ from skimage import color
 
 from benchmarks import drifts, measures
 from benchmarks.photos import costs
-from docs.demo import gravel, save, stained
 from oiiotex import filters
 from oiiotex.regularity.fidelity import GOOD
 from oiiotex.session import Session
 from tests.conftest import data_folder
+from tools.demo import gravel, save, stained
 
 pytestmark = pytest.mark.slow
 

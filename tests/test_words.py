@@ -153,7 +153,9 @@ def test_every_file_type_is_one_that_is_read_or_written(source):
 @pytest.mark.parametrize("source", TEXTS)
 def test_every_file_of_ours_that_is_named_is_there(source):
     named = set(
-        re.findall(r"(?<![\w/(])((?:docs|tests|benchmarks|golden|oiiotex)/[\w./*-]+\.(?:md|py|cl))", TEXTS[source])
+        re.findall(
+            r"(?<![\w/(])((?:docs|tests|benchmarks|golden|hosts|oiiotex|tools)/[\w./*-]+\.(?:md|py|cl))", TEXTS[source]
+        )
     )
     assert [name for name in named if "NAME" not in name and not list(ROOT.glob(name))] == []
     if source.endswith(".md"):

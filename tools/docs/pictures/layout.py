@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.demo import save
 from oiiotex import filters
+from tools.demo import save
 
-FOLDER = Path(__file__).parent / "pictures"
+FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
 
 
 def write_jpeg(pixels: np.ndarray, name: str, quality: int = 75) -> None:

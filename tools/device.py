@@ -37,7 +37,7 @@ def main() -> None:
         print(f"{error}\nmake does this now: {shlex.join(command)}", flush=True)
         subprocess.run(command, check=True)
         # anew: runtimes are looked for once per process; the steps taken go along, none is taken twice
-        os.execv(sys.executable, [sys.executable, "-m", "docs.device", *sys.argv[1:], error.remedy])
+        os.execv(sys.executable, [sys.executable, "-m", "tools.device", *sys.argv[1:], error.remedy])
     except DeviceError as error:
         sys.exit(str(error))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of README and docs, made by the repository's own programs: `python -m docs.pictures`."""
+"""The pictures of README and docs, made by the repository's own programs: `python -m tools.docs.pictures.photos`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,21 @@ from scipy import ndimage
 from scipy.cluster.vq import kmeans2
 
 from benchmarks.peers import CROPS, SYNTHESIZERS
-from docs.demo import gravel, save, stained
-from docs.layout import beside, halved, labelled, pixels, shrunk, small, stacked, test_photo, twice, write_jpeg
 from oiiotex import filters
 from oiiotex.labels.legend import colours_of
+from tools.demo import gravel, save, stained
+from tools.docs.pictures.layout import (
+    beside,
+    halved,
+    labelled,
+    pixels,
+    shrunk,
+    small,
+    stacked,
+    test_photo,
+    twice,
+    write_jpeg,
+)
 
 SIDE = 192  # px, longer side of a photo on a contact sheet
 PER_SHEET = 6

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/texdominant.md: `python -m docs.dominant_pictures`."""
+"""The pictures of docs/texdominant.md: `python -m tools.docs.pictures.dominant`."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import OpenImageIO as oiio
 from scipy import ndimage
 
 from benchmarks.dominant import TWELVE, composite, seen_as
-from docs.demo import save
-from docs.layout import beside, halved, pixels, shrunk, small, stacked, test_photo, write_jpeg
 from oiiotex import filters
 from oiiotex.charts.dominant_chart import COLOURS, Panel
 from oiiotex.dominant.diffusion import dominant_texture
 from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
+from tools.demo import save
+from tools.docs.pictures.layout import beside, halved, pixels, shrunk, small, stacked, test_photo, write_jpeg
 
 MODES = ("diffusion", "euclidean", "spectral")
 COLUMNS = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Screenshots of the page's rooms, by Chromium and Playwright: `python -m docs.live_pictures`."""
+"""Screenshots of the page's rooms, by Chromium and Playwright: `python -m tools.docs.pictures.live`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import OpenImageIO as oiio
 from tests.browser import Served, chromium, end_resident
 
 DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).absolute()
-PICTURES = Path(__file__).parent / "pictures"
+PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 SIZE = {"width": 1280, "height": 720}
 SPACE = "srgb_rec709_scene"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/texdecompose.md: `python -m docs.decompose_pictures`. Photos come from `$OIIOTEX_TEST_DATA`."""
+"""The pictures of docs/texdecompose.md: `python -m tools.docs.pictures.decompose`, with the test photos."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from benchmarks.decompose import PAPER, grouped_by
 from benchmarks.labels import Case, cases
 from benchmarks.measures import data_folder
 from benchmarks.mosaics import suite
-from docs.layout import beside, halved, pixels, shrunk, small, stacked, write_jpeg
 from oiiotex import filters
 from oiiotex.core.image import to_buffer
 from oiiotex.filters.decompose import Decompose
 from oiiotex.labels.legend import colours_of
 from oiiotex.run import run
 from oiiotex.session import Session
+from tools.docs.pictures.layout import beside, halved, pixels, shrunk, small, stacked, write_jpeg
 
 SIDE = 128  # px, of a pane
 LANDSCAPES = (

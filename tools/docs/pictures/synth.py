@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of --texsynth, after HRRG08's figures: `python -m docs.synth_pictures [FIGURE...]`."""
+"""The pictures of --texsynth, after HRRG08's figures: `python -m tools.docs.pictures.synth [FIGURE...]`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.demo import save
-from docs.layout import beside, pixels, shrunk, stacked, write_jpeg
-from docs.multiscale_pictures import DATA
 from oiiotex import filters
 from oiiotex.session import Session
 from tests import pictures
+from tools.demo import save
+from tools.docs.pictures.layout import beside, pixels, shrunk, stacked, write_jpeg
+from tools.docs.pictures.multiscale import DATA
 
 MAP = DATA / "multiscale" / "map1800_bobruisk" / "graph.json"
 PANE = 190  # px

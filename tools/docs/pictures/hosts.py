@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The picture of docs/hosts.md: a plain of pebbles to the horizon, looked up by OpenImageIO's TextureSystem.
 
-`python -m docs.hosts_pictures`; the plugin is built first, with `python hosts/openimageio/build.py`.
+`python -m tools.docs.pictures.hosts`; the plugin is built first, with `python hosts/openimageio/build.py`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.layout import write_jpeg
 from oiiotex.cli.plugin_path import plugin_path
 from tests.conftest import data_folder
+from tools.docs.pictures.layout import write_jpeg
 
 SIZE = 1 << 20  # px of the texture
 WIDTH, HEIGHT = 960, 360  # px of the picture

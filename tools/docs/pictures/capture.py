@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of the pages about photos as materials: `python -m docs.capture_pictures`, with the test photos."""
+"""Pictures of the pages about photos as materials: `python -m tools.docs.pictures.capture`, with the test photos."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.layout import beside, pixels, shrunk, write_jpeg
 from oiiotex import filters
 from oiiotex.capture.homography import homography
+from tools.docs.pictures.layout import beside, pixels, shrunk, write_jpeg
 
 DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data"))
 SLANTS = {

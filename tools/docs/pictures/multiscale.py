@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of --texzoom and --texgraph: `python -m docs.multiscale_pictures`."""
+"""The pictures of --texzoom and --texgraph: `python -m tools.docs.pictures.multiscale`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.layout import beside, pixels, stacked, write_jpeg
 from oiiotex import filters
 from oiiotex.charts.drawing import Sheet
 from oiiotex.multiscale.graph import Edge, Graph
 from oiiotex.multiscale.superexemplar import Levels, unrolled
 from oiiotex.session import Session
+from tools.docs.pictures.layout import beside, pixels, stacked, write_jpeg
 
 DATA = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data"))
 FRAMES = (1, 21, 41, 61, 81)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The types of the filters' functions from their declarations: `python -m docs.stubs` writes the stub."""
+"""The types of the filters' functions from their declarations: `python -m tools.docs.stubs` writes the stub."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from oiiotex.core.op import Op
 from oiiotex.filters import OURS
 from oiiotex.python_types import Form, docstring, forms, signature
 
-STUB = Path(__file__).parents[1] / "oiiotex" / "filters" / "__init__.pyi"
+STUB = Path(__file__).parents[2] / "oiiotex" / "filters" / "__init__.pyi"
 _HEAD = '''\
 # SPDX-License-Identifier: Apache-2.0
-# Made by `python -m docs.stubs` from the declarations: change those.
+# Made by `python -m tools.docs.stubs` from the declarations: change those.
 """The filters as functions."""
 
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sheet of structures in docs/texstationarize.md: `python -m docs.structure_pictures [PHOTO ...]`.
+"""The sheet of structures in docs/texstationarize.md: `python -m tools.docs.pictures.structure [PHOTO ...]`.
 
 Photos beside tiles by default and by the presets keep, even and clean.
 """
@@ -10,8 +10,8 @@ import sys
 
 import numpy as np
 
-from docs.layout import beside, pixels, shrunk, stacked, test_photo, write_jpeg
 from oiiotex import filters
+from tools.docs.pictures.layout import beside, pixels, shrunk, stacked, test_photo, write_jpeg
 
 SEED = 1
 PHOTOS = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of docs/texatlas.md, after LDR09's figure 7: `python -m docs.atlas_pictures`."""
+"""The picture of docs/texatlas.md, after LDR09's figure 7: `python -m tools.docs.pictures.atlas`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 import OpenImageIO as oiio
 import trimesh
 
-from docs.layout import beside, pixels, shrunk, stacked, test_photo, write_jpeg
 from oiiotex import filters
 from oiiotex.atlas.mesh import Mesh, read_mesh
 from tests.test_atlas import bumpy
+from tools.docs.pictures.layout import beside, pixels, shrunk, stacked, test_photo, write_jpeg
 
 PHOTOS = ("rust_barrel_side.jpg", "stained_plaster_wall.jpg")
 PANE, SIDE = 300, 640  # px of a pane and of an atlas

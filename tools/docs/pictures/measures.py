@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of measures and sigmas: `python -m docs.measure_pictures [NAME ...]`, names of functions below."""
+"""The pictures of measures and sigmas: `python -m tools.docs.pictures.measures [FUNCTION ...]`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.pictures import beside, pixels, shrunk, test_photo, twice, write_jpeg
 from oiiotex import filters
 from oiiotex.color.lab import working_values
 from oiiotex.core.image import from_buffer
@@ -16,6 +15,7 @@ from oiiotex.exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_sc
 from oiiotex.filters.measures import scale_folder
 from oiiotex.filters.stationarize import Stationarize
 from oiiotex.session import Session
+from tools.docs.pictures.layout import beside, pixels, shrunk, test_photo, twice, write_jpeg
 
 RUST = "rust_barrel_side.jpg"
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/texstationarize.md and docs/texpreview.md: `python -m docs.stationarized`."""
+"""The pictures of docs/texstationarize.md and docs/texpreview.md: `python -m tools.docs.pictures.stationarize`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.demo import gravel, save, stained
-from docs.pictures import beside, halved, pixels, shrunk, stacked, test_photo, write_jpeg
-from docs.wang_plane import random_plane
 from oiiotex import filters
 from oiiotex.patchmatch.wang_tiles import edges_of
+from tools.demo import gravel, save, stained
+from tools.docs.pictures.layout import beside, halved, pixels, shrunk, stacked, test_photo, write_jpeg
+from tools.docs.pictures.wang_plane import random_plane
 
 SEED = 7
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Docs pages and the stub from the filters' declarations: `python -m docs.pages`.
+"""Docs pages and the stub from the filters' declarations: `python -m tools.docs.pages`.
 
 A page is the declaration followed by what a person wrote below the line `<!-- by hand -->`.
 """
@@ -9,15 +9,15 @@ from __future__ import annotations
 import inspect
 from pathlib import Path
 
-from docs import stubs
 from oiiotex.cli.language import LANGUAGE
 from oiiotex.cli.parse import Option
 from oiiotex.cli.report import description
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import declared
 from oiiotex.filters import OURS
+from tools.docs import stubs
 
-FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).parents[2] / "docs"
 MARK = "<!-- by hand -->"
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/comparison.md and its pictures, after MJH17 figures 5, 7, 8, 9 and 13: `python -m docs.comparison`."""
+"""docs/comparison.md and its pictures, after MJH17 figures 5, 7, 8, 9 and 13.
+
+`python -m tools.docs.pictures.comparison`.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from docs.pictures import beside, shrunk, stacked, test_photo, write_jpeg
-from docs.stationarized import one_channel
-from docs.wang_plane import random_plane
 from oiiotex import filters
 from oiiotex.charts.tile_preview import made_seamless, repeated
 from oiiotex.errors import Error
 from oiiotex.filters.stationarity import COST
 from oiiotex.filters.stationarize import Stationarize
 from oiiotex.patchmatch.wang_tiles import edges_of
+from tools.docs.pictures.layout import beside, shrunk, stacked, test_photo, write_jpeg
+from tools.docs.pictures.stationarize import one_channel
+from tools.docs.pictures.wang_plane import random_plane
 
 PHOTOS = (
     "castle_brick_broken", "moss_grass_stones_ground", "rust_barrel_side", "stained_plaster_wall",
@@ -163,8 +166,8 @@ def failures() -> None:
 TEXT = """\
 # Beside other ways
 
-Made by `python -m docs.comparison` from eight photos, reduced to {side} x {side} px. Every pane is what was
-made, laid out 2 x 2, so that what repeats shows; Wang tiles (16, two colours for each edge) are laid out at
+Made by `python -m tools.docs.pictures.comparison` from eight photos, reduced to {side} x {side} px. Every pane is
+what was made, laid out 2 x 2, so that what repeats shows; Wang tiles (16, two colours for each edge) are laid out at
 random over the same area. From left to right and top to bottom:
 
 {columns}.
@@ -210,7 +213,7 @@ def main() -> None:
     table += [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
     pictures = "\n\n".join(f"{name}\n\n![{name}](pictures/comparison_{name}.jpg)" for name in PHOTOS)
     text = TEXT.format(side=SIDE, columns="; ".join(names), sigma=SIGMA, table="\n".join(table), pictures=pictures)
-    (Path(__file__).parent / "comparison.md").write_text(text)
+    (Path(__file__).parents[3] / "docs" / "comparison.md").write_text(text)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The pictures of docs/studio.md and docs/library.md: a library of the test photos, its report in Chromium.
 
-`python -m docs.library_pictures [--keep FOLDER]`: a library that is kept there is brought up to date instead of made.
+`python -m tools.docs.pictures.library [--keep FOLDER]`: a library in FOLDER is updated.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 import OpenImageIO as oiio
 
 from benchmarks.library import RECIPE, write_photos
-from docs.pictures import beside, write_jpeg
 from oiiotex.charts.tile_preview import repeated
 from oiiotex.library.catalogue import Catalogue
 from tests.conftest import data_folder
+from tools.docs.pictures.layout import beside, write_jpeg
 
-PICTURES = Path(__file__).parent / "pictures"
+PICTURES = Path(__file__).parents[3] / "docs" / "pictures"
 SHOWN = (("rusty_metal", "lit"), ("mossy_rock", "lit"), ("clover_lawn_003", "image_and_hextiled"),
          ("bark_flaky_000", "image_and_hextiled"))  # fmt: skip
 PHOTOS, SIZE = 12, 512
