@@ -25,20 +25,7 @@ lint: $(VENV)/test
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m tools.docs.pages
-	$(BIN)/python -m tools.docs.pictures.photos
-	$(BIN)/python -m tools.docs.pictures.decompose
-	$(BIN)/python -m tools.docs.pictures.stationarize
-	$(BIN)/python -m tools.docs.pictures.comparison
-	$(BIN)/python -m tools.docs.pictures.dominant
-	$(BIN)/python -m tools.docs.pictures.atlas
-	$(BIN)/python -m tools.docs.pictures.capture
-	$(BIN)/python -m tools.docs.pictures.structure
-	$(BIN)/python -m tools.docs.pictures.measures
-	$(BIN)/python -m tools.docs.pictures.multiscale
-	$(BIN)/python -m tools.docs.pictures.synth
-	$(BIN)/python -m tools.docs.pictures.library
-	$(BIN)/python -m tools.docs.pictures.live
-	@$(BIN)/oiiotex --plugin-path > /dev/null && $(BIN)/python -m tools.docs.pictures.hosts
+	$(BIN)/python -m tools.docs.pictures
 
 plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/hosts.md
 	$(BIN)/python hosts/openimageio/build.py
