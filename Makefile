@@ -45,11 +45,11 @@ $(VENV)/blender/made: $(VENV)/checked
 
 benchmark: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[benchmark]"
-	$(BIN)/python -m benchmarks.speed
-	$(BIN)/python -m benchmarks.first_tile benchmark-out --side 320 --half tune
-	$(BIN)/python -m benchmarks.chains
-	$(BIN)/python -m benchmarks.textures
-	$(BIN)/python -m pytest benchmarks/test_kernels.py
+	$(BIN)/python -m benchmarks.speed.tile
+	$(BIN)/python -m benchmarks.tiles.first_tile benchmark-out --side 320 --half tune
+	$(BIN)/python -m benchmarks.speed.chains
+	$(BIN)/python -m benchmarks.multiscale.windows
+	$(BIN)/python -m pytest benchmarks/kernels/test_kernels.py
 
 clean:
 	rm -rf $(VENV) demo-out benchmark-out build *.egg-info

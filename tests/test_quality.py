@@ -8,8 +8,9 @@ import OpenImageIO as oiio
 import pytest
 from skimage import color
 
-from benchmarks import drifts, measures
-from benchmarks.photos import costs
+from benchmarks.shared import measures
+from benchmarks.tiles import drifts
+from benchmarks.tiles.photos import costs
 from oiiotex import filters
 from oiiotex.regularity.fidelity import GOOD
 from oiiotex.session import Session

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import OpenImageIO as oiio
 
-from benchmarks.decompose import PAPER, grouped_by
-from benchmarks.labels import Case, cases
-from benchmarks.measures import data_folder
-from benchmarks.mosaics import suite
+from benchmarks.labels.levels import Case, cases
+from benchmarks.shared.measures import data_folder
+from benchmarks.shared.mosaics import suite
+from benchmarks.subtextures.decompose import PAPER, grouped_by
 from oiiotex import filters
 from oiiotex.core.image import to_buffer
 from oiiotex.filters.decompose import Decompose
@@ -37,7 +37,7 @@ def painted(ids: np.ndarray, side: int = SIDE) -> np.ndarray:
 
 
 def labels_of(case: Case, way: str = "", **values: object) -> np.ndarray:
-    """Subtextures of a case, grouped as `benchmarks.decompose` names it."""
+    """Subtextures of a case, grouped as `benchmarks.subtextures.decompose` names it."""
     with grouped_by(way, len(np.unique(case.truth[case.truth > 0]))):
         return run(Decompose(source=case.image, **values), Session())[0].image.first.pixels()[..., 0]
 

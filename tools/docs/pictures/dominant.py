@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 from scipy import ndimage
 
-from benchmarks.dominant import TWELVE, composite, seen_as
+from benchmarks.dominant.composites import TWELVE, composite, seen_as
 from oiiotex import filters
 from oiiotex.charts.dominant_chart import COLOURS, Panel
 from oiiotex.dominant.diffusion import dominant_texture
@@ -61,7 +61,7 @@ def every_photo(side: int = 112, per_row: int = 4) -> None:
 
 
 def every_composite() -> None:
-    """The composites of benchmarks/dominant.py: picture, what is kept of it, what should be."""
+    """The composites of benchmarks/dominant/composites.py: picture, what is kept of it, what should be."""
     session, panes = Session(), []
     for n in range(len(TWELVE)):
         _, picture, truth = composite(n)

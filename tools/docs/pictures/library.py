@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from benchmarks.library import RECIPE, write_photos
+from benchmarks.studio.library import RECIPE, write_photos
 from oiiotex.charts.tile_preview import repeated
 from oiiotex.library.catalogue import Catalogue
 from tests.conftest import data_folder

@@ -12,7 +12,7 @@ import OpenImageIO as oiio
 from scipy import ndimage
 from scipy.cluster.vq import kmeans2
 
-from benchmarks.peers import CROPS, SYNTHESIZERS
+from benchmarks.shared.peers import CROPS, SYNTHESIZERS
 from oiiotex import filters
 from oiiotex.labels.legend import colours_of
 from tools.demo import gravel, save, stained
