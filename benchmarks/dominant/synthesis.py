@@ -19,6 +19,7 @@ from benchmarks.shared.measures import data_folder, load
 from oiiotex import filters
 from oiiotex.color.lab import working_values
 from oiiotex.core.image import from_buffer
+from oiiotex.core.window import Domain
 from oiiotex.session import Session
 from oiiotex.stationarity.costs import stationarity_cost
 
@@ -35,7 +36,8 @@ def non_stationary() -> list[str]:
 def cost(made: oiio.ImageBuf, wraps: bool, session: Session) -> float:
     """MJH17 eq. 1 of an image at the filters' own sigma."""
     lab = working_values(from_buffer(made), session)[0]
-    return stationarity_cost(lab, max(lab.shape[:2]) / 32, wraps, wraps)
+    height, width = lab.shape[:2]
+    return stationarity_cost(lab, max(height, width) / 32, Domain(width, height, wraps, wraps))
 
 
 def mean_cost(method: str, photo: oiio.ImageBuf, mask: oiio.ImageBuf | None, seeds: int, session: Session) -> float:

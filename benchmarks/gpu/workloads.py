@@ -19,6 +19,7 @@ from oiiotex import filters
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_on_device import LabGrid
 from oiiotex.core.image import from_buffer
+from oiiotex.core.op import Space
 from oiiotex.multiscale.candidate_sets import analyse
 from oiiotex.multiscale.graph import Graph
 from oiiotex.multiscale.stacks import load_exemplars
@@ -94,7 +95,7 @@ def _analysis(session: Session, side: int) -> Work:
     """Candidates of an exemplar of 256 px, without the cache. One size for all sides."""
     side = min(256, side)
     graph, image = Graph.single("photo"), from_buffer(exemplar(side))
-    exemplars, _ = load_exemplars([image], graph, session.color, False, side)
+    exemplars, _ = load_exemplars([image], graph, session, Space.LAB, side)
     stacks = stacks_of(graph, exemplars)
 
     def work() -> dict[str, np.ndarray]:

@@ -23,6 +23,7 @@ from statistics import median
 import numpy as np
 
 from benchmarks.speed.tile import machine
+from oiiotex.core.op import Space
 from oiiotex.core.window import Window
 from oiiotex.io.reading import read
 from oiiotex.multiscale.candidate_sets import DIMS, DISC, analyse, neighbourhoods, project
@@ -33,6 +34,7 @@ from oiiotex.session import Session
 from tools.demo import gravel, save, stained
 
 SIDE = 1024  # px of a window
+LAB = {"literal": False, "space": Space.LAB}  # planes are looked at in it, with our turns
 SAMPLED = 1500  # texels of a level whose exact candidates are looked for
 
 
@@ -54,7 +56,7 @@ def modes(session: Session, graph: Path, photo: Path) -> dict[str, tuple[Synthes
         ("its root alone (Lefebvre & Hoppe)", Graph.single("root"), (root,), True),
         (f"{photo.stem} alone (Lefebvre & Hoppe)", Graph.single("photo"), (read(photo, session.cache),), True),
     ):
-        plane = opened(session, given, of, name, side=256, dims=DIMS, correct=correct, data=False)
+        plane = opened(session, given, of, name, side=256, dims=DIMS, correct=correct, **LAB)
         settings = plane.settings(seed=1, lock=False)
         maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
         found[name] = maker, plane, plane.finest + given.depth()
@@ -109,7 +111,7 @@ def print_analysis(session: Session, photo: Path, runs: int) -> None:
     """The analysis of one exemplar, nothing cached, and its candidates beside the exact ones."""
     plane = opened(
         session, Graph.single("photo"), (read(photo, session.cache),), "photo", side=256, dims=DIMS, correct=True,
-        data=False,
+        **LAB,
     )  # fmt: skip
     stacks = plane.analysis.stacks
 

@@ -142,6 +142,7 @@ def large_catalogue(folder: Path, count: int) -> None:
                 material.name, key, "ok", f"assets/{material.name}/{key}", (), str(photos), "CC0-1.0", "", 1024, 1024,
                 (), (50.0, 0.0, 10.0), 10.0, "2026-01-01T00:00:00+00:00",
             )  # fmt: skip
+            (library / asset.folder).mkdir(parents=True)
             files = [(f"tile/{n:02d}.exr", "tile", 10**6, digest) for n in range(16)]
             rows.append(
                 (asset, files, dict(zip(names, random.random(len(names)).tolist(), strict=True)), ("scan",), ())
@@ -157,6 +158,7 @@ def large_catalogue(folder: Path, count: int) -> None:
     }
     for name, words in searches.items():
         seconds, text = timed(words, folder)
+        assert words[0] == "list" or f"{count} unchanged" in text, text
         print(f"{name}: {seconds:.2f} s (goal 5); {len(text.splitlines())} lines, last: {text.splitlines()[-1][:70]}")
 
 

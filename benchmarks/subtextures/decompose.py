@@ -169,7 +169,9 @@ def main() -> None:
                     report(case.name, name, rows[-1:])
             report(group, name, rows)
             for kind in KINDS if group in ("tune", "judge") else ():
-                report(f"{group}, {kind}", name, [r for r, c in zip(rows, found, strict=True) if kind in c.name])
+                of_kind = [r for r, c in zip(rows, found, strict=True) if kind in c.name]
+                if of_kind:  # fewer mosaics than kinds
+                    report(f"{group}, {kind}", name, of_kind)
 
 
 def report(group: str, name: str, rows: list[tuple[float, ...]]) -> None:

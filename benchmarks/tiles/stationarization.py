@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MJH17 figures 3 and 4 on a folder of photos, for every measure of stationarity, beside toroidal PatchMatch.
+"""MJH17 figures 3 and 4 on a folder of photos, for every measure of stationarity, compared with toroidal PatchMatch.
 
-python -m benchmarks.tiles.stationarization FOLDER OUT [--side 256] [--seeds 10] [--moments N] [--steerable N]
-python -m benchmarks.tiles.stationarization_plots OUT
+python -m benchmarks.tiles.stationarization OUT [--photos FOLDER] [--side 256] [--seeds 10] [--moments N]
+                                                [--steerable N]
 
-The first appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped; the other makes figure3.png,
-figure4.png and table.md of them (matplotlib is in the extra 'benchmark').
+It appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped. Then it makes figure3.png, figure4.png
+and table.md of them (matplotlib is in the extra 'benchmark'). Tiles are made with paper=1.
 
 The protocol is that of MJH17 section 5.2: the same seeds for all variants, and beside it the one seed of ten with which
 toroidal PatchMatch is most stationary by the variant's own measure, used for both. Costs: stationarity by eq. 1 at
@@ -24,7 +24,7 @@ from unittest import mock
 
 import numpy as np
 
-from benchmarks.shared.measures import load
+from benchmarks.shared.measures import data_folder, load
 from oiiotex import errors
 from oiiotex.color.lab import working_values
 from oiiotex.color.lab_grid import steps_for
@@ -58,7 +58,7 @@ class Photo:
     def made(self, variant: str, seed: int) -> module.Synthesis:
         """One variant's tile."""
         what = {"exemplar": self.image, "seed": seed}
-        op = PatchMatch(**what) if variant == BASELINE else Stationarize(**what, measure=variant)
+        op = PatchMatch(**what) if variant == BASELINE else Stationarize(**what, measure=variant, paper=True)
         recipe = op.recipe(self.width, self.height)
         session = self.session
         return module.synthesize(
@@ -163,17 +163,20 @@ def append(path: Path, fields: tuple[str, ...], more: list[tuple]) -> None:
 
 
 def main() -> None:
-    """Run what has not been run."""
+    """Run what has not been run; draw and write all that there is."""
+    from benchmarks.tiles.stationarization_plots import plot
+
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
+    parser.add_argument("--photos", type=Path, default=data_folder() / "photos")
     parser.add_argument("--side", type=int, default=256)
     parser.add_argument("--seeds", type=int, default=10)
     for measure in MEASURES[1:]:
         parser.add_argument(f"--{measure}", type=int, help="seeds of that measure, where fewer than of the others")
     given = parser.parse_args()
     seeds = {v: getattr(given, v, None) or given.seeds for v in (BASELINE, *MEASURES)}
-    run(given.folder, given.out, given.side, seeds)
+    run(given.photos, given.out, given.side, seeds)
+    plot(given.out)
 
 
 if __name__ == "__main__":

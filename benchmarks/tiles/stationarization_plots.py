@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures 3 and 4 of MJH17, and a table, from what benchmarks/tiles/stationarization.py has measured."""
+"""Figures 3 and 4 of MJH17, and a table, from what stationarization.py has measured."""
 
 from __future__ import annotations
 
-import argparse
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
@@ -186,9 +185,3 @@ def _table(costs: Costs, table: list[dict[str, str]]) -> str:
                 + "".join(f" {f:.3g} |" for f in figures)
             )
     return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path)
-    plot(parser.parse_args().out)
