@@ -22,7 +22,7 @@ from statistics import median
 
 import numpy as np
 
-from benchmarks.speed.tile import machine
+from benchmarks.shared.measures import data_folder, machine
 from oiiotex.core.op import Space
 from oiiotex.core.window import Window
 from oiiotex.io.reading import read
@@ -154,9 +154,8 @@ def distances(plane: Plane) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
 
 def main() -> None:
     """Measure and print."""
-    data = Path(os.environ.get("OIIOTEX_TEST_DATA", Path(__file__).parents[3] / "shared/data"))
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--graph", type=Path, default=data / "multiscale/mars/graph.json")
+    parser.add_argument("--graph", type=Path, default=data_folder() / "multiscale/mars/graph.json")
     parser.add_argument("--photo", type=Path, help="the one exemplar; the demo's")
     parser.add_argument("--runs", type=int, default=7, help="of each, after one to warm up")
     arguments = parser.parse_args()

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import datetime
 import os
+import platform
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from oiiotex.stationarity.seam_measures import sharpness, wrap_percentile
 
-__all__ = ["data_folder", "load", "low_frequency", "luma", "sharpness", "tile_figures", "wrap_percentile"]
+__all__ = ["data_folder", "load", "low_frequency", "luma", "machine", "sharpness", "tile_figures", "wrap_percentile"]
 
 LUMA = np.array([0.299, 0.587, 0.114])
 _SLOW = 16.0  # px
@@ -21,6 +23,16 @@ _SLOW = 16.0  # px
 def data_folder() -> Path:
     """Where the test photos lie: $OIIOTEX_TEST_DATA, default ../shared/data."""
     return Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data"))
+
+
+def machine() -> str:
+    """CPU model, number of cores that the process may use, date."""
+    model = platform.processor() or platform.machine()
+    if Path("/proc/cpuinfo").exists():
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), model)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{model}, {cores} cores, {datetime.date.today()}"
 
 
 def luma(rgb: np.ndarray) -> np.ndarray:

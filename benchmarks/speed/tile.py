@@ -11,9 +11,6 @@ and leave the light and the stain as they are, which LowF shows.
 from __future__ import annotations
 
 import argparse
-import datetime
-import os
-import platform
 import sys
 import tempfile
 from pathlib import Path
@@ -22,7 +19,7 @@ from statistics import median
 import numpy as np
 import OpenImageIO as oiio
 
-from benchmarks.shared.measures import tile_figures
+from benchmarks.shared.measures import machine, tile_figures
 from benchmarks.shared.peers import PEERS, Tool, ToolError
 from oiiotex.opencl.device import choose
 from tools.demo import gravel, save, stained
@@ -37,16 +34,6 @@ OURS = Tool(
     ],
 )  # fmt: skip
 NUMBERS = "{:9.1f} {:9.1f} {:6.2f} {:6.3f} {:9.3f}"
-
-
-def machine() -> str:
-    """CPU model, number of cores that the process may use, date."""
-    model = platform.processor() or platform.machine()
-    if Path("/proc/cpuinfo").exists():
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), model)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{model}, {cores} cores, {datetime.date.today()}"
 
 
 def pixels(path: Path) -> np.ndarray:
