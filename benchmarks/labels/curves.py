@@ -144,8 +144,11 @@ def groups_of(names: Iterable[str]) -> dict[str, list[int]]:
 # --- plots ---
 
 
-def plot(path: Path, curves: dict[Series, dict[str, Curve]], names: list[str], metric: int) -> None:
-    """One small panel per image, one line per series; wants matplotlib (the extra `benchmark`)."""
+def plot(path: Path, curves: dict[Series, dict[str, Curve]], names: list[str]) -> None:
+    """Covering over the number of labels: a panel for each image, a line for each series.
+
+    Requires matplotlib (the extra `benchmark`).
+    """
     import matplotlib
 
     matplotlib.use("agg")
@@ -162,14 +165,15 @@ def plot(path: Path, curves: dict[Series, dict[str, Curve]], names: list[str], m
             found = by_image[name]
             style = "-" if series.superpixels == next(iter(curves)).superpixels else "--"
             label = f"{series.features} {series.cluster}, {series.superpixels}"
-            axis.plot(found.counts, found.metrics[:, metric], style, color=f"C{n}", lw=1, marker=".", ms=3, label=label)
+            cover = found.metrics[:, METRICS.index("cover")]
+            axis.plot(found.counts, cover, style, color=f"C{n}", lw=1, marker=".", ms=3, label=label)
         axis.set_title(name.removeprefix("mosaic_"), fontsize=7)
         axis.tick_params(labelsize=6)
         axis.set_xlim(1, 24)
         axis.set_ylim(0, 1)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncol=min(4, len(labels)), fontsize=7, frameon=False)
-    figure.suptitle(f"{METRICS[metric]} over the number of labels", fontsize=8)
+    figure.suptitle("Covering over the number of labels", fontsize=8)
     figure.tight_layout(rect=(0, 0.07, 1, 1))
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=80, pil_kwargs={"optimize": True})
@@ -209,9 +213,7 @@ def main() -> None:
         print_means(title, chosen, names)
         print_at_truth(title, chosen, truths)
         if given.plots:
-            for m, metric in enumerate(METRICS):
-                file = f"{title.replace(' ', '_').lower()}_{metric.lower()}.png"
-                plot(given.plots / file, chosen, names, m)
+            plot(given.plots / f"{title.replace(' ', '_').lower()}.png", chosen, names)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,7 @@ SMOOTH = ("pebbles_beach_shadow", "onyx_veins", "flower_meadow_stones")
 SIX = ("flower_meadow_stones", "stone_breccia", "moss_grass_stones_ground", "rust_barrel_side",
        "drone_track_grass_soil", "stained_plaster_wall")  # fmt: skip
 SPACE = ("--iscolorspace", "srgb_rec709_scene")
+BUDGET = 1 << 30  # bytes that a plan may have
 
 
 def oiiotex(*words: object, cwd: Path) -> tuple[float, float, int]:
@@ -134,7 +135,7 @@ def sources(path: Path, photo: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def most_used(path: Path) -> tuple[Plan, float]:
     """A plan, and how often its most used region stands in it over its fair share, by blocks of offsets."""
-    plan, (width, height) = Plan.load(path)
+    plan, (width, height) = Plan.load(path, BUDGET)
     step = plan.grid.step
     blocks = (plan.offsets >> 16) // step * 10000 + (plan.offsets & 0xFFFF) // step
     there = -(-(height - plan.grid.patch + 1) // step) * -(-(width - plan.grid.patch + 1) // step)
@@ -227,7 +228,7 @@ def fidelity(folder: Path) -> None:
         save_ids(guide, folder / "guide.tif")
         quilt = f"--texquilt:guide=guide.tif:level={level}:size=2000x1400:stmap=st.exr:plan=p.npz"
         oiiotex("labels.exr", quilt, "-o", "a.exr", cwd=folder)
-        patch = Plan.load(folder / "p.npz")[0].grid.patch
+        patch = Plan.load(folder / "p.npz", BUDGET)[0].grid.patch
         full = guide.repeat(8, 0).repeat(8, 1)
         y, x = sources(folder / "st.exr", photo)
         right = ids[y, x] == full

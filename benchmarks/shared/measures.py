@@ -6,7 +6,10 @@ from __future__ import annotations
 import datetime
 import os
 import platform
+import subprocess
+import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import OpenImageIO as oiio
@@ -14,7 +17,10 @@ from scipy.ndimage import gaussian_filter
 
 from oiiotex.stationarity.seam_measures import sharpness, wrap_percentile
 
-__all__ = ["data_folder", "load", "low_frequency", "luma", "machine", "sharpness", "tile_figures", "wrap_percentile"]
+__all__ = [
+    "Spent", "data_folder", "load", "low_frequency", "luma", "machine", "measured", "sharpness", "tile_figures",
+    "wrap_percentile",
+]  # fmt: skip
 
 LUMA = np.array([0.299, 0.587, 0.114])
 _SLOW = 16.0  # px
@@ -33,6 +39,25 @@ def machine() -> str:
         model = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), model)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return f"{model}, {cores} cores, {datetime.date.today()}"
+
+
+class Spent(NamedTuple):
+    """What a process took: seconds by the clock and of CPU (user and system, all threads), peak resident megabytes."""
+
+    wall: float
+    cpu: float
+    megabytes: int
+
+
+def measured(words: list[str], folder: Path) -> Spent:
+    """Run a command in a folder; a failure ends the benchmark."""
+    start = time.perf_counter()
+    process = subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    wall = time.perf_counter() - start
+    if status:
+        raise SystemExit(f"failed: {' '.join(words)}")
+    return Spent(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss >> 10)
 
 
 def luma(rgb: np.ndarray) -> np.ndarray:

@@ -7,17 +7,15 @@
 from __future__ import annotations
 
 import argparse
-import os
 import statistics
-import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
 
+from benchmarks.shared.measures import Spent, measured
 from oiiotex.core.image import Image, Part
 from oiiotex.core.window import Window
 from oiiotex.io.formats import Format
@@ -54,19 +52,8 @@ def picture(size: int, channels: int, seed: int) -> Part:
     return Part("rgba", spec, fetch, spec.format)
 
 
-def measured(words: list[str], folder: Path) -> tuple[float, int]:
-    """(seconds of wall time, peak resident megabytes) of a command."""
-    start = time.perf_counter()
-    process = subprocess.Popen(words, cwd=folder)
-    _, status, usage = os.wait4(process.pid, 0)
-    seconds = time.perf_counter() - start
-    if status:
-        raise SystemExit(f"failed: {' '.join(words)}")
-    return seconds, usage.ru_maxrss >> 10
-
-
 def main() -> None:
-    """Print a table in the form of benchmarks/README.md."""
+    """Print a table."""
     options = argparse.ArgumentParser()
     options.add_argument("--size", type=int, default=4096)
     options.add_argument("--runs", type=int, default=3)
@@ -81,12 +68,12 @@ def main() -> None:
         for title, chain in CHAINS.items():
             if given.only not in title:
                 continue
-            found: dict[str, list[tuple[float, int]]] = {"oiiotool": [], "oiiotex": []}
+            found: dict[str, list[Spent]] = {"oiiotool": [], "oiiotex": []}
             for _ in range(given.runs):
                 for program, runs in found.items():
                     runs.append(measured([str(BIN / program), *chain.split()], folder))
             (a, am), (b, bm) = (
-                (statistics.median(r[0] for r in runs), max(r[1] for r in runs)) for runs in found.values()
+                (statistics.median(r.wall for r in runs), max(r.megabytes for r in runs)) for runs in found.values()
             )
             print(f"| {title} | {a:.2f} | {b:.2f} | {b / a:.2f} | {am} | {bm} | {bm / am:.2f} |", flush=True)
 
