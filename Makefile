@@ -43,16 +43,15 @@ $(VENV)/blender/made: $(VENV)/checked
 	$(VENV)/blender/bin/python -m pip install -qq "bpy>=4.2"
 	@touch $@
 
-benchmark: $(VENV)/test
+benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m pip install -qq -e ".[benchmark]"
-	$(BIN)/python -m benchmarks.speed.tile
-	$(BIN)/python -m benchmarks.tiles.first_tile benchmark-out --side 320 --half tune
-	$(BIN)/python -m benchmarks.speed.chains
-	$(BIN)/python -m benchmarks.multiscale.windows
-	$(BIN)/python -m pytest benchmarks/kernels/test_kernels.py
+	$(BIN)/python -m benchmarks speed
+	$(BIN)/python -m benchmarks tiles tune
+	$(BIN)/python -m benchmarks multiscale windows
+	$(BIN)/python -m benchmarks kernels
 
 clean:
-	rm -rf $(VENV) demo-out benchmark-out build *.egg-info
+	rm -rf $(VENV) demo-out build *.egg-info
 
 $(VENV)/checked:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \

@@ -3,8 +3,8 @@
 
 python -m benchmarks.gpu.run [--device gpu] [--minutes 10] [--sizes 1024,4096,16384] [--out gpu.md]
 
-Writes a table for benchmarks/README.md, and the same as JSON beside it, anew after every result: a run that is cut
-leaves what it had. Whatever touches a device runs in processes of their own; what fails, crashes or hangs is a row.
+Writes the table of benchmarks/results/gpu.md, and the same as JSON next to it, after every result: a run that is
+cut leaves what it had. Whatever touches a device runs in processes of their own; what fails, crashes or hangs is a row.
 Work is done in the order of its value, what does not fit the time is left out and listed. On a CPU device bits are
 compared with the same device at single lanes, which is the code that GPUs run.
 """

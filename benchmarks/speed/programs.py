@@ -3,9 +3,9 @@
 
 python -m benchmarks.speed.programs [--runs 2] [--large] [--only PART]
 
-Each line runs once to fill caches (not with --large), then `--runs` times; the best of each figure is printed. Memory is
-the peak, and at least that of the program which measures (100 MB). Photos
-are clover_lawn.jpg, resized, and the map of Mars of 33 megapixels.
+Each line runs once to fill caches (not with --large), then `--runs` times; the best of each figure is printed. Memory
+is the peak; what is below 110 MB is that of the program which measures. Photos are clover_lawn.jpg, resized, and the
+map of Mars of 33 megapixels.
 """
 
 from __future__ import annotations

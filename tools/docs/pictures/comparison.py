@@ -186,7 +186,7 @@ random over the same area. From left to right and top to bottom:
 Stationarity cost of each (MJH17 eq. 1, histograms, sigma {sigma:g} px, Lab units; lower is more uniform), one
 seed. It says how uniform a result is, not how faithful: the letter crushes structure and scores best.
 Look at the pictures. Costs of fidelity, hex tiling, and a judge
-that is not ours are in [benchmarks](../benchmarks/README.md#tiles-judged-from-outside).
+that is not ours are in [benchmarks](../benchmarks/results/tiles.md#judged-from-outside).
 
 {table}
 
