@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -65,15 +64,6 @@ def test_every_table_has_its_command_and_its_date(page):
         assert body.strip(), f"{head}: nothing below it"
 
 
-@pytest.mark.parametrize("command", [c for page in PAGES for c in front.commands(page)])
-def test_every_command_of_a_page_is_there(command):
-    name, first = command.split()[1], command.split()[-1]
-    if name == "pytest":
-        assert (ROOT / first).is_file()
-    else:
-        assert '__name__ == "__main__"' in Path(importlib.util.find_spec(name).origin).read_text()
-
-
 def test_a_table_is_renewed_and_all_else_is_kept(tmp_path, capfd):
     page = tmp_path / "topic.md"
     page.write_text(ENTRIES)
@@ -97,6 +87,7 @@ def test_what_is_not_there_is_refused(words):
         front.main(words)
 
 
+@pytest.mark.slow
 def test_every_script_can_be_imported():
     """In one process: each alone takes a second."""
     code = "import importlib, sys\n"
