@@ -34,7 +34,7 @@ from benchmarks.subtextures import factorization
 from oiiotex.filters.decompose import CLIQUES_THRESHOLD, Decompose
 from oiiotex.filters.label import Label
 from oiiotex.run import run
-from oiiotex.segmentation import subtextures
+from oiiotex.segmentation import clique_partition, subtextures
 from oiiotex.session import Session
 
 PAPER = {"features": "haar", "assign": "neighbours", "refine": False}
@@ -70,7 +70,7 @@ def grouped_by(name: str, count: int):
     if not name.endswith(", count told"):
         yield
         return
-    with patch.object(subtextures, "similarities", compared), patch.object(subtextures, "partition", grouped):
+    with patch.object(subtextures, "similarities", compared), patch.object(clique_partition, "partition", grouped):
         yield
 
 
