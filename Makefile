@@ -8,15 +8,15 @@ EXTRAS := cpu,linker,demo
 .PHONY: demo test test-all lint docs golden benchmark plugin extension blender clean
 
 demo: $(VENV)/demo
-	@$(BIN)/python -m docs.device
-	$(BIN)/python -m docs.demo $(if $(PHOTO),--photo "$(PHOTO)")
+	@$(BIN)/python -m tools.device
+	$(BIN)/python -m tools.demo $(if $(PHOTO),--photo "$(PHOTO)")
 
 test: $(VENV)/test
-	@$(BIN)/python -m docs.device
+	@$(BIN)/python -m tools.device
 	$(BIN)/python -m pytest -n 2 -m "not slow"
 
 test-all: $(VENV)/test  # with the slow sweeps
-	@$(BIN)/python -m docs.device
+	@$(BIN)/python -m tools.device
 	$(BIN)/python -m pytest -n 2
 
 lint: $(VENV)/test
@@ -24,21 +24,8 @@ lint: $(VENV)/test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
-	$(BIN)/python -m docs.pages
-	$(BIN)/python -m docs.pictures
-	$(BIN)/python -m docs.decompose_pictures
-	$(BIN)/python -m docs.stationarized
-	$(BIN)/python -m docs.comparison
-	$(BIN)/python -m docs.dominant_pictures
-	$(BIN)/python -m docs.atlas_pictures
-	$(BIN)/python -m docs.capture_pictures
-	$(BIN)/python -m docs.structure_pictures
-	$(BIN)/python -m docs.measure_pictures
-	$(BIN)/python -m docs.multiscale_pictures
-	$(BIN)/python -m docs.synth_pictures
-	$(BIN)/python -m docs.library_pictures
-	$(BIN)/python -m docs.live_pictures
-	@$(BIN)/oiiotex --plugin-path > /dev/null && $(BIN)/python -m docs.hosts_pictures
+	$(BIN)/python -m tools.docs.pages
+	$(BIN)/python -m tools.docs.pictures
 
 plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/hosts.md
 	$(BIN)/python hosts/openimageio/build.py
@@ -56,16 +43,15 @@ $(VENV)/blender/made: $(VENV)/checked
 	$(VENV)/blender/bin/python -m pip install -qq "bpy>=4.2"
 	@touch $@
 
-benchmark: $(VENV)/test
+benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m pip install -qq -e ".[benchmark]"
-	$(BIN)/python -m benchmarks.speed
-	$(BIN)/python -m benchmarks.first_tile benchmark-out --side 320 --half tune
-	$(BIN)/python -m benchmarks.chains
-	$(BIN)/python -m benchmarks.textures
-	$(BIN)/python -m pytest benchmarks/test_kernels.py
+	$(BIN)/python -m benchmarks speed
+	$(BIN)/python -m benchmarks tiles tune
+	$(BIN)/python -m benchmarks multiscale windows
+	$(BIN)/python -m benchmarks kernels
 
 clean:
-	rm -rf $(VENV) demo-out benchmark-out build *.egg-info
+	rm -rf $(VENV) demo-out build *.egg-info
 
 $(VENV)/checked:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \

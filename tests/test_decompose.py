@@ -10,8 +10,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from benchmarks.collages import drawn_collage
-from benchmarks.labels import score
+from benchmarks.labels.levels import score
+from benchmarks.shared.collages import drawn_collage
 from oiiotex import errors, filters
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_reduced import LabPixels, lab_pixels, reduction

@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from benchmarks.dominant import composite, seen_as
+from benchmarks.dominant.composites import composite, seen_as
 from oiiotex import errors, filters
 from oiiotex.charts import dominant_chart
 from oiiotex.dominant import diffusion

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The measures of benchmarks.first_tile, on textures whose figures are known."""
+"""The measures of benchmarks.tiles.first_tile, on textures whose figures are known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from skimage import color
 
-from benchmarks import drifts, first_tile
+from benchmarks.tiles import drifts, first_tile
 
 SIDE = 160
 

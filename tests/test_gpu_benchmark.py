@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`python -m benchmarks.gpu` on the CPU: faults are rows, time is kept, every kernel declares its bound."""
+"""`python -m benchmarks.gpu.run` on the CPU: faults are rows, time is kept, every kernel declares its bound."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import gpu, gpu_bounds, gpu_table
+from benchmarks.gpu import bounds, table
+from benchmarks.gpu import run as gpu
 
 SLIC, QUILT = "SLIC, ten iterations", "texquilt"
 # on the path of a worker: a GPU that is the CPU seen as one, and what a driver does that does not like a kernel
@@ -68,7 +69,7 @@ def test_a_kernel_that_fails_is_a_row_and_all_else_goes_on(tmp_path, planted):
     slic = results["filters"][1]
     seconds, in_kernels = slic["seconds"], sum(k["seconds"] for n, k in slic["kernels"].items() if "_" in n)
     assert 0 < in_kernels < seconds
-    figures = [gpu_table.number(n) for n in (seconds, 64 * 64 / 1e6 / seconds, in_kernels)]
+    figures = [table.number(n) for n in (seconds, 64 * 64 / 1e6 / seconds, in_kernels)]
     assert rows_of(text, f"{SLIC} | 64")[0][2:5] == figures
     faster = results["filters"][3]["seconds"] / seconds
     assert rows_of(text, f"{SLIC} | 64")[0][7] == f"{faster:.1f}"
@@ -80,8 +81,8 @@ def test_a_kernel_that_fails_is_a_row_and_all_else_goes_on(tmp_path, planted):
     assert kernel[6] != "not declared" and kernel[7].endswith("%") and "distances/s" in kernel[8]
     for fact in ("driver", "platform", "rounding", "lanes", "bandwidth, GB/s", "a launch"):
         assert len(rows_of(text, fact)) == 1
-    for table in text.split("\n\n"):  # as many cells in each row
-        assert len({line.replace("\\|", "").count("|") for line in table.splitlines() if line.startswith("|")}) <= 1
+    for block in text.split("\n\n"):  # as many cells in each row
+        assert len({line.replace("\\|", "").count("|") for line in block.splitlines() if line.startswith("|")}) <= 1
     assert not results["left out"] and results["took"] < 180
 
 
@@ -155,43 +156,41 @@ def test_kernel_tests_are_found():
     assert "tests/test_parse.py" not in files
 
 
-KERNELS = {name for stem in gpu_bounds.stems() for name in gpu_bounds.signatures(stem)}
+KERNELS = {name for stem in bounds.stems() for name in bounds.signatures(stem)}
 
 
 def test_every_kernel_declares_what_it_moves_at_least():
-    assert not KERNELS - set(gpu_bounds.BYTES), "no bound in benchmarks/gpu_bounds.py: it will be shown without"
-    assert not (set(gpu_bounds.BYTES) | set(gpu_bounds.WORK)) - KERNELS, "these kernels are gone"
+    assert not KERNELS - set(bounds.BYTES), "no bound in benchmarks/gpu/bounds.py: it will be shown without"
+    assert not (set(bounds.BYTES) | set(bounds.WORK)) - KERNELS, "these kernels are gone"
 
 
 def test_bounds_name_arguments_that_their_kernels_have():
-    for stem in gpu_bounds.stems():
-        for kernel, names in gpu_bounds.signatures(stem).items():
+    for stem in bounds.stems():
+        for kernel, names in bounds.signatures(stem).items():
             macros = dict.fromkeys(("PATCH", "CHANNELS", "BINS", "INVERSE"), 4)
-            launch = gpu_bounds.launch_of(stem, kernel, macros, (8, 8), (4,) * len(names))
-            cost = gpu_bounds.Cost()
+            launch = bounds.launch_of(stem, kernel, macros, (8, 8), (4,) * len(names))
+            cost = bounds.Cost()
             cost.add(kernel, launch)
             assert cost.bytes is not None and cost.bytes > 0, f"{kernel} has no such argument any more"
-            assert (cost.work is not None) == (kernel in gpu_bounds.WORK)
+            assert (cost.work is not None) == (kernel in bounds.WORK)
 
 
 def test_a_bound_is_what_must_be_moved():
     class Buffer:
         size = 600
 
-    launch = gpu_bounds.launch_of(
-        "patchmatch", "patchmatch_pad", {"PATCH": 5}, (14, 11), (Buffer(), Buffer(), 10, 7, 11)
-    )
+    launch = bounds.launch_of("patchmatch", "patchmatch_pad", {"PATCH": 5}, (14, 11), (Buffer(), Buffer(), 10, 7, 11))
     assert launch.CHANNELS == 3  # the file's own
-    cost = gpu_bounds.Cost()
+    cost = bounds.Cost()
     cost.add("patchmatch_pad", launch)
     cost.add("patchmatch_pad", launch)
     assert cost.bytes == 2 * 2 * 3 * (10 * 7 + 14 * 11)
-    cost.add("patchmatch_pad", gpu_bounds.launch_of("patchmatch", "patchmatch_unknown", {}, (1,), (1, 2)))
+    cost.add("patchmatch_pad", bounds.launch_of("patchmatch", "patchmatch_unknown", {}, (1,), (1, 2)))
     assert cost.bytes is None  # an argument has gone: no bound rather than a wrong one
 
 
 def test_numbers_have_three_digits_and_no_exponent():
-    assert [gpu_table.number(n) for n in (0.0, 1e-5, 0.01234, 5.678, 99.96, 12345.6)] == [
+    assert [table.number(n) for n in (0.0, 1e-5, 0.01234, 5.678, 99.96, 12345.6)] == [
         "0", "< 0.001", "0.0123", "5.68", "100", "12346",
     ]  # fmt: skip
 
@@ -204,6 +203,6 @@ ptxas info    : Used 40 registers, 400 bytes cmem[0]
 ptxas info    : Compiling entry function 'patchmatch_pad' for 'sm_90'
     0 bytes stack frame, 0 bytes spill stores, 0 bytes spill loads
 ptxas info    : Used 12 registers"""
-    assert gpu_table.said(log) == "registers: pick 40 (968 bytes of stack, 12 spilled), pad 12"
-    assert gpu_table.said("") == "nothing"
-    assert gpu_table.said("a.cl:1: warning: x\nb\na.cl:2: warning: y") == "2 warnings, as a.cl:1: warning: x"
+    assert table.said(log) == "registers: pick 40 (968 bytes of stack, 12 spilled), pad 12"
+    assert table.said("") == "nothing"
+    assert table.said("a.cl:1: warning: x\nb\na.cl:2: warning: y") == "2 warnings, as a.cl:1: warning: x"

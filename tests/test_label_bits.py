@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.label_bits import SETTINGS
+from benchmarks.labels.bits import SETTINGS
 
 ROOT = Path(__file__).parents[1]
 MADE = """

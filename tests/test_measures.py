@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from benchmarks.copies import copies
+from benchmarks.quilts.copies import copies
 from oiiotex import errors, filters
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain

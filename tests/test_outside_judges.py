@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from benchmarks import factorization, hex_tiling
-from benchmarks.labels import score
+from benchmarks.labels.levels import score
+from benchmarks.subtextures import factorization
+from benchmarks.tiles import hex_tiling
 from tests import pictures
 
 SIDE = 96

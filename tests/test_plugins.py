@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from oiiotex import plugin
+from oiiotex.core.op import Op
 from tests.conftest import load, oiiotex, save
 
 ROOT = Path(__file__).parents[1]
@@ -94,6 +96,26 @@ def test_a_filter_of_two_images_mixes_pixel_by_pixel(studio, tmp_path):
         assert oiiotex(f"{name}.exr", *space, "--texlab", "-o", "lab.exr", cwd=tmp_path).returncode == 0
         labs.append(load(tmp_path / "lab.exr")[:30, :50, :3])
     np.testing.assert_allclose(labs[2], 0.75 * labs[0] + 0.25 * labs[1], atol=0.05)
+
+
+def test_what_the_page_names_is_at_the_door():
+    tables = {}
+    for table in re.findall(r"(?:^\|.*\n)+", PAGE.read_text(), re.MULTILINE):
+        head, _, *rows = table.splitlines()
+        tables[head.split("|")[1].strip()] = {
+            name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1])
+        }
+    assert tables["base"] >= {"Pointwise", "Whole"} and tables["kind"] >= {"PIXELS", "TABLE"}
+    for name in tables["base"]:
+        assert issubclass(getattr(plugin, name), Op), name
+    assert tables["kind"] <= {kind.name for kind in plugin.Kind}
+
+
+def test_its_function_joins_python(studio, photo, tmp_path):
+    [block] = [code for code in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if "class " not in code]
+    code = f"import OpenImageIO as oiio\nbuf = oiio.ImageBuf({str(photo)!r})\n{block}print(steps.nchannels)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=studio, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "3\n"), done.stderr
 
 
 def test_it_joins_help_and_completion(studio):

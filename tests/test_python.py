@@ -217,9 +217,9 @@ def test_dir_shows_functions_alone():
 
 
 def test_the_stub_is_made_from_the_declarations():
-    from docs.stubs import STUB, stub_text
+    from tools.docs.stubs import STUB, stub_text
 
-    assert STUB.read_text() == stub_text(), "run python -m docs.pages"
+    assert STUB.read_text() == stub_text(), "run python -m tools.docs.pages"
     ast.parse(STUB.read_text())
 
 

@@ -285,7 +285,7 @@ def test_devices_of_a_name_that_nobody_has():
 
 
 def test_make_takes_the_step_that_helps(monkeypatch, capsys):
-    from docs import device as make
+    from tools import device as make
 
     def nothing() -> None:
         raise NoDeviceError("no OpenCL device can compile here", "pip install 'oiiotex[intel]'")
@@ -300,7 +300,7 @@ def test_make_takes_the_step_that_helps(monkeypatch, capsys):
     monkeypatch.setattr(make.device, "choose", nothing)
     monkeypatch.setattr(make.subprocess, "run", lambda command, check: ran.append(command))
     monkeypatch.setattr(make.os, "execv", execv)
-    monkeypatch.setattr(sys, "argv", ["docs.device"])
+    monkeypatch.setattr(sys, "argv", ["tools.device"])
     with pytest.raises(Replaced) as again:
         make.main()
     assert ran[0][1:5] == ["-m", "pip", "install", "-q"] and ran[0][-1].endswith("[intel]")

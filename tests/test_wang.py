@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from docs.wang_plane import random_plane
 from oiiotex import errors, filters
 from oiiotex.patchmatch.wang_tiles import Edges, edges_of, runs_for
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save
+from tools.docs.pictures.wang_plane import random_plane
 
 PHOTO = pictures.stained(pictures.pebbles(96, 112, 3))
 SMALL = {"size": (56, 64), "iterations": 4, "patch": 7, "seed": 1}

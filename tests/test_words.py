@@ -151,12 +151,35 @@ def test_every_file_type_is_one_that_is_read_or_written(source):
     assert named - known - OURS - OTHER_FILES == set()
 
 
+def anchors(page: Path) -> set[str]:
+    """Of its headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def broken_links(page: Path) -> list[str]:
+    """Links to files, and to headings of pages, that are not there."""
+    broken = []
+    for link in re.findall(r"\]\((?!http)([^)\s]+)\)", page.read_text()):
+        name, _, heading = link.partition("#")
+        target = page.parent / name if name else page
+        if not target.exists() or (heading and target.suffix == ".md" and heading not in anchors(target)):
+            broken.append(link)
+    return broken
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "benchmarks").rglob("*.md")), ids=lambda path: path.stem)
+def test_every_link_of_the_benchmarks_leads_somewhere(page):
+    assert broken_links(page) == []
+
+
 @pytest.mark.parametrize("source", TEXTS)
 def test_every_file_of_ours_that_is_named_is_there(source):
     named = set(
-        re.findall(r"(?<![\w/(])((?:docs|tests|benchmarks|golden|oiiotex)/[\w./*-]+\.(?:md|py|cl))", TEXTS[source])
+        re.findall(
+            r"(?<![\w/(])((?:docs|tests|benchmarks|golden|hosts|oiiotex|tools)/[\w./*-]+\.(?:md|py|cl))", TEXTS[source]
+        )
     )
     assert [name for name in named if "NAME" not in name and not list(ROOT.glob(name))] == []
     if source.endswith(".md"):
-        links = set(re.findall(r"\]\((?!http)([^)#\s]+)", TEXTS[source]))
-        assert [link for link in links if not (ROOT / source).parent.joinpath(link).exists()] == []
+        assert broken_links(ROOT / source) == []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Made by `python -m docs.stubs` from the declarations: change those.
+# Made by `python -m tools.docs.stubs` from the declarations: change those.
 """The filters as functions."""
 
 from collections.abc import Sequence

@@ -186,7 +186,7 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, session: Sessi
     Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and colour. A
     finest superpixel counts those of its neighbours too, by a Gaussian of half its scale: alone it holds too few
     pixels to tell what it is a part of. Not in the paper; better than its features on the ground truth
-    (benchmarks/README.md).
+    (benchmarks/results/labels.md).
     """
     textons = texton_map(small.texture(session), session)
     count = int(textons.max()) + 1

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """MJH17 algorithm 1: a texture that looks the same everywhere, from a photo that does not.
 
-Departures from the paper, all measured in benchmarks/README.md:
+Departures from the paper, all measured in benchmarks/results/tiles.md:
 
 - Global histogram matching may aim at the projected exemplar ('flat') with a constant weight instead of the exemplar
   with a weight that fades: this keeps the contrast of detail where the photo's slow drift is taken away.

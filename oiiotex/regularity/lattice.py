@@ -4,8 +4,8 @@
 Candidates are peaks of the normalised autocorrelation: pairs of them span lattices of rank 2, peaks of its spectrum are
 stripes (rank 1). The one that the autocorrelation is highest on, on the average, is refined to a fraction of a pixel by
 least squares over its peaks, farther and farther away. Whether it is more than chance is asked of the photo itself
-(order_test): rows of cells are shifted against each other at random, and what such a photo shows of the lattice must be
-far below what the photo shows, in the whole photo and in each half.
+(order_significance): rows of cells are shifted against each other at random, and what such a photo shows of the
+lattice must be far below what the photo shows, in the whole photo and in each half.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..core.image import resized
 from ..core.window import Domain
 from ..deferred import np
 from .autocorrelation import Autocorrelation, autocorrelation, high_passed
-from .order_test import least_of_halves, order_of
+from .order_significance import least_of_halves, order_of
 
 SIDE, LARGEST_SIDE = 256, 1024  # px; longer side that a photo is looked at with: half its own, between these
 _BYTES = 355  # of a pixel at that size, held while it is looked at; measured

@@ -4,7 +4,7 @@
 Not in CZF02, whose discs mix what lies in patches narrower than they are. Three things say whether two regions are one
 texture: how alike their textons are; how finely they lie among each other, as stones and joints do; and how small the
 smaller one is, for small regions differ by chance. A logistic regression over 1400 merges weighs them: of mosaics (the
-half "tune" of benchmarks.mosaics), of quarters of mosaics, and of single textures of 128 to 512 px.
+half "tune" of benchmarks.shared.mosaics), of quarters of mosaics, and of single textures of 128 to 512 px.
 """
 
 from __future__ import annotations

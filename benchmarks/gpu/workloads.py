@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `benchmarks.gpu.run` runs: filters on procedural photos, so that no file is needed.
+
+A workload takes a session and a side in px, does what is not to be timed, and returns the work. The work returns
+ImageBufs, dicts or lists of them, or arrays.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from importlib import util
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+
+from oiiotex import filters
+from oiiotex.color.lab import lens_of
+from oiiotex.color.lab_on_device import LabGrid
+from oiiotex.core.image import from_buffer
+from oiiotex.core.op import Space
+from oiiotex.multiscale.candidate_sets import analyse
+from oiiotex.multiscale.graph import Graph
+from oiiotex.multiscale.stacks import load_exemplars
+from oiiotex.multiscale.targets import stacks_of
+from oiiotex.session import Session
+from oiiotex.superpixels.slic import SeedGrid, Slic
+from tests import pictures
+from tools.demo import gravel, stained
+
+Work = Callable[[], Any]
+EXEMPLAR = 512  # px
+
+
+def buffer_of(pixels: np.ndarray) -> oiio.ImageBuf:
+    """(h, w, c) uint8 or float32 as an image, sRGB."""
+    kind = oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT
+    made = oiio.ImageBuf(oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind))
+    made.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    made.set_pixels(made.roi, np.ascontiguousarray(pixels))
+    return made
+
+
+@functools.cache
+def photo() -> np.ndarray:
+    """(512, 512, 3) uint8: scikit-image's gravel where it is installed, else pebbles; with a stain."""
+    if util.find_spec("skimage"):
+        return stained(gravel())
+    return (255 * pictures.stained(pictures.pebbles(EXEMPLAR, EXEMPLAR, 2)) + 0.5).astype(np.uint8)
+
+
+def exemplar(side: int = EXEMPLAR) -> oiio.ImageBuf:
+    """The photo, cut where less is wanted."""
+    return buffer_of(photo()[:side, :side])
+
+
+def _large(side: int) -> oiio.ImageBuf:
+    """The photo again and again: a picture of any size, made in no time."""
+    times = -(-side // EXEMPLAR)
+    return buffer_of(np.tile(photo(), (times, times, 1))[:side, :side])
+
+
+def _grown(name: str, **values: Any) -> Callable[[Session, int], Work]:
+    """A filter that makes side x side pixels of the photo; of small ones a part of it."""
+
+    def prepared(session: Session, side: int) -> Work:
+        source = exemplar(min(EXEMPLAR, side))
+        return lambda: getattr(filters, name)(source, size=(side, side), session=session, **values)
+
+    return prepared
+
+
+def _held(session: Session, side: int) -> Work:
+    """Stationarization within a disc; what is around it stays."""
+    source = _large(side)
+    y, x = np.indices((side, side))
+    disc = buffer_of((np.hypot(y - side / 2, x - side / 2) < 0.3 * side)[..., None].astype(np.float32))
+    return lambda: filters.stationarize(source, within=disc, session=session)
+
+
+def _zoom(session: Session, side: int) -> Work:
+    source = exemplar(min(EXEMPLAR, side))
+    return lambda: filters.zoom(source, size=(side, side), frame=10, speed=0.15, session=session)
+
+
+def _synth(session: Session, side: int) -> Work:
+    """With the analysis of its exemplar in the cache."""
+    source = exemplar(min(EXEMPLAR, side))
+    filters.synth(source, size=(64, 64), session=session)
+    return lambda: filters.synth(source, size=(side, side), session=session)
+
+
+def _analysis(session: Session, side: int) -> Work:
+    """Candidates of an exemplar of 256 px, without the cache. One size for all sides."""
+    side = min(256, side)
+    graph, image = Graph.single("photo"), from_buffer(exemplar(side))
+    exemplars, _ = load_exemplars([image], graph, session, Space.LAB, side)
+    stacks = stacks_of(graph, exemplars)
+
+    def work() -> dict[str, np.ndarray]:
+        made = analyse(session.device, stacks, 16, True, session.budget, session.advance, None)
+        return {name: array for name, array in vars(made).items() if isinstance(array, np.ndarray)}
+
+    return work
+
+
+def _superpixel(session: Session, side: int) -> Work:
+    """With its hierarchy, which small pictures would not have by themselves."""
+    source = _large(side)
+    return lambda: filters.superpixel(source, finest=max(5.0, side / 64), sigma=max(20.0, side / 16), session=session)
+
+
+def _slic(session: Session, side: int) -> Work:
+    """Ten iterations, Lab on the device."""
+    image = from_buffer(_large(side))
+    held = LabGrid(image, lens_of(image, session), session)
+    run = Slic(held, SeedGrid.of(side, side, min(44.0, side / 6), 20.0), session)
+
+    def work() -> list[np.ndarray]:
+        bands = run.slots(run.iterate(10))
+        return [session.device.read(slots, (band.bottom - band.top, side), np.uint8) for band, slots in bands]
+
+    return work
+
+
+def _labelled(session: Session) -> Any:
+    halves = pictures.bricks(128, 96, 1), pictures.moss(128, 96, 2)
+    pixels = (255 * np.concatenate(halves, 1) + 0.5).astype(np.uint8)
+    return filters.label(buffer_of(pixels), keep=True, session=session)
+
+
+def _composite(session: Session, side: int) -> Work:
+    source = _labelled(session)
+    return lambda: filters.composite(source, size=(side, side), patch=16, seed=2, session=session)
+
+
+def _palette(session: Session, side: int) -> Work:
+    source = _labelled(session)
+    return lambda: filters.palette(source, side=32, session=session)
+
+
+def _paint(session: Session, side: int) -> Work:
+    source = _labelled(session)
+    checks = buffer_of(1 + (np.indices((side, side)).sum(0) // 60 % 2)[..., None].astype(np.float32))
+    return lambda: filters.paint(source, checks, patch=16, session=session)
+
+
+# Timed at every size, most wanted first; the others at the first size, for the sake of their kernels.
+AT_EVERY_SIZE: dict[str, Callable[[Session, int], Work]] = {
+    "texsynth": _synth,
+    "SLIC, ten iterations": _slic,
+    "texstationarize": _grown("stationarize"),
+    "texquilt": _grown("quilt", tile="xy"),
+    "texsuperpixel": _superpixel,
+}
+TIMED = AT_EVERY_SIZE | {
+    "texsynth's analysis, 256 px": _analysis,
+    "texstationarize:measure=moments": _grown("stationarize", measure="moments", order=4),
+    "texstationarize:measure=steerable": _grown("stationarize", measure="steerable"),
+    "texstationarize:within": _held,
+    "texpatchmatch": _grown("patchmatch"),
+    "texcomposite": _composite,
+}
+COMPARED: dict[str, Callable[[Session, int], Work]] = {
+    "texsynth": _synth,
+    "texsynth's analysis, 256 px": _analysis,
+    "texstationarize": _grown("stationarize", stmap=True),
+    "texstationarize:measure=moments": _grown("stationarize", stmap=True, measure="moments", order=4),
+    "texstationarize:measure=steerable": _grown("stationarize", stmap=True, measure="steerable"),
+    "texstationarize:within": _held,
+    "texpatchmatch": _grown("patchmatch", stmap=True),
+    "texquilt": _grown("quilt", stmap=True, tile="xy"),
+    "texsuperpixel": _superpixel,
+    "SLIC, ten iterations": _slic,
+    "texzoom": _zoom,
+    "texcut": _grown("cut", patch=48, stmap=True),
+    "texcomposite": _composite,
+    "texpalette": _palette,
+    "texpaint": _paint,
+}
+
+
+def arrays(made: Any, name: str = "") -> dict[str, np.ndarray]:
+    """The pixels of whatever a work returns, by part."""
+    if isinstance(made, np.ndarray):
+        return {name: made}
+    if isinstance(made, oiio.ImageBuf):
+        return {name: made.get_pixels(made.spec().format, made.roi)}
+    items = made.items() if isinstance(made, dict) else ((str(n), one) for n, one in enumerate(made))
+    return {key: array for part, one in items for key, array in arrays(one, f"{name}{part} ").items()}

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Photos, ground truth, measures and peers that several topics use."""

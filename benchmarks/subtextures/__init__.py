@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Subtextures and clique partitioning (CZF02)."""

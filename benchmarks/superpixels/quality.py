@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Superpixels and their hierarchy: time and memory beside peers, under-segmentation on the maps of ground truth.
+
+python -m benchmarks.superpixels.quality [speed] [memory] [quality] [pictures FOLDER]
+python -m benchmarks.superpixels.quality quality-of PART,PART   (images whose names have one of these in them)
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from scipy import ndimage
+
+from benchmarks.shared.measures import data_folder
+from benchmarks.superpixels.segmenters import by_boundary, by_colour, scikit_slic
+from oiiotex.color.lab import lens_of
+from oiiotex.color.lab_on_device import LabGrid
+from oiiotex.core.image import Image, Part, from_buffer
+from oiiotex.core.window import Window
+from oiiotex.session import Session
+from oiiotex.superpixels.hierarchy import hierarchy
+from oiiotex.superpixels.slic import SeedGrid, Slic
+from oiiotex.superpixels.superpixels import Superpixels, superpixels
+
+PEERS = (
+    "our SLIC",
+    "our SLIC on a blurred image",
+    "scikit-image's SLIC",
+    "basins merged by colour (Ward)",
+    "basins merged by boundary",
+)
+COUNTS = (400, 200, 100, 60, 33, 20)
+ELSEWHERE = {
+    "facade_tiles": "photos/facade_tiles.jpg",
+    "rusty_metal_albedo": "pbr/rusty_metal/rusty_metal_albedo.jpg",
+}
+
+
+def load(path: Path, width: int = 0, height: int = 0) -> Image:
+    """An 8-bit photo, resized where a size is given."""
+    read = oiio.ImageBuf(str(path))
+    if width:
+        read = oiio.ImageBufAlgo.resize(read, roi=oiio.ROI(0, width, 0, height, 0, 1, 0, 3))
+    made = oiio.ImageBuf()
+    made.copy(read, "uint8")
+    made.specmod().attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    return from_buffer(made)
+
+
+def best(work: Callable[[], object], repeats: int = 5) -> float:
+    """Seconds, the least of several."""
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begin)
+    return min(times)
+
+
+def speed() -> None:
+    """Ten iterations at 2560 x 1920 with about 2500 seeds, beside OpenCV and scikit-image; then the whole way."""
+    import cv2
+    from skimage.color import rgb2lab
+
+    image = load(data_folder() / "large" / "large_drone_scrub_road_12mp.jpg", 2560, 1920)
+    session = Session()
+    lens = lens_of(image, session)
+    pixels = image.first.pixels()
+    lab = rgb2lab(pixels).astype(np.float32)
+    grid = SeedGrid.of(2560, 1920, 44.0, 20.0)
+
+    def ten() -> None:
+        with LabGrid(image, lens, session) as held, Slic(held, grid, session) as run:
+            for _ in run.slots(run.iterate(10)):
+                session.device.finish()
+
+    def iterations_alone() -> float:
+        with LabGrid(image, lens, session) as held, Slic(held, grid, session) as run:
+            return best(lambda: [session.device.finish() for _ in run.slots(run.iterate(10))])
+
+    def opencv() -> None:
+        peer = cv2.ximgproc.createSuperpixelSLIC(lab, cv2.ximgproc.SLIC, 44, 20.0)
+        peer.iterate(10)
+
+    def scikit() -> None:
+        scikit_slic(lab, grid.count, connected=False)
+
+    ten()
+    rows = {
+        "ours, ten iterations": iterations_alone(),
+        "ours, with sRGB to Lab": best(ten),
+        "OpenCV SLIC, from Lab": best(opencv, 3),
+        "scikit-image SLIC, from Lab": best(scikit, 2),
+    }
+    mine = rows["ours, ten iterations"]
+    print(f"2560x1920, {grid.count} seeds, ten iterations")
+    for name, seconds in rows.items():
+        print(f"  {name:30s} {seconds:6.3f} s   {seconds / mine:5.1f} x ours")
+    found = superpixels(image, lens, session)
+    print(f"the whole way, {found.count} superpixels")
+    whole = best(lambda: superpixels(image, lens, session), 3)
+    print(f"  superpixels until nothing moves {whole:6.3f} s")
+    print(
+        f"  ten iterations only             {best(lambda: superpixels(image, lens, session, iterations=10), 3):6.3f} s"
+    )
+    levels = hierarchy(found, session)
+    print(f"  hierarchy, {len(levels.sigmas)} levels          {best(lambda: hierarchy(found, session)):6.3f} s")
+
+
+def memory() -> None:
+    """100 megapixels: seconds and peak memory of a process of its own."""
+    code = "from benchmarks.superpixels.quality import hundred; hundred()"
+    print(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout, end="")
+
+
+def hundred() -> None:
+    """10000 x 10000: a photo repeated with its mirror images, made row by row."""
+    photo = load(data_folder() / "photos" / "pebbles_beach_shadow.jpg").first
+    pixels, spec = photo.pixels(), oiio.ImageSpec(photo.spec)
+    spec.width = spec.height = spec.full_width = spec.full_height = 10000
+    across = np.abs((np.arange(10000) // 4 + 1000) % 2000 - 1000) % 1000
+
+    def fetch(window: Window) -> np.ndarray:
+        rows = across[window.top : window.bottom], across[window.left : window.right]
+        return pixels[np.ix_(*rows)]
+
+    image = Image((Part("part0", spec, fetch, ready=True),))
+    session = Session()
+    begin = time.perf_counter()
+    found = superpixels(image, lens_of(image, session), session)
+    middle = time.perf_counter()
+    levels = hierarchy(found, session)
+    end = time.perf_counter()
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(f"10000x10000: {found.count} superpixels of {len(found.runs.left)} runs in {middle - begin:.1f} s,")
+    print(f"  hierarchy of {len(levels.sigmas)} levels in {end - middle:.2f} s; peak {peak:.0f} MB")
+
+
+# --- quality ---
+
+
+def truths() -> list[tuple[str, Path, np.ndarray]]:
+    """(name, photo, regions) of the ground truth; regions are connected and from 0 on, -1 where nothing is said."""
+    found = []
+    for path in sorted((data_folder() / "gt").glob("*_gt.png")):
+        name = path.stem.removesuffix("_gt")
+        photo = data_folder() / ELSEWHERE.get(name, f"gt/{name}.png")
+        photo = photo if photo.exists() else photo.with_suffix(".jpg")
+        buffer = oiio.ImageBuf(str(path))
+        labels = buffer.get_pixels(buffer.spec().format)[..., 0].astype(np.int64)
+        labels = 1 + (labels > 0) if name.startswith("gravel") else labels
+        regions, count = np.full(labels.shape, -1), 0
+        for label in np.unique(labels[labels > 0]):
+            part, n = ndimage.label(labels == label)
+            regions[part > 0] = part[part > 0] - 1 + count
+            count += n
+        found.append((name, photo, regions))
+    return found
+
+
+def under_segmentation(labels: np.ndarray, regions: np.ndarray) -> float:
+    """Share of pixels that leak: sum over superpixels and regions of min(inside, outside); Neubert and Protzel 2012."""
+    seen = regions >= 0
+    _, label = np.unique(labels[seen], return_inverse=True)
+    table = np.zeros((label.max() + 1, regions.max() + 1))
+    np.add.at(table, (label, regions[seen]), 1)
+    return float(np.minimum(table, table.sum(1, keepdims=True) - table).sum() / seen.sum())
+
+
+def at_counts(found: Superpixels, session: Session) -> dict[int, np.ndarray]:
+    """The hierarchy's label maps of so many superpixels."""
+    area = found.sizes.sum()
+    last = max(found.sigma + 6, float(np.sqrt(area / (min(COUNTS) - 1))))
+    levels = hierarchy(found, session, np.arange(found.sigma, last + 3, 3.0))
+    height, width = found.runs.height, found.runs.width
+    made = {}
+    for count in COUNTS:
+        if levels.counts[-1] <= count <= found.count:
+            made[count] = found.runs.relabelled(levels.partition_of(count)).pixels(0, height, 0, width)
+    return made
+
+
+def quality(names: str = "") -> None:
+    """Under-segmentation error, per cent: hierarchy, SLIC at that count, that on a blurred image, and peers'.
+
+    Columns: ours, our SLIC, our SLIC of a blurred image, scikit-image's SLIC, and the two hierarchical segmenters that
+    stand in for Arbelaez's (benchmarks.superpixels.segmenters): by colour, by boundary.
+    """
+
+    session, totals = Session(), []
+    print(f"{'':28s}" + "".join(f"{c:>38d}" for c in COUNTS))
+    print(f"{'':28s}" + "    ours  slic  blur  skim  ward bound" * len(COUNTS))
+    for name, photo, regions in truths():
+        if not any(part in name for part in names.split(",")):
+            continue
+        image = load(photo)
+        lens = lens_of(image, session)
+        found = superpixels(image, lens, session)
+        cells = []
+        values = lens.values(image.first.pixels())[0][..., :3].astype(np.float64)
+        segmenters = [by_colour(values), by_boundary(values)]
+        for count, labels in at_counts(found, session).items():
+            sigma = float(np.sqrt(regions.size / count))
+            blur = np.sqrt(max(1.0, sigma - found.sigma) * 3.0)  # as the stack has it at that scale
+            rgb = image.first.pixels().astype(np.float32)
+            soft = np.stack([ndimage.gaussian_filter(rgb[..., c], blur) for c in range(3)], -1)
+            smooth = load_pixels(soft, image)
+            row = [labels]
+            for one in (image, smooth):
+                row.append(superpixels(one, lens_of(one, session), session, sigma=sigma).labels.pixels()[..., 0])
+            row.append(scikit_slic(values, count))
+            row += [peer.partition_of(count) for peer in segmenters]
+            cells.append([100 * under_segmentation(r, regions) for r in row])
+        totals.append(cells)
+        print(f"{name:28s}" + errors_text(cells), flush=True)
+    print(f"{'mean':28s}" + errors_text(np.mean(totals, 0)))
+    table = np.array(totals)
+    for peer, name in enumerate(PEERS, 1):
+        better = table[..., 0] < table[..., peer]
+        everywhere = better.all(1).sum()
+        print(f"better than {name}: at every count on {everywhere} of {len(table)}, in {better.sum()} of {better.size}")
+
+
+def errors_text(cells: Iterable[Iterable[float]]) -> str:
+    """A row of the table: for every count the errors of ours and of the peers."""
+    return "".join("   " + "".join(f"{e:5.1f} " for e in row)[:-1].rjust(35) for row in cells)
+
+
+def load_pixels(pixels: np.ndarray, like: Image) -> Image:
+    """8-bit values as an image in the colour space of another."""
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
+    spec.attribute("oiio:ColorSpace", like.first.spec.get_string_attribute("oiio:ColorSpace"))
+    made = oiio.ImageBuf(spec)
+    made.set_pixels(made.roi, np.rint(pixels).astype(np.uint8))
+    return from_buffer(made)
+
+
+def pictures(folder: Path) -> None:
+    """Borders over photos: of the finest superpixels dark, of about 60 bright."""
+    session = Session()
+    folder.mkdir(parents=True, exist_ok=True)
+    mosaics = [p for p in sorted((data_folder() / "gt").glob("mosaic*.png")) if not p.stem.endswith("_gt")]
+    for path in [*sorted((data_folder() / "photos").glob("*.jpg"))[:14], *mosaics]:
+        image = load(path)
+        found = superpixels(image, lens_of(image, session), session)
+        levels = hierarchy(found, session)
+        out = image.first.pixels()[..., :3].copy()
+        for count, colour in ((found.count, (0, 0, 0)), (max(60, int(levels.counts[-1])), (255, 230, 0))):
+            labels = found.runs.relabelled(levels.partition_of(count)).pixels(0, out.shape[0], 0, out.shape[1])
+            edge = np.zeros(labels.shape, bool)
+            edge[:, 1:] |= labels[:, 1:] != labels[:, :-1]
+            edge[1:] |= labels[1:] != labels[:-1]
+            if count <= 60:
+                edge |= np.roll(edge, 1, 0) | np.roll(edge, 1, 1)
+            out[edge] = colour
+        buffer = oiio.ImageBuf(oiio.ImageSpec(out.shape[1], out.shape[0], 3, oiio.UINT8))
+        buffer.set_pixels(buffer.roi, out)
+        buffer.write(str(folder / f"{path.stem}.png"))
+        print(f"{path.stem}: {found.count} superpixels, {levels.counts[-1]} at {levels.sigmas[-1]:.0f} px", flush=True)
+
+
+def main() -> None:
+    """Run what is named, or all but the pictures."""
+    words = sys.argv[1:] or ["speed", "memory", "quality"]
+    if words[0] == "pictures":
+        pictures(Path(words[1]))
+        return
+    if words[0] == "quality-of":
+        quality(words[1])
+        return
+    for word in words:
+        {"speed": speed, "memory": memory, "quality": quality}[word]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MJH17 figures 3 and 4 on a folder of photos, for every measure of stationarity, compared with toroidal PatchMatch.
+
+python -m benchmarks.tiles.stationarization OUT [--photos FOLDER] [--side 256] [--seeds 10] [--moments N]
+                                                [--steerable N]
+
+It appends to OUT/costs.csv and OUT/traces.csv, and goes on where it was stopped. Then it makes figure3.png, figure4.png
+and table.md of them (matplotlib is in the extra 'benchmark'). Tiles are made with paper=1.
+
+The protocol is that of MJH17 section 5.2: the same seeds for all variants, and beside it the one seed of ten with which
+toroidal PatchMatch is most stationary by the variant's own measure, used for both. Costs: stationarity by eq. 1 at
+sigma = longer side / 32, the photo's own units for moments; texture by eq. 5, an upper bound by eight passes of
+PatchMatch. The combined cost of figure 3a is c_stat / s + c_text / s^2 with s the photo's deviation in Lab: the paper
+adds what has different units.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+from benchmarks.shared.measures import data_folder, load
+from oiiotex import errors
+from oiiotex.color.lab import working_values
+from oiiotex.color.lab_grid import steps_for
+from oiiotex.core.image import from_buffer
+from oiiotex.core.window import Domain
+from oiiotex.filters.patchmatch import PatchMatch
+from oiiotex.filters.stationarize import Stationarize
+from oiiotex.patchmatch import optimization as module
+from oiiotex.patchmatch.matcher import match_patches
+from oiiotex.session import Session
+from oiiotex.stationarity.costs import stationarity_cost, texture_cost
+
+MEASURES = ("histogram", "moments", "steerable")
+BASELINE = "patchmatch"
+FIELDS = ("photo", "seed", "variant", "measure", "cost")
+TEXTURE = "texture"
+TRACE_FIELDS = ("photo", "variant", "iteration", "stationarity", "texture", "deviation")
+
+
+class Photo:
+    """A photo, and what is made of it."""
+
+    def __init__(self, path: Path, side: int, session: Session):
+        self.name, self.session = path.stem, session
+        self.buffer = load(path, side)
+        self.image = from_buffer(self.buffer)
+        self.lab, self.opaque = working_values(self.image, session)
+        self.height, self.width = self.lab.shape[:2]
+        self.sigma = max(self.width, self.height) / 32
+
+    def made(self, variant: str, seed: int) -> module.Synthesis:
+        """One variant's tile."""
+        what = {"exemplar": self.image, "seed": seed}
+        op = PatchMatch(**what) if variant == BASELINE else Stationarize(**what, measure=variant, paper=True)
+        recipe = op.recipe(self.width, self.height)
+        session = self.session
+        return module.synthesize(
+            session.device, self.lab, self.opaque, recipe, session.budget, lambda done, total: None
+        )
+
+    def costs(self, variant: str, seed: int) -> dict[str, float]:
+        """Stationarity by its own measure (all three of the baseline), and texture."""
+        made = self.made(variant, seed)
+        tile = made.source.gather(self.lab)
+        measures = MEASURES if variant == BASELINE else {"histogram": 0, variant: 0}
+        found = {m: stationarity_cost(tile, self.sigma, measure=m, like=self.lab) for m in measures}
+        device, budget, torus = self.session.device, self.session.budget, Domain(self.width, self.height, True, True)
+        field = match_patches(device, tile, self.lab, made.field, 11, torus, 1, budget)
+        return found | {TEXTURE: texture_cost(tile, self.lab, field)}
+
+    def traced(self, variant: str, seed: int) -> list[tuple[float, float, float]]:
+        """(stationarity, texture, deviation) after every iteration, at the size of its level."""
+        found: list[tuple[float, float, float]] = []
+
+        class Traced(module._Level):
+            """Looks at what the result would be, were this the last iteration."""
+
+            def __init__(self, device, buffers, matcher, exemplar, usable, recipe, scale, *more):
+                super().__init__(device, buffers, matcher, exemplar, usable, recipe, scale, *more)
+                self.lab, self.scale = exemplar.astype(np.float32) / steps_for(recipe.patch), scale
+
+            def iterate(self, iteration: int, passes: int) -> None:
+                super().iterate(iteration, passes)
+                tile = self._matcher.pick().gather(self.lab)
+                cost = stationarity_cost(tile, sigma * self.scale)
+                texture = texture_cost(tile, self.lab, self._matcher.field())
+                found.append((cost, texture, _deviation(self.lab)))
+
+        sigma = self.sigma
+        with mock.patch.object(module, "_Level", Traced):
+            self.made(variant, seed)
+        return found
+
+
+def _deviation(lab: np.ndarray) -> float:
+    """Root of the variance summed over channels."""
+    return float(np.sqrt(lab.reshape(-1, 3).var(0).sum()))
+
+
+def run(folder: Path, out: Path, side: int, seeds: dict[str, int]) -> None:
+    """Measure what is not yet in the files: seed after seed over all photos, then traces, then the best seeds."""
+    session = Session()
+    out.mkdir(parents=True, exist_ok=True)
+    photos = []
+    for path in sorted(folder.iterdir()):
+        try:
+            photos.append(Photo(path, side, session))
+        except (errors.Error, OSError) as error:
+            print(f"{path.name}: {error}", file=sys.stderr)
+    for seed in range(max(seeds.values())):
+        for photo in photos:
+            for variant in (v for v in seeds if seed < seeds[v]):
+                measure(photo, variant, seed, out)
+        print(f"seed {seed}", flush=True)
+    followed = {(r["photo"], r["variant"]) for r in rows(out / "traces.csv")}
+    for photo in photos:
+        for variant in (BASELINE, "histogram"):
+            if (photo.name, variant) not in followed:
+                found = photo.traced(variant, 0)
+                append(out / "traces.csv", TRACE_FIELDS, [(photo.name, variant, n, *f) for n, f in enumerate(found, 1)])
+    print("traces", flush=True)
+    for photo in photos:
+        for variant in MEASURES:
+            measure(photo, variant, best_seed(rows(out / "costs.csv"), photo.name, variant), out)
+
+
+def measure(photo: Photo, variant: str, seed: int, out: Path) -> None:
+    """One variant's costs, where they are not known."""
+    known = {(r["photo"], r["seed"], r["variant"]) for r in rows(out / "costs.csv")}
+    if (photo.name, str(seed), variant) not in known:
+        found = photo.costs(variant, seed)
+        append(out / "costs.csv", FIELDS, [(photo.name, seed, variant, m, c) for m, c in found.items()])
+
+
+def best_seed(table: list[dict[str, str]], photo: str, measure: str) -> int:
+    """With which the baseline is most stationary."""
+    mine = [r for r in table if (r["photo"], r["variant"], r["measure"]) == (photo, BASELINE, measure)]
+    return int(min(mine, key=lambda r: float(r["cost"]))["seed"])
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    """Of a CSV file; none where there is no file."""
+    if not path.exists():
+        return []
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def append(path: Path, fields: tuple[str, ...], more: list[tuple]) -> None:
+    """Write rows, below a head where the file is new."""
+    new = not path.exists()
+    with open(path, "a", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerows([fields] if new else [])
+        writer.writerows([f"{v:.6g}" if isinstance(v, float) else v for v in row] for row in more)
+
+
+def main() -> None:
+    """Run what has not been run; draw and write all that there is."""
+    from benchmarks.tiles.stationarization_plots import plot
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--photos", type=Path, default=data_folder() / "photos")
+    parser.add_argument("--side", type=int, default=256)
+    parser.add_argument("--seeds", type=int, default=10)
+    for measure in MEASURES[1:]:
+        parser.add_argument(f"--{measure}", type=int, help="seeds of that measure, where fewer than of the others")
+    given = parser.parse_args()
+    seeds = {v: getattr(given, v, None) or given.seeds for v in (BASELINE, *MEASURES)}
+    run(given.photos, given.out, given.side, seeds)
+    plot(given.out)
+
+
+if __name__ == "__main__":
+    main()

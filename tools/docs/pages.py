@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Docs pages and the stub from the filters' declarations: `python -m tools.docs.pages`.
+
+A page is the declaration followed by what a person wrote below the line `<!-- by hand -->`.
+"""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+from oiiotex.cli.language import LANGUAGE
+from oiiotex.cli.parse import Option
+from oiiotex.cli.report import description
+from oiiotex.core.op import Op
+from oiiotex.core.parameters import declared
+from oiiotex.filters import OURS
+from tools.docs import stubs
+
+FOLDER = Path(__file__).parents[2] / "docs"
+MARK = "<!-- by hand -->"
+
+
+def page_text(op: type[Op], path: Path) -> str:
+    """The page's whole text; `path` is where its hand-written part is taken from."""
+    lines = [f"# {op.flag()}", "", description(op), ""]
+    images = " ".join(f"{i.name.upper()}" for i in op.images())
+    lines += ["```", f"oiiotex {images} {op.flag()}[:MODIFIER=VALUE...] -o OUT", "```", ""]
+    lines += ["| input | |", "|---|---|", *(f"| {i.name} | {i.help} |" for i in op.images())]
+    further = op.further_images()
+    if further is not None:
+        lines.append(f"| {further.name} | {further.help}: with {further.count}=N, N - 1 images above the first |")
+    lines.append("")
+    if op.modifiers():
+        lines += ["| modifier | default | allowed | |", "|---|---|---|---|"]
+        for p in op.modifiers():
+            default = (
+                "" if p.required or p.default is None else int(p.default) if isinstance(p.default, bool) else p.default
+            )
+            allowed = p.allowed().replace("|", "\\|")
+            lines.append(f"| `{p.name}` | {default} | {allowed} | {p.help} |")
+        lines.append("")
+    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {o.text} |" for o in op.outputs), ""]
+    lines += [
+        f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}{_call(op)}`.",
+        "",
+    ]
+    return "\n".join([*lines, MARK]) + _by_hand(path)
+
+
+def _call(op: type[Op]) -> str:
+    from oiiotex import filters
+
+    parameters = inspect.signature(getattr(filters, op.name)).parameters.values()
+    return "(" + ", ".join(p.name if p.default is p.empty else f"{p.name}={p.default!r}" for p in parameters) + ")"
+
+
+def _by_hand(path: Path) -> str:
+    return path.read_text().partition(MARK)[2] if path.exists() else "\n"
+
+
+def language_text() -> str:
+    """The page of all ops of the host, and of all options."""
+    lines = ["# The chain", ""]
+    lines += ["All that a line may say beside our filters; `oiiotex --help NAME` prints the page of one.", ""]
+    for heading, ops in LANGUAGE.ops.items():
+        if ops and ops[0].prefix != Op.prefix:
+            lines += [f"## {heading}", "", "| op | modifiers | |", "|---|---|---|", *map(_op_row, ops), ""]
+    for heading, options in LANGUAGE.groups.items():
+        lines += [f"## {heading}", "", "| option | modifiers | |", "|---|---|---|", *map(_option_row, options), ""]
+    lines += ["## Of oiiotool, not here", "", "| option | why |", "|---|---|"]
+    lines += [f"| `{refused.name}` | {refused.reason} |" for refused in LANGUAGE.refused]
+    return "\n".join(lines) + "\n"
+
+
+def _op_row(op: type[Op]) -> str:
+    call = " ".join((op.flag(), *(p.name.upper() for p in op.arguments())))
+    own = [p.name for p in op.modifiers() if p.name not in ("subimages", "allsubimages")]
+    return f"| `{call}` | {', '.join(own)} | {description(op).splitlines()[0]} |"
+
+
+def _option_row(option: Option) -> str:
+    modifiers = [p.name for p in declared(option.modifiers)[1]] if option.modifiers else []
+    text = option.help.replace("|", "\\|")
+    return f"| `{' '.join((option.name, *option.arguments))}` | {', '.join(modifiers)} | {text} |"
+
+
+def main() -> None:
+    """Write all pages."""
+    (FOLDER / "chain.md").write_text(language_text())
+    for op in OURS:  # not of packages that happen to be installed
+        path = FOLDER / f"tex{op.name}.md"
+        path.write_text(page_text(op, path))
+        print(path)
+    stubs.main()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures of docs/texdominant.md: `python -m tools.docs.pictures.dominant`."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from scipy import ndimage
+
+from benchmarks.dominant.composites import TWELVE, composite, seen_as
+from oiiotex import filters
+from oiiotex.charts.dominant_chart import COLOURS, Panel
+from oiiotex.dominant.diffusion import dominant_texture
+from oiiotex.dominant.refinement import refined_mask
+from oiiotex.session import Session
+from tools.demo import save
+from tools.docs.pictures.layout import beside, halved, pixels, shrunk, small, stacked, test_photo, write_jpeg
+
+MODES = ("diffusion", "euclidean", "spectral")
+COLUMNS = (
+    "stained_plaster_wall.jpg", "castle_brick_broken.jpg", "chalkboard_scratched.jpg", "rust_barrel_side.jpg",
+    "sail_cloth_stained.jpg", "rebar_concrete_decayed.jpg",
+)  # fmt: skip
+
+
+def kept_alone(photo: oiio.ImageBuf, **values: object) -> np.ndarray:
+    """What a mask leaves of a photo, on white; all white where it is rejected."""
+    mask = filters.dominant(photo, **values).get_pixels(oiio.FLOAT)
+    return np.where(mask > 0.5, pixels(photo), 255).astype(np.uint8)
+
+
+def dominant_columns() -> None:
+    """LDR09 figure 6: photos, what is dominant in them, the same by eq. 7, the larger half of a normalised cut."""
+    panes = []
+    for name in COLUMNS:
+        photo = test_photo(name)
+        if photo is None:
+            return
+        photo = shrunk(photo, 160)
+        panes.append(beside(pixels(photo), *(kept_alone(photo, mode=m) for m in MODES)))
+    pairs = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
+    write_jpeg(stacked(pairs), "dominant_columns.jpg")
+
+
+def every_photo(side: int = 112, per_row: int = 4) -> None:
+    """All test photos, each beside what is dominant in it."""
+    folder = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")) / "photos"
+    panes = []
+    for path in sorted(folder.glob("*")):
+        photo = shrunk(oiio.ImageBuf(str(path)), 256)
+        panes.append(small(beside(pixels(photo), kept_alone(photo), gap=4), 2 * side))
+    if not panes:
+        print(f"no photos in {folder}: the sheet stays as it is")
+        return
+    rows = [beside(*panes[n : n + per_row], gap=16) for n in range(0, len(panes), per_row)]
+    write_jpeg(stacked(rows), "dominant_photos.jpg")
+
+
+def every_composite() -> None:
+    """The composites of benchmarks/dominant/composites.py: picture, what is kept of it, what should be."""
+    session, panes = Session(), []
+    for n in range(len(TWELVE)):
+        _, picture, truth = composite(n)
+        seen = seen_as(picture, session)
+        mask = refined_mask(dominant_texture(seen, session), seen)
+        shown = [picture, *(np.where(kept[..., None], picture, 1) for kept in (mask, truth))]
+        panes.append(beside(*(np.rint(255 * p).astype(np.uint8) for p in shown), gap=4))
+    rows = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
+    write_jpeg(stacked(rows), "dominant_composites.jpg")
+
+
+def painted_wall(side: int = 160) -> np.ndarray:
+    """LDR09 figure 8: paint that is plain at the left and ever more spotted to the right."""
+    y, x = np.mgrid[0:side, 0 : side * 3 // 2]
+    spots = ndimage.gaussian_filter(np.random.default_rng(3).normal(0, 1, y.shape), 2.5, mode="wrap")
+    spots = (spots / spots.std() > 2.6 - 2.2 * x / x.max())[..., None] * 1.0
+    spots = ndimage.gaussian_filter(spots, (0.6, 0.6, 0))
+    return np.rint(255 * (np.array([0.75, 0.7, 0.6]) * (1 - spots) + np.array([0.35, 0.2, 0.12]) * spots)).astype(
+        np.uint8
+    )
+
+
+def dominant_failures() -> None:
+    """LDR09 figure 8: a smooth transition, and cracks of all directions and widths."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(painted_wall(), Path(folder) / "paint.png")
+        photos = [oiio.ImageBuf(f"{folder}/paint.png"), test_photo("sandstone_wall_cracked.jpg")]
+        if photos[1] is None:
+            return
+        panes = [beside(pixels(p), kept_alone(p)) for p in (shrunk(photo, 240) for photo in photos)]
+    write_jpeg(beside(*panes, gap=24), "dominant_failures.jpg")
+
+
+def clean_quilt(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None:
+    """A photo, its dominant texture, a quilt of that alone, a quilt of the whole; how the texture was found."""
+    photo = test_photo(name)
+    if photo is None:
+        return
+    photo = shrunk(photo, side)
+    with tempfile.TemporaryDirectory() as folder:
+        parts = filters.dominant(photo, keep=True, chart=Path(folder) / "chart.png")
+        write_jpeg(pixels(oiio.ImageBuf(f"{folder}/chart.png")), "dominant_chart.jpg")
+    mask = parts["dominant"]
+    quilts = [filters.quilt(photo, size=(side, side), patch=48, seed=1, **m) for m in ({"mask": mask}, {})]
+    left = np.where(mask.get_pixels(oiio.FLOAT) > 0.5, pixels(photo), 255).astype(np.uint8)
+    write_jpeg(halved(beside(pixels(photo), left, *(pixels(q) for q in quilts))), "dominant_quilt.jpg")
+
+
+def texel_points(name: str = "stained_plaster_wall.jpg", side: int = 384) -> None:
+    """LDR09 figure 4 (c): texels on their first three components, by density; and by type."""
+    photo = test_photo(name)
+    if photo is None:
+        return
+    session = Session()
+    found = dominant_texture(seen_as(pixels(shrunk(photo, side)) / 255.0, session), session)
+    density = np.log(np.maximum(found.density, 1e-9))
+    order = np.argsort(density)  # the dense ones above
+    share = np.linspace(0, 1, len(order))[:, None]
+    colours = np.empty((len(order), 3))
+    colours[order] = np.clip(1.5 - np.abs(4 * share - [3.0, 2.0, 1.0]), 0, 1)  # blue, green, red
+    of_type = np.array(COLOURS)[found.types]
+    panels = []
+    for across, up, shown in ((0, 1, colours), (2, 1, colours), (0, 1, of_type)):
+        panel = Panel(found.texels.values[:, across], found.texels.values[:, up])
+        panel.texts.append((f"component {up + 1} over {across + 1}", 44, 16))
+        row, column = panel.place(found.texels.values[:, across], found.texels.values[:, up])
+        panel.pixels[row[order], column[order]] = shown[order]
+        panels.append(np.rint(255 * panel.drawn()).astype(np.uint8))
+    write_jpeg(beside(*panels), "dominant_texels.jpg")
+
+
+if __name__ == "__main__":
+    texel_points()
+    dominant_columns()
+    dominant_failures()
+    clean_quilt()
+    every_photo()
+    every_composite()

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sheet of structures in docs/texstationarize.md: `python -m tools.docs.pictures.structure [PHOTO ...]`.
+
+Photos beside tiles by default and by the presets keep, even and clean.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from oiiotex import filters
+from tools.docs.pictures.layout import beside, pixels, shrunk, stacked, test_photo, write_jpeg
+
+SEED = 1
+PHOTOS = (
+    "stained_plaster_wall.jpg", "rebar_concrete_decayed.jpg", "fieldstone_wall_kodim01.jpg",
+    "naip_prairie_potholes_2014_rgbn.tif", "drone_track_grass_soil.jpg", "sandstone_wall_cracked.jpg",
+    "chalkboard_scratched.jpg", "sail_cloth_stained.jpg", "rust_barrel_side.jpg", "stone_breccia.jpg",
+    "onyx_veins.jpg", "moss_grass_stones_ground.jpg",
+)  # fmt: skip
+
+
+def row(name: str, side: int) -> np.ndarray | None:
+    """A photo and its four tiles; None where there is no such photo."""
+    photo = test_photo(name)
+    if photo is None:
+        return None
+    photo = shrunk(photo, side)
+    ways = ({}, {"preset": "keep"}, {"preset": "even"}, {"preset": "clean"})
+    tiles = (filters.stationarize(photo, seed=SEED, **way) for way in ways)
+    height = round(0.75 * side)  # so that rows are of one height
+    return beside(pixels(photo)[:height], *(pixels(tile)[:height] for tile in tiles))
+
+
+def main(names: tuple[str, ...], side: int = 256) -> None:
+    """One row for each photo."""
+    rows = [one for one in (row(name, side) for name in names) if one is not None]
+    if rows:
+        write_jpeg(stacked(rows), "stationarize_structures.jpg", quality=60)
+
+
+if __name__ == "__main__":
+    main(tuple(sys.argv[1:]) or PHOTOS)
