@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 def one_line(text: str) -> str:
@@ -42,7 +44,7 @@ class ImageError(Error):
 class BrokenValues(ImageError):
     """NaN or Inf where there should be colour. `counts` says how many of either: (2,) int64."""
 
-    def __init__(self, name: str, counts: Sequence[int]):
+    def __init__(self, name: str, counts: np.ndarray):
         super().__init__(f"{name} has {counts[0]} NaN and {counts[1]} Inf values: add --fixnan box3 after it")
         self.counts = counts
 

@@ -15,9 +15,9 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, overload
 
-from ..deferred import np
+from ..deferred import np, oiio
 from ..errors import ImageError
 from .image import Part, Pixels, dtype_of, from_pixels
 from .window import Window
@@ -176,8 +176,11 @@ def cached(part: Part, cache: PieceCache) -> Part:
 class SomeRows(Protocol):
     """Rows for a slice, of an array with that shape and type."""
 
-    shape: tuple[int, ...]
-    dtype: np.dtype
+    @property
+    def shape(self) -> tuple[int, ...]: ...
+
+    @property
+    def dtype(self) -> np.dtype: ...
 
     def __len__(self) -> int: ...
 
@@ -277,7 +280,7 @@ def write_at(file: IO[bytes], array: np.ndarray, offset: int) -> None:
         The disk is full.
     """
     try:
-        if os.pwrite(file.fileno(), array, offset) < array.nbytes:
+        if os.pwrite(file.fileno(), array.data, offset) < array.nbytes:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk takes a part in silence
     except OSError as error:
         raise _no_room(error) from error
@@ -352,9 +355,13 @@ def _turns(begin: int, end: int, low: int, size: int) -> Iterator[tuple[slice, i
 # --- streaming ---
 
 
+@overload
+def stream(part: Part, windows: Iterable[Window]) -> Iterator[tuple[Window, np.ndarray]]: ...
+@overload
+def stream(part: Part, windows: Iterable[Window], buffers: Literal[True]) -> Iterator[tuple[Window, oiio.ImageBuf]]: ...
 def stream(part: Part, windows: Iterable[Window], buffers: bool = False) -> Iterator[tuple[Window, Pixels]]:
     """The part's windows in order; the next one is computed while the caller works on this one."""
-    fetch = part.buffer if buffers else part.read
+    fetch: Callable[[Window], Pixels] = part.buffer if buffers else part.read
     with ThreadPoolExecutor(1, "oiiotex-compute") as worker:
         pending: tuple[Window, Future] | None = None
         try:

@@ -25,13 +25,14 @@ def sha1(part: Part) -> str:
         raise ImageError(f"'{part.name}' has channels of whole and of broken numbers: no hash can be made")
     packed = np.dtype([(str(channel), kind) for channel, kind in enumerate(kinds)])
     digest = hashlib.sha1(usedforsecurity=False)
-    for _, pixels in stream(part, bands(part)):
+    for window in bands(part):
+        pixels = part.read(window)
         if any(kind != own for kind in kinds):
             mixed = np.empty(pixels.shape[:2], packed)
             for channel in range(len(kinds)):
                 mixed[str(channel)] = pixels[..., channel]
             pixels = mixed
-        digest.update(np.ascontiguousarray(pixels))
+        digest.update(np.ascontiguousarray(pixels).data)
     return digest.hexdigest().upper()
 
 

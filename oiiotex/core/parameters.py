@@ -240,12 +240,16 @@ def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "") -> 
     return dataclasses.field(default=default, metadata={_FIELD: {"help": help, "count": count}})
 
 
-@functools.cache
 def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     """(input images, parameters) of an op's dataclass, in the order of declaration.
 
     An op's own parameters come before those that it shares with others.
     """
+    return _declared(op)
+
+
+@functools.cache  # apart: a checker takes a class for an instance and finds no hash
+def _declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     hints = typing.get_type_hints(op)
     images, parameters = [], []
     for field in dataclasses.fields(op):

@@ -229,7 +229,7 @@ class Synthesizer:
         self.nbytes = sum(table.nbytes for table in tables.values())  # on the device
         self._tables = Buffers(device, {}, budget, "the analysed exemplars", tables=tables)
         middle = 1 << self._side - 1
-        self._first = SourceMap.of(middle, middle, self._side).packed  # of level 0
+        self._first = SourceMap.of(middle, middle, self._side).packed[()]  # of level 0
         self._moves = bool(analysis.offsets.any())
         self._free: list[tuple[int, Buffers]] = []  # of finished windows, by the pixels that they hold
         self._stepped: dict[int, tuple[bool, Any, Any]] = {}

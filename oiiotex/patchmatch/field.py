@@ -152,7 +152,7 @@ def random_field(
         y = np.minimum(y + rows % patch, geometry.exemplar_rows - 1)
         x = np.minimum(x + columns % patch, geometry.exemplar_columns - 1)
         out[begin : begin + BAND] = SourceMap.of(y, x).packed
-    return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
+    return only_allowed(SourceMap.of_rows(out), allowed, seed, 0xB10D)
 
 
 def shifted_field(
@@ -180,7 +180,7 @@ def shifted_field(
         # patches across the border do not exist: the last inside it stands for them
         y, x = np.minimum(y, g.exemplar_rows - 1), np.minimum(x, g.exemplar_columns - 1)
         out[begin : begin + BAND] = SourceMap.of(y, x).packed
-    return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
+    return only_allowed(SourceMap.of_rows(out), allowed, seed, 0xB10D)
 
 
 class _RandomPlaces:
@@ -326,4 +326,4 @@ def upsample_field(
             x, y = in_step.nearest_in_step(np.arange(fine.columns)[None, :], rows, x, y)
         y, x = np.clip(y, 0, fine.exemplar_rows - 1), np.clip(x, 0, fine.exemplar_columns - 1)
         finer[band] = SourceMap.of(y, x).packed
-    return only_allowed(SourceMap(finer), allowed, seed, fine.width)
+    return only_allowed(SourceMap.of_rows(finer), allowed, seed, fine.width)

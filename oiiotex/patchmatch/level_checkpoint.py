@@ -55,7 +55,7 @@ class LevelCheckpoint:
         """The field of a level that is there, put into `out` (rows, columns)."""
         for place in _pieces(geometry):
             out[place.top : place.bottom] = self._keeper.kept(self._of(level), place)
-        return SourceMap(out)
+        return SourceMap.of_rows(out)
 
     def prices(self, level: int, geometry: Geometry) -> np.ndarray:
         """What was kept as `prices` of a level that is there."""

@@ -125,7 +125,7 @@ class Matcher:
     def field(self) -> SourceMap:
         """The present field."""
         if self.rows.field.store is not None:
-            return SourceMap(self.rows.field.store)
+            return SourceMap.of_rows(self.rows.field.store)
         shape = self.geometry.rows, self.geometry.columns
         return SourceMap(self._device.read(self._buffers["field"], shape, np.uint32))
 
@@ -252,7 +252,7 @@ class Matcher:
                 g.columns, g.rows, g.width, *g.wraps, top, bottom, first,
             )  # fmt: skip
             source[top:bottom] = self._device.read(b["distance_next"], (bottom - top, g.width), np.uint32)
-        return SourceMap(source)
+        return SourceMap.of_rows(source)
 
     def _count_uses(self) -> None:
         """The uniformity penalty of every exemplar patch, frozen for one pass: refreshed oftener, all flee at once."""
