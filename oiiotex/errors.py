@@ -3,15 +3,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
+
+T = TypeVar("T")
 
 
 def one_line(text: str) -> str:
     """A text in one line, with what steers terminals shown as Python writes it: names come from strangers."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
+
+
+def present(value: T | None) -> T:
+    """A value that a checker of types takes to be missing, and that never is: else an AssertionError."""
+    assert value is not None
+    return value
 
 
 class Error(Exception):

@@ -16,6 +16,7 @@ from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
+from ..errors import present
 from ..io.row_store import RowStore
 from ..regularity.offset_prices import Prices
 
@@ -200,7 +201,7 @@ class _RandomPlaces:
 
     def _weighed(self, band: slice, before: float) -> np.ndarray:
         """The weight of all up to each place of a band: added one by one, whatever the bands."""
-        weights = self._weights[band][self._allowed[band]]
+        weights = present(self._weights)[band][self._allowed[band]]
         return np.cumsum(np.concatenate([[before], weights]), dtype=np.float64)
 
     def __call__(self, seed: int, step: int, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
