@@ -23,6 +23,8 @@ from .image import Part, Pixels, dtype_of, from_pixels
 from .window import Window
 
 if TYPE_CHECKING:
+    from io import BufferedRandom
+
     from numpy.typing import DTypeLike
 
 BAND_BYTES = 8 << 20  # of pixels that travel at once: large enough to hide a call's cost, small enough for caches
@@ -177,10 +179,12 @@ class SomeRows(Protocol):
     """Rows for a slice, of an array with that shape and type."""
 
     @property
-    def shape(self) -> tuple[int, ...]: ...
+    def shape(self) -> tuple[int, ...]:
+        """Rows first."""
 
     @property
-    def dtype(self) -> np.dtype: ...
+    def dtype(self) -> np.dtype:
+        """Of every value."""
 
     def __len__(self) -> int: ...
 
@@ -247,7 +251,7 @@ def materialized(part: Part, budget: int) -> Part:
     return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
 
 
-def scratch_file(size: int = 0) -> IO[bytes]:
+def scratch_file(size: int = 0) -> BufferedRandom:
     """An unnamed temporary file, which the system removes with the process, with room for `size` bytes.
 
     It is not under /tmp where that is memory: TMPDIR says where there is room.

@@ -7,7 +7,7 @@ import hashlib
 
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .demand import bands, stream
+from .demand import bands
 from .image import Part, dtype_of
 
 

@@ -208,9 +208,7 @@ def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec, stored: oii
     return Part(name, spec, lambda window: pixels[window.inside(whole)], stored, ready=True)
 
 
-def pixels_of(
-    buffer: oiio.ImageBuf, kind: oiio.TypeDesc | oiio.BASETYPE, roi: oiio.ROI | None = None
-) -> np.ndarray:
+def pixels_of(buffer: oiio.ImageBuf, kind: oiio.TypeDesc | oiio.BASETYPE, roi: oiio.ROI | None = None) -> np.ndarray:
     """The pixels of a buffer, or of a region of it, as that type: (height, width, channels).
 
     Raises

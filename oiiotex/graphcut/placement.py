@@ -260,7 +260,7 @@ class _Canvas:
         """Take some pixels of a patch; of the window only what lies inside is written, and nothing twice."""
         rows, columns = (np.flatnonzero(seen.inside.any(axis)) for axis in (1, 0))
         inside = np.ix_(rows, columns)
-        at = patch[:, *inside].clip(0)  # a patch may begin outside of the photo
+        at = patch[:, inside[0], inside[1]].clip(0)  # a patch may begin outside of the photo
         packed = np.where(taken[inside], SourceMap.of(*at).packed, seen.laid.packed[inside])
         self.laid.put(seen.rows[rows], seen.columns[columns], SourceMap(packed))
 

@@ -201,9 +201,9 @@ class _Response:
         """None where the buffer holds all."""
         return self._responses.image.store
 
-    def bands(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+    def bands(self, first: int, last: int, most: int | None = None) -> Iterator[tuple[int, int]]:
         """As of the image, less the rows around them."""
-        return self._responses.image.bands(first, last, self._responses.held - 4 * RADIUS)
+        return self._responses.image.bands(first, last, most or self._responses.held - 4 * RADIUS)
 
     def load(self, first: int, last: int) -> int:
         """As of the image."""

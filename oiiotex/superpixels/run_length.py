@@ -219,7 +219,7 @@ class _Finder:
     def finished(self, height: int) -> Pieces:
         same = np.concatenate(self._same, 1) if self._same else np.zeros((2, 0), np.int64)
         # numbers by first pixel: pieces of strips are in that order, and a whole's is that of its first part
-        count, whole = _united(*same, self._count)
+        count, whole = _united(same[0], same[1], self._count)
         parts = np.concatenate([np.zeros(0), *self._sizes])
         sizes = np.bincount(whole, parts, count).astype(np.int64)
         a, b, length = (np.concatenate([getattr(x, f) for x in self._borders]) for f in ("a", "b", "length"))
