@@ -267,7 +267,7 @@ class _Runner:
             if called == name:
                 spec.attribute("oiio:subimagename", name)
 
-        part = replace(value.respecced(describe), name=called)
+        part: Part = replace(value.respecced(describe), name=called)
         return part if pixel_type is None else replace(part, stored=pixel_type, exact=output.kind.is_exact)
 
     def _cryptomatte(self, labels: Sequence[LabelMap], path: Path | None) -> Part:

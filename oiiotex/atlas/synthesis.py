@@ -137,9 +137,6 @@ def stack(values: np.ndarray, usable: np.ndarray | None) -> list[Exemplar]:
     return levels
 
 
-Spread = Callable[[Callable, Iterable], Iterable]
-
-
 def synthesize(
     mesh: Mesh,
     frames: Frames,
@@ -147,7 +144,7 @@ def synthesize(
     levels: list[Exemplar],
     seed: int,
     name: str,
-    spread: Spread = map,
+    spread: Callable[..., Iterable[np.ndarray]] = map,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[SourceMap, np.ndarray]:
     """Where every pixel of an atlas comes from.
@@ -220,8 +217,9 @@ def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: 
 
 
 def _corrected(
-    surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool, spread: Spread
-) -> np.ndarray:
+    surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool,
+    spread: Callable[..., Iterable[np.ndarray]],
+) -> np.ndarray:  # fmt: skip
     """Sources that fit each other better: passes over four sets of pixels, none of which sees what its own set does."""
     passes = _PASSES[0 if first else 1]
     around = offsets()

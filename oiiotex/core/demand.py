@@ -15,6 +15,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from io import BufferedRandom
 from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, overload
 
 from ..deferred import np, oiio
@@ -23,8 +24,6 @@ from .image import Part, Pixels, dtype_of, from_pixels
 from .window import Window
 
 if TYPE_CHECKING:
-    from io import BufferedRandom
-
     from numpy.typing import DTypeLike
 
 BAND_BYTES = 8 << 20  # of pixels that travel at once: large enough to hide a call's cost, small enough for caches
@@ -90,13 +89,13 @@ class PieceCache:
             mine = self._pieces[key] = Future()
         self._ahead.submit(self._fill_quietly, key, mine, make)
 
-    def _fill_quietly(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> None:
+    def _fill_quietly(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> None:
         try:
             self._fill(key, mine, make)
         except BaseException:  # whoever asks for the piece is told
             pass
 
-    def _fill(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> np.ndarray:
+    def _fill(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> np.ndarray:
         try:
             pixels = make()
         except BaseException as error:
@@ -367,7 +366,7 @@ def stream(part: Part, windows: Iterable[Window], buffers: bool = False) -> Iter
     """The part's windows in order; the next one is computed while the caller works on this one."""
     fetch: Callable[[Window], Pixels] = part.buffer if buffers else part.read
     with ThreadPoolExecutor(1, "oiiotex-compute") as worker:
-        pending: tuple[Window, Future] | None = None
+        pending: tuple[Window, Future[Pixels]] | None = None
         try:
             for window in windows:
                 following = (window, worker.submit(fetch, window))

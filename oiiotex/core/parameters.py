@@ -27,14 +27,14 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Py
 _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
-class Numbers(tuple):
+class Numbers(tuple[float, ...]):
     """Numbers separated by commas: a colour, a matrix, a list of coordinates."""
 
     def __str__(self) -> str:
         return ",".join(f"{n:.9g}" for n in self)
 
 
-class Words(tuple):
+class Words(tuple[str, ...]):
     """Texts separated by commas: the kinds of several maps, the names of panels."""
 
     def __str__(self) -> str:

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 from ..color.lab import working_values
 from ..core.demand import SomeRows, first_channels
@@ -74,16 +74,13 @@ class LabelledExemplar(Op):
     space: ClassVar[Space] = Space.LAB
 
     exemplar: Image = image(help=EXEMPLAR)
+    mask: ClassVar[Image | None] = None  # as an `ExemplarOp` takes it
     labels: Image | None = image(None, help=LABELS)
+    label: ClassVar[int | None] = None
     level: int | None = param(None, ge=1, help=LEVEL)
     data: bool = param(False, help="the channels are no colours: compare them as they are")
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
     stmap: bool | Path = param(False, help=STMAP)
-    if TYPE_CHECKING:  # as those that take them declare them
-        mask: Image | None = None
-        label: int | None = None
-    else:
-        mask = label = None
 
     def read(self, session: Session, *also: np.ndarray | None) -> ExemplarPixels:
         """Values, usable pixels, and why the others are not; `also` are further (height, width) bool of usable ones.
@@ -133,8 +130,8 @@ class LabelledExemplar(Op):
 class ExemplarOp(LabelledExemplar):
     """What is copied together from one photo, or from one label in it."""
 
-    mask: Image | None = image(None, help=MASK)
-    label: int | None = param(None, ge=1, help=LABEL)
+    mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
+    label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
 
     def _allowed(self) -> np.ndarray | None:
         if self.label is None and (self.level is not None or self.labels is not None):

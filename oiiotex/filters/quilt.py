@@ -42,8 +42,8 @@ class Quilting(Quilted, Structured):
         REPORT,
     )
 
-    mask: Image | None = image(None, help=MASK)
-    label: int | None = param(None, ge=1, help=LABEL)
+    mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
+    label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
         None, help="what is to be where: ids of labels, or ids or colours that table gives a meaning; of any size"
     )

@@ -75,7 +75,7 @@ def graph_cut(
     budget: int,
     progress: Callable[[int, int], None],
     in_step: InStep | None = None,
-    spread: Callable[..., Iterable] = map,
+    spread: Callable[..., Iterable[Any]] = map,
 ) -> SourceMap:
     """Lay and cut patches until all is covered, then lay the worst seams over.
 

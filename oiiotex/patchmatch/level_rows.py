@@ -51,9 +51,9 @@ class LevelRows:
         self.image = self.plane("image", (g.height, g.width, g.channels), np.int16)
 
     @property
-    def field_store(self) -> RowStore | None:
+    def field_store(self) -> np.ndarray | RowStore | None:
         """Where the field lies, if its buffer does not hold it."""
-        return cast("RowStore | None", self.field.store)
+        return cast("np.ndarray | RowStore | None", self.field.store)
 
     def store(self, shape: tuple[int, ...], dtype: type) -> RowStore:
         """Rows on the host."""
