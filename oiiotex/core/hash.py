@@ -7,7 +7,7 @@ import hashlib
 
 from ..deferred import np, oiio
 from ..errors import ImageError
-from .demand import bands
+from .demand import bands, stream
 from .image import Part, dtype_of
 
 
@@ -25,8 +25,7 @@ def sha1(part: Part) -> str:
         raise ImageError(f"'{part.name}' has channels of whole and of broken numbers: no hash can be made")
     packed = np.dtype([(str(channel), kind) for channel, kind in enumerate(kinds)])
     digest = hashlib.sha1(usedforsecurity=False)
-    for window in bands(part):
-        pixels = part.read(window)
+    for _, pixels in stream(part, bands(part)):
         if any(kind != own for kind in kinds):
             mixed = np.empty(pixels.shape[:2], packed)
             for channel in range(len(kinds)):

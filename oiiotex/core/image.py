@@ -209,13 +209,7 @@ def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec, stored: oii
 
 
 def pixels_of(buffer: oiio.ImageBuf, kind: oiio.TypeDesc | oiio.BASETYPE, roi: oiio.ROI | None = None) -> np.ndarray:
-    """The pixels of a buffer, or of a region of it, as that type: (height, width, channels).
-
-    Raises
-    ------
-    ImageError
-        OpenImageIO cannot read them.
-    """
+    """The pixels of a buffer, or a region of it: (height, width, channels); an ImageError where they cannot be read."""
     roi = roi or buffer.roi
     pixels = buffer.get_pixels(kind, roi)
     if pixels is None:
@@ -333,7 +327,7 @@ def from_buffer(buffer: oiio.ImageBuf) -> Image:
     if spec.deep or spec.depth > 1:
         raise ImageError(f"{buffer.name or 'ImageBuf'}: deep and volume images are not supported")
     pixels = pixels_of(buffer, spec.format)
-    if buffer.has_error:  # of a file that is broken: the rows that cannot be read are black
+    if buffer.has_error:  # its file is broken: what cannot be read is black
         raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror())}")
     name = spec.get_string_attribute("oiio:subimagename") or "part0"
     return Image((from_pixels(name, pixels, spec, spec.format),), buffer.name or "ImageBuf")

@@ -247,8 +247,7 @@ class Quilt:
         if e.finer:
             inputs["finer"] = np.stack([f[::LABEL_STEP, ::LABEL_STEP] for f in e.finer], -1)  # x levels
         if guided:
-            wanted = present(e.labels)[::LABEL_STEP, ::LABEL_STEP]
-            inputs["labels"] = wanted.astype(np.uint16)
+            inputs["labels"] = present(e.labels)[::LABEL_STEP, ::LABEL_STEP].astype(np.uint16)
             inputs["guide"] = present(self.demand.guide).astype(np.uint16)
         phases, losses, steps = np.zeros(10, np.uint32), np.zeros(1, np.int32), np.zeros((2, 2), np.int32)
         if self.in_step is not None:
