@@ -127,7 +127,7 @@ def refined_slots(
             first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()
             items = lab.width if device.lanes == 1 else grid.across
             images = buffers["seeds"], buffers["slots"]
-            numbers = lab.width, grid.across, end - first, grid.shift, band.top, first
-            wide = side.bit_length() - 1, squares.width
-            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers, *wide)
+            place = end - first, grid.shift, band.top, first
+            numbers = lab.width, grid.across, *place, side.bit_length() - 1, squares.width
+            run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers)
             yield band, buffers["slots"]
