@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from .deferred import np
+if TYPE_CHECKING:
+    import numpy as np
 
 T = TypeVar("T")
 
