@@ -17,7 +17,7 @@ def one_line(text: str) -> str:
 
 
 def present(value: T | None) -> T:
-    """A value that a checker of types takes to be missing, and that never is: else an AssertionError."""
+    """The value itself, which is never None here: type checkers cannot know. AssertionError where it is."""
     assert value is not None
     return value
 

@@ -248,7 +248,7 @@ def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     return _declared(op)
 
 
-@functools.cache  # apart: a checker takes a class for an instance and finds no hash
+@functools.cache  # not `declared` itself: to mypy the class of a frozen dataclass has no hash
 def _declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     hints = typing.get_type_hints(op)
     images, parameters = [], []
