@@ -3,12 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+
+T = TypeVar("T")
 
 
 def one_line(text: str) -> str:
     """A text in one line, with what steers terminals shown as Python writes it: names come from strangers."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in " ".join(text.split()))
+
+
+def present(value: T | None) -> T:
+    """The value itself, which is never None here: type checkers cannot know. AssertionError where it is."""
+    assert value is not None
+    return value
 
 
 class Error(Exception):
@@ -41,7 +52,7 @@ class ImageError(Error):
 class BrokenValues(ImageError):
     """NaN or Inf where there should be colour. `counts` says how many of either: (2,) int64."""
 
-    def __init__(self, name: str, counts: Sequence[int]):
+    def __init__(self, name: str, counts: np.ndarray):
         super().__init__(f"{name} has {counts[0]} NaN and {counts[1]} Inf values: add --fixnan box3 after it")
         self.counts = counts
 

@@ -60,7 +60,7 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
 
 
 def _bound(
-    op: type[Op], images: tuple[ImageLike, ...], values: dict[str, Any], colorspace: str | None, session: Session
+    op: type[Op], images: tuple[Any, ...], values: dict[str, Any], colorspace: str | None, session: Session
 ) -> Op:
     declared = op.taken(values)
     many = declared[0] if len(declared) == 1 and declared[0].many else None

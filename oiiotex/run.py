@@ -124,8 +124,8 @@ def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
             if not guessed:
                 raise
     if images is None:
-        sources = itertools.islice(itertools.cycle(_sources(op)), op.result_count())
-        images = tuple(_declared(op, name) for name, _ in sources)
+        cycle = itertools.cycle(_sources(op))
+        images = tuple(_declared(op, name) for name, _ in itertools.islice(cycle, op.result_count()))
         guessed = True
     return tuple(map(as_foreseen, images)) if guessed else images
 
@@ -231,7 +231,7 @@ class _Runner:
 
     def _table_leaves(self, output: Output, path: Path | None, value: Any) -> None:
         """Print a table's lines; write what has a file."""
-        if self._is_said(output):
+        if output.lines is not None and self.session.say is not None:
             for line in output.lines(value):
                 self.session.say(line)
         if path is None:
@@ -268,7 +268,7 @@ class _Runner:
             if called == name:
                 spec.attribute("oiio:subimagename", name)
 
-        part = replace(value.respecced(describe), name=called)
+        part: Part = replace(value.respecced(describe), name=called)
         return part if pixel_type is None else replace(part, stored=pixel_type, exact=output.kind.is_exact)
 
     def _cryptomatte(self, labels: Sequence[LabelMap], path: Path | None) -> Part:
@@ -340,7 +340,7 @@ def _pixel_of(output: Output) -> Part:
 # --- what is made ---
 
 
-def _sources(op: Op) -> list[tuple[str, Part | None]]:
+def _sources(op: Op) -> Sequence[tuple[str, Part | None]]:
     """What the op's images are made from, and its name: of several maps of a material each from its own."""
     slots = (*op.images()[:1], op.further_images())
     named = [(image.source, image.first) for slot, image in op.given() if slot in slots]

@@ -304,6 +304,14 @@ def test_a_buffer_that_holds_no_image_is_refused(tmp_path):
     assert text.startswith(f"{tmp_path / 'no.exr'}: ")
 
 
+def test_a_buffer_of_a_file_that_breaks_off_is_refused(tmp_path):
+    """OpenImageIO reads on, and leaves black what it has not read."""
+    put(tmp_path / "a.exr", noise("half", 64, 64, 3), spec_of("half", 64, 64, 3))
+    (tmp_path / "b.exr").write_bytes((tmp_path / "a.exr").read_bytes()[:-5000])
+    text = refusal(from_buffer, oiio.ImageBuf(str(tmp_path / "b.exr")))
+    assert text.startswith(f"{tmp_path / 'b.exr'}: ") and "missing or corrupted" in text
+
+
 def test_a_buffer_of_a_volume_is_refused():
     refusal(from_buffer, oiio.ImageBuf(spec_of("uint8", 4, 4, 1, depth=3, full_depth=3)))
 

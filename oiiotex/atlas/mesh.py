@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..deferred import np
 from ..errors import ImageError, ParameterError
@@ -119,7 +120,7 @@ def read_mesh(path: Path, width: int, height: int, tiles: tuple[int, int] = (1, 
     unwrapped = uv is None
     if unwrapped and tuple(tiles) != (1, 1):
         raise ParameterError(f"udim={tiles[0]}x{tiles[1]}: {name} has no UVs, and charts that are made lie in one tile")
-    flat = _unwrapped(points, corners, width, height) if unwrapped else uv[faces]
+    flat = _unwrapped(points, corners, width, height) if uv is None else uv[faces]
     _check_charts(flat, name, tiles)
     flat = flat / tiles
     return Mesh(points, corners, across, flat, _charts(corners, across, flat), unwrapped)
@@ -150,10 +151,10 @@ def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
             return bytes(super().get(name))
 
     # of OBJ groups by material would split the surface; materials are not looked at
-    more = {"group_material": False, "split_objects": False, "skip_materials": True}
+    more: dict[str, Any] = {"group_material": False, "split_objects": False, "skip_materials": True}
     try:
         scene = trimesh.load_scene(
-            path, process=False, resolver=RegularFiles(path), **(more if path.suffix.lower() == ".obj" else {})
+            path, process=False, resolver=RegularFiles(str(path)), **(more if path.suffix.lower() == ".obj" else {})
         )
         placed = [(scene.graph[node], scene.geometry) for node in scene.graph.nodes_geometry]
         objects = [(matrix, geometry[name]) for (matrix, name), geometry in placed]
@@ -172,8 +173,8 @@ def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         count += len(vertices)
     if not meshes:
         return np.empty((0, 3)), np.empty((0, 3), np.int64), None
-    complete = [uv for uv in uvs if uv is not None]
-    return np.concatenate(points), np.concatenate(faces), np.concatenate(uvs) if len(complete) == len(uvs) else None
+    known = [uv for uv in uvs if uv is not None]
+    return np.concatenate(points), np.concatenate(faces), np.concatenate(known) if len(known) == len(uvs) else None
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:
@@ -266,6 +267,6 @@ def _charts(faces: np.ndarray, across: np.ndarray, uv: np.ndarray) -> np.ndarray
         for end in ((corner + 1) % 3, (corner + 2) % 3):
             at = np.argmax(faces[other] == faces[face, end][:, None], axis=1)
             joined[face, corner] &= (np.abs(uv[other, at] - uv[face, end]) < 1e-7).all(-1)
-    face, corner = np.nonzero(joined)
-    links = coo_matrix((np.ones(len(face), bool), (face, across[face, corner])), shape=(len(faces), len(faces)))
+    face, edge = np.nonzero(joined)
+    links = coo_matrix((np.ones(len(face), bool), (face, across[face, edge])), shape=(len(faces), len(faces)))
     return connected_components(links, directed=False)[1].astype(np.int64)

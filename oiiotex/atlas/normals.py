@@ -47,12 +47,12 @@ def turned(part: Part, turn: np.ndarray, encoded: bool, upwards: bool) -> Part:
         Green points up (OpenGL), else down (DirectX).
     """
     x, y = channels_of(part.spec).colour[:2]
-    signs = np.float32([1, 1 if upwards else -1])
+    signs = np.array([1, 1 if upwards else -1], np.float32)
 
     def fetch(window: Window) -> np.ndarray:
         pixels = part.read(window).copy()
         values = as_float(pixels[..., [x, y]])
-        vectors = (2 * values - 1 if encoded else values) * signs
+        vectors: np.ndarray = (2 * values - 1 if encoded else values) * signs
         matrix = turn[window.inside(part.window)]
         vectors = (matrix[..., 0] * vectors[..., :1] + matrix[..., 1] * vectors[..., 1:]) * signs
         pixels[..., [x, y]] = in_type((vectors + 1) / 2 if encoded else vectors, pixels.dtype)

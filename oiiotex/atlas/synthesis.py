@@ -131,13 +131,10 @@ def stack(values: np.ndarray, usable: np.ndarray | None) -> list[Exemplar]:
         height, width = (n // 2 * 2 for n in values.shape[:2])
         quads = values[:height, :width].reshape(height // 2, 2, width // 2, 2, -1)
         values = quads.mean((1, 3), dtype=np.float32)
-        usable = usable[:height, :width].reshape(height // 2, 2, width // 2, 2).all((1, 3))
+        usable = np.logical_and.reduce(usable[:height, :width].reshape(height // 2, 2, width // 2, 2), (1, 3))
     if not levels:
         raise ImageError(f"no {2 * REACH + 1}x{2 * REACH + 1} px of the photo may be taken whole")
     return levels
-
-
-Spread = Callable[[Callable, Iterable], Iterable]
 
 
 def synthesize(
@@ -147,7 +144,7 @@ def synthesize(
     levels: list[Exemplar],
     seed: int,
     name: str,
-    spread: Spread = map,
+    spread: Callable[..., Iterable[np.ndarray]] = map,
     advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[SourceMap, np.ndarray]:
     """Where every pixel of an atlas comes from.
@@ -220,8 +217,9 @@ def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: 
 
 
 def _corrected(
-    surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool, spread: Spread
-) -> np.ndarray:
+    surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool,
+    spread: Callable[..., Iterable[np.ndarray]],
+) -> np.ndarray:  # fmt: skip
     """Sources that fit each other better: passes over four sets of pixels, none of which sees what its own set does."""
     passes = _PASSES[0 if first else 1]
     around = offsets()
@@ -241,7 +239,7 @@ def _corrected(
         torn = np.flatnonzero(first | (candidates != candidates[:, own, None]).any(1))
         if not len(torn):
             return better
-        pixels, candidates, places = pixels[torn], [candidates[torn]], [places[torn]]
+        pixels, tried, tried_places = pixels[torn], [candidates[torn]], [places[torn]]
         there, rest = neighbours.of(pixels)
         # what the neighbours' copies show at the offsets themselves, beside which their centres lie
         shown = exemplar.colour[exemplar.at(source[there] - rest)]
@@ -250,12 +248,12 @@ def _corrected(
             chance = hash_at(seed, step + which, rows[pixels], columns[pixels])
             dx, dy = (((chance >> np.uint32(16 * n)) & np.uint32(0xFFFF)) / 65536.0 * 2 - 1 for n in (0, 1))
             moves = np.rint(np.stack([dx, dy], -1) * reach).astype(np.int32) * ONE
-            for both, more in zip((candidates, places), exemplar.taken(source[pixels] + moves), strict=True):
+            for both, more in zip((tried, tried_places), exemplar.taken(source[pixels] + moves), strict=True):
                 both.append(more[:, None])
-        apart = (exemplar.looks[np.concatenate(candidates, 1)] - looks[:, None]).astype(np.float64)
+        apart = (exemplar.looks[np.concatenate(tried, 1)] - looks[:, None]).astype(np.float64)
         cost = np.einsum("nkd,nkd->nk", apart, apart)  # whole numbers below 2^53: exact in any order
         cost[:, len(close) :] *= _STRANGER
-        better[torn] = np.concatenate(places, 1)[np.arange(len(torn)), cost.argmin(1)]
+        better[torn] = np.concatenate(tried_places, 1)[np.arange(len(torn)), cost.argmin(1)]
         return better
 
     for number in range(passes):

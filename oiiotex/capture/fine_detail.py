@@ -50,5 +50,6 @@ def _blurred(values: np.ndarray) -> np.ndarray:
     for axis in (0, 1):
         wide = np.pad(values, [(_REACH, _REACH) if a == axis else (0, 0) for a in (0, 1)])
         size = values.shape[axis]
-        values = sum(np.take(wide, range(n, n + size), axis) * np.float32(tap / 16) for n, tap in enumerate(_TAPS))
+        taken = (np.take(wide, range(n, n + size), axis) * np.float32(tap / 16) for n, tap in enumerate(_TAPS))
+        values = sum(taken, np.zeros_like(values))
     return values

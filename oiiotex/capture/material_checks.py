@@ -22,7 +22,7 @@ from ..core.image import Image, channels_of
 from ..core.window import Window
 from ..deferred import np
 from ..drift.drift_field import drift_of
-from ..errors import BrokenValues, ColorError, Error, ImageError
+from ..errors import BrokenValues, ColorError, Error, ImageError, present
 from ..io.description import is_tagged
 from ..scan import scan
 from ..session import Session
@@ -261,10 +261,10 @@ def _normals(one: _Map, _: Session) -> Iterator[Finding]:
         seen = vectors(part.read(band))
         squared = (seen**2).sum(-1)
         if count == 3:
-            off += np.count_nonzero(np.abs(np.sqrt(squared) - 1) > _LENGTH)
-            below += np.count_nonzero(seen[..., 2] <= 0)
+            off += int(np.count_nonzero(np.abs(np.sqrt(squared) - 1) > _LENGTH))
+            below += int(np.count_nonzero(seen[..., 2] <= 0))
         else:
-            off += np.count_nonzero(squared > (1 + _LENGTH) ** 2)
+            off += int(np.count_nonzero(squared > (1 + _LENGTH) ** 2))
         mean[:count] += np.rint(seen * _GRID).astype(np.int64).sum((0, 1))
         total += squared.size
     if count == 2:
@@ -363,7 +363,8 @@ def _along(values: np.ndarray, axis: int) -> np.ndarray:
 def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, session: Session) -> Iterator[Finding]:
     """How much of the lightness follows from normals, and from heights."""
     part, name = albedo.image.first, albedo.image.source
-    lens = lens_for(albedo.image, session, colour_space(albedo.image, session.color, session.autocc))
+    space = present(colour_space(albedo.image, session.color, session.autocc))  # `_albedo` has it
+    lens = lens_for(albedo.image, session, space)
     vectors = None if normal is None else _decoder(normal)
     # products of 1, L, normal x and y, height: whole numbers, which add up in any order
     sums, steps = np.zeros((5, 5)), np.array([1, 64, 4096, 4096, 4096])[:, None]
@@ -371,7 +372,7 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, session: Sess
         lab, opaque = lens.values(part.read(band))
         layers = np.zeros((5, band.height, band.width))
         layers[0], layers[1] = 1, lab[..., 0]
-        if normal is not None:
+        if normal is not None and vectors is not None:
             layers[2:4] = np.moveaxis(vectors(normal.image.first.read(band))[..., :2], -1, 0)
         if height is not None:
             layers[4] = as_float(height.image.first.read(band)[..., channels_of(height.image.first.spec).colour[0]])

@@ -46,10 +46,11 @@ def padded_size(size: tuple[int, int], sigma: float, wraps: tuple[bool, bool]) -
     """Rows and columns that are transformed, of (rows, columns) that wrap along y, along x."""
     from scipy.fft import next_fast_len  # scipy is not loaded before it is needed
 
-    return tuple(
+    rows, columns = (
         n if wrap else next_fast_len(n + 2 * math.ceil(2 * min(sigma, n)), real=True)
         for n, wrap in zip(size, wraps, strict=True)
     )
+    return rows, columns
 
 
 def relief(

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ..core.demand import SomeRows
 from ..core.image import resized
 from ..deferred import np
 from ..regularity.autocorrelation import autocorrelation, high_passed
@@ -69,7 +70,7 @@ class SlantedLattice:
         return plane / (1 - plane @ self.vanishing)[:, None] + self.middle
 
 
-def slanted_lattice(values: np.ndarray, opaque: np.ndarray | None = None) -> SlantedLattice | None:
+def slanted_lattice(values: SomeRows, opaque: np.ndarray | None = None) -> SlantedLattice | None:
     """The lattice of a photo in perspective; None where there is none, or one along a single direction.
 
     Parameters
@@ -304,15 +305,15 @@ def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[n
     across, down = (np.arange(low[a], high[a], steps[a]) for a in (0, 1))
     grid = np.stack(np.meshgrid(across, down), -1)
     points = lattice.points_at(grid.reshape(-1, 2)).reshape(grid.shape)
-    inside = ((points >= 0) & (points <= size)).all(-1)
+    inside = np.logical_and.reduce((points >= 0) & (points <= size), -1)
     best, corners = 0.0, None
-    for left in range(len(across)):
-        for right in range(left + spans[0], len(across), spans[0]):
-            rows = np.flatnonzero(inside[:, left] & inside[:, right])  # the photo is convex, so all between lie inside
+    for west in range(len(across)):
+        for east in range(west + spans[0], len(across), spans[0]):
+            rows = np.flatnonzero(inside[:, west] & inside[:, east])  # the photo is convex, so all between lie inside
             if len(rows) and (high_rows := (rows[-1] - rows[0]) // spans[1] * spans[1]) > 0:
-                area = (across[right] - across[left]) * high_rows * steps[1]
+                area = (across[east] - across[west]) * high_rows * steps[1]
                 if area > best + 1e-9:
-                    best, corners = area, (across[left], down[rows[0]], across[right], down[rows[0] + high_rows])
+                    best, corners = area, (across[west], down[rows[0]], across[east], down[rows[0] + high_rows])
     if corners is None:  # less than a cell
         corners = (-0.5, -0.5, 0.5, 0.5)
     left, top, right, bottom = corners

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..core.attributes import TAG
-from ..core.image import Part, channels_of
+from ..core.image import Part, channels_of, pixels_of
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..labels.legend import colours_of
@@ -49,7 +49,7 @@ class Sheet:
         window = Window.sized(left, top, picture.shape[1], picture.shape[0])
         self._buffer.set_pixels(window.roi(3), np.ascontiguousarray(picture, np.float32))
 
-    def box(self, left: int, top: int, right: int, bottom: int, colour: Sequence[float]) -> None:
+    def box(self, left: int, top: int, right: int, bottom: int, colour: Sequence[float] | np.ndarray) -> None:
         """Fill a rectangle.
 
         Parameters
@@ -94,7 +94,7 @@ class Sheet:
 
     def image(self) -> np.ndarray:
         """What was drawn: (height, width, 3) float32."""
-        return self._buffer.get_pixels(oiio.FLOAT)
+        return pixels_of(self._buffer, oiio.FLOAT)
 
 
 def eight_bits(picture: np.ndarray) -> np.ndarray:
@@ -115,7 +115,7 @@ def sampled(part: Part, step: int) -> np.ndarray:
 def shown_pixels(pixels: np.ndarray, part: Part, session: Session) -> np.ndarray:
     """Pixels as sRGB, (h, w, 3) float: by their colour space where it is known, else as they are."""
     channels = channels_of(part.spec)
-    values = pixels.astype(np.float32)
+    values: np.ndarray = pixels.astype(np.float32)
     if pixels.dtype.kind in "ui":
         values = values / np.iinfo(pixels.dtype).max
     space = part.spec.get_string_attribute(TAG)

@@ -92,5 +92,5 @@ def _draw(sheet: Sheet, line: list[tuple[float, float]]) -> None:
     wings = [(bx - _HEAD * math.cos(way + t), by - _HEAD * math.sin(way + t)) for t in (0.45, -0.45)]
     for begin, end in (*itertools.pairwise(line), *((line[-1], wing) for wing in wings)):
         for x, y in ((0, 0), (1, 0), (0, 1)):
-            ends = (round(v) + o for v, o in zip((*begin, *end), (x, y, x, y), strict=True))
-            sheet.line(*ends, _DARK)
+            left, top, right, bottom = (round(v) + o for v, o in zip((*begin, *end), (x, y, x, y), strict=True))
+            sheet.line(left, top, right, bottom, _DARK)

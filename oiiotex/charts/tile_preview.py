@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from ..color.config import as_float
 from ..color.lab import count_broken
 from ..core.demand import BAND_BYTES, bands, on_a_torus, stream
-from ..core.image import Part
+from ..core.image import Part, pixels_of
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import BrokenValues
@@ -239,7 +239,7 @@ def reduced(photo: Part, height: int) -> Panel:
         source.set_pixels(source.roi, np.ascontiguousarray(pixels, np.float32))
         small = oiio.ImageBuf(window.apply_to(wanted))
         oiio.ImageBufAlgo.resize(small, source, "triangle")
-        return small.get_pixels(oiio.FLOAT, small.roi)
+        return pixels_of(small, oiio.FLOAT)
 
     def rows(first: int, last: int) -> np.ndarray:
         if (width, height) == whole.size:

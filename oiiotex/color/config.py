@@ -9,6 +9,7 @@ import os
 from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from ..core.attributes import TAG
 from ..core.image import Image, channels_of
@@ -177,7 +178,8 @@ class ColorConfig:
         return self._converter(name, forward=False)
 
     def _converter(self, name: str, forward: bool) -> Callable[[np.ndarray], None]:
-        source, target = (self._config, self.resolve(name)), (_lab_config(), "Lab")
+        source: tuple[Any, ...] = self._config, self.resolve(name)
+        target: tuple[Any, ...] = _lab_config(), "Lab"
         if self._interchange is not None:
             source, target = (*source, self._interchange[0]), (*target, self._interchange[1])
         try:

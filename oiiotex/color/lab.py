@@ -122,6 +122,7 @@ class Lens:
     def _unpremultiplied(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Colour (height, width, 4) as floats without alpha, and alpha where there is one."""
         colour, alpha = self.channels.colour, self.channels.alpha
+        share: np.ndarray | None
         if self._is_rgba(rows):
             values = as_float(rows)
             self._check(values)

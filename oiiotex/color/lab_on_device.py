@@ -99,7 +99,7 @@ class LabGrid:
             if self._file is not None:
                 rows = np.empty((bottom - top, self.width, 4), np.int16)
                 self._file.seek(top * self._row)
-                self._file.readinto(rows)
+                self._file.readinto(rows.data)
                 self._device.write(self._buffers["lab"], rows)
             yield Band(top, bottom, self._buffers["lab"])
 

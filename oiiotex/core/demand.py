@@ -15,9 +15,10 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from io import BufferedRandom
+from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, overload
 
-from ..deferred import np
+from ..deferred import np, oiio
 from ..errors import ImageError
 from .image import Part, Pixels, dtype_of, from_pixels
 from .window import Window
@@ -88,13 +89,13 @@ class PieceCache:
             mine = self._pieces[key] = Future()
         self._ahead.submit(self._fill_quietly, key, mine, make)
 
-    def _fill_quietly(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> None:
+    def _fill_quietly(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> None:
         try:
             self._fill(key, mine, make)
         except BaseException:  # whoever asks for the piece is told
             pass
 
-    def _fill(self, key: Hashable, mine: Future, make: Callable[[], np.ndarray]) -> np.ndarray:
+    def _fill(self, key: Hashable, mine: Future[np.ndarray], make: Callable[[], np.ndarray]) -> np.ndarray:
         try:
             pixels = make()
         except BaseException as error:
@@ -188,8 +189,13 @@ def cached(part: Part, cache: PieceCache) -> Part:
 class SomeRows(Protocol):
     """Rows for a slice, of an array with that shape and type."""
 
-    shape: tuple[int, ...]
-    dtype: np.dtype
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows first."""
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Of every value."""
 
     def __len__(self) -> int: ...
 
@@ -256,7 +262,7 @@ def materialized(part: Part, budget: int) -> Part:
     return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
 
 
-def scratch_file(size: int = 0) -> IO[bytes]:
+def scratch_file(size: int = 0) -> BufferedRandom:
     """An unnamed temporary file, which the system removes with the process, with room for `size` bytes.
 
     It is not under /tmp where that is memory: TMPDIR says where there is room.
@@ -289,7 +295,7 @@ def write_at(file: IO[bytes], array: np.ndarray, offset: int) -> None:
         The disk is full.
     """
     try:
-        if os.pwrite(file.fileno(), array, offset) < array.nbytes:
+        if os.pwrite(file.fileno(), array.data, offset) < array.nbytes:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk takes a part in silence
     except OSError as error:
         raise _no_room(error) from error
@@ -364,11 +370,15 @@ def _turns(begin: int, end: int, low: int, size: int) -> Iterator[tuple[slice, i
 # --- streaming ---
 
 
+@overload
+def stream(part: Part, windows: Iterable[Window]) -> Iterator[tuple[Window, np.ndarray]]: ...
+@overload
+def stream(part: Part, windows: Iterable[Window], buffers: Literal[True]) -> Iterator[tuple[Window, oiio.ImageBuf]]: ...
 def stream(part: Part, windows: Iterable[Window], buffers: bool = False) -> Iterator[tuple[Window, Pixels]]:
     """The part's windows in order; the next one is computed while the caller works on this one."""
-    fetch = part.buffer if buffers else part.read
+    fetch: Callable[[Window], Pixels] = part.buffer if buffers else part.read
     with ThreadPoolExecutor(1, "oiiotex-compute") as worker:
-        pending: tuple[Window, Future] | None = None
+        pending: tuple[Window, Future[Pixels]] | None = None
         try:
             for window in windows:
                 following = (window, worker.submit(fetch, window))

@@ -66,4 +66,4 @@ def gaussian_taps(sigma: float, reach: float, most: int | None = None) -> np.nda
     radius = max(1, math.ceil(reach * sigma))
     radius = radius if most is None else min(radius, most)
     weights = exponential(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
-    return weights / weights.sum()
+    return np.asarray(weights / weights.sum())

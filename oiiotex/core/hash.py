@@ -31,7 +31,7 @@ def sha1(part: Part) -> str:
             for channel in range(len(kinds)):
                 mixed[str(channel)] = pixels[..., channel]
             pixels = mixed
-        digest.update(np.ascontiguousarray(pixels))
+        digest.update(np.ascontiguousarray(pixels).data)
     return digest.hexdigest().upper()
 
 

@@ -87,11 +87,8 @@ class Part:
         """(height, width, channels) of the spec's pixel type; do not write into it."""
         if self.spec.deep:
             raise ImageError(f"part '{self.name}' is deep: expected a flat image; flatten it first")
-        pixels = self.fetch(window)
-        if isinstance(pixels, oiio.ImageBuf):
-            array = pixels.get_pixels(self.spec.format, window.roi(self.spec.nchannels))
-            return array.reshape(window.height, window.width, self.spec.nchannels)
-        return pixels
+        pixels, roi = self.fetch(window), window.roi(self.spec.nchannels)
+        return pixels_of(pixels, self.spec.format, roi) if isinstance(pixels, oiio.ImageBuf) else pixels
 
     def buffer(self, window: Window) -> oiio.ImageBuf:
         """As an ImageBuf with that data window, for ops of the host; do not write into it."""
@@ -102,7 +99,7 @@ class Part:
         spec.set_format(self.working_type)
         buffer = oiio.ImageBuf(spec, False)
         if isinstance(pixels, oiio.ImageBuf):
-            pixels = pixels.get_pixels(self.working_type, window.roi(self.spec.nchannels))
+            pixels = pixels_of(pixels, self.working_type, window.roi(self.spec.nchannels))
         buffer.set_pixels(buffer.roi, np.ascontiguousarray(pixels))
         return buffer
 
@@ -219,6 +216,15 @@ def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec, stored: oii
     return Part(name, spec, lambda window: pixels[window.inside(whole)], stored, ready=True)
 
 
+def pixels_of(buffer: oiio.ImageBuf, kind: oiio.TypeDesc | oiio.BASETYPE, roi: oiio.ROI | None = None) -> np.ndarray:
+    """The pixels of a buffer, or a region of it: (height, width, channels); an ImageError where they cannot be read."""
+    roi = roi or buffer.roi
+    pixels = buffer.get_pixels(kind, roi)
+    if pixels is None:
+        raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror()) or 'cannot be read'}")
+    return pixels.reshape(roi.height, roi.width, roi.nchannels)
+
+
 def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
     """A part that lies in memory as an ImageBuf which nobody changes any more."""
     spec = oiio.ImageSpec(buffer.spec())
@@ -227,10 +233,8 @@ def in_memory(name: str, buffer: oiio.ImageBuf) -> Part:
     def fetch(window: Window) -> Pixels:
         if window == whole:
             return buffer
-        if spec.deep:
-            return oiio.ImageBufAlgo.crop(buffer, roi=window.roi(spec.nchannels))
-        pixels = buffer.get_pixels(spec.format, window.roi(spec.nchannels))
-        return pixels.reshape(window.height, window.width, spec.nchannels)
+        roi = window.roi(spec.nchannels)
+        return oiio.ImageBufAlgo.crop(buffer, roi=roi) if spec.deep else pixels_of(buffer, spec.format, roi)
 
     return Part(name, spec, fetch, ready=True)
 
@@ -332,7 +336,9 @@ def from_buffer(buffer: oiio.ImageBuf) -> Image:
     spec = oiio.ImageSpec(buffer.spec())
     if spec.deep or spec.depth > 1:
         raise ImageError(f"{buffer.name or 'ImageBuf'}: deep and volume images are not supported")
-    pixels = buffer.get_pixels(spec.format, buffer.roi).reshape(spec.height, spec.width, spec.nchannels)
+    pixels = pixels_of(buffer, spec.format)
+    if buffer.has_error:  # its file is broken: what cannot be read is black
+        raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror())}")
     name = spec.get_string_attribute("oiio:subimagename") or "part0"
     return Image((from_pixels(name, pixels, spec, spec.format),), buffer.name or "ImageBuf")
 
@@ -382,7 +388,7 @@ def resized(pixels: SomeRows, width: int, height: int, rows: slice | None = None
         )
         source.set_pixels(source.roi, np.ascontiguousarray(pixels[first:last], np.float32))
         oiio.ImageBufAlgo.resize(target, source, "triangle")
-        small[top - rows.start : bottom - rows.start] = target.get_pixels(oiio.FLOAT, target.roi)
+        small[top - rows.start : bottom - rows.start] = pixels_of(target, oiio.FLOAT)
     return small
 
 

@@ -29,14 +29,14 @@ _FLOATS = (2 - 2**-23) * 2.0**127
 _TRUE, _FALSE = ("1", "on", "true", "yes"), ("0", "off", "false", "no")
 
 
-class Numbers(tuple):
+class Numbers(tuple[float, ...]):
     """Numbers separated by commas: a colour, a matrix, a list of coordinates."""
 
     def __str__(self) -> str:
         return ",".join(f"{n:.9g}" for n in self)
 
 
-class Words(tuple):
+class Words(tuple[str, ...]):
     """Texts separated by commas: the kinds of several maps, the names of panels."""
 
     def __str__(self) -> str:
@@ -260,12 +260,16 @@ def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "") -> 
     return dataclasses.field(default=default, metadata={_FIELD: {"help": help, "count": count}})
 
 
-@functools.cache
 def declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     """(input images, parameters) of an op's dataclass, in the order of declaration.
 
     An op's own parameters come before those that it shares with others.
     """
+    return _declared(op)
+
+
+@functools.cache  # not `declared` itself: to mypy the class of a frozen dataclass has no hash
+def _declared(op: type) -> tuple[tuple[Parameter, ...], tuple[Parameter, ...]]:
     hints = typing.get_type_hints(op)
     images, parameters = [], []
     for field in dataclasses.fields(op):

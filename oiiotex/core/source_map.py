@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from ..deferred import np, oiio
 from ..errors import ImageError
@@ -14,6 +14,9 @@ from .demand import SomeRows, rows_of
 from .image import Part, derived_spec, spec_beside
 from .op import Kind, Output
 from .window import Window
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 COPIED = "pixels copied from the photo, all channels together, in its own colour space and type"
 ST = Output(
@@ -32,7 +35,7 @@ class SourceMap:
 
     Attributes
     ----------
-    packed : array of uint32, of any shape; uint64 where `bits` are more than 16; or an `io.row_store.RowStore` of such
+    packed : array of uint32, of any shape; uint64 where `bits` are more than 16; or what `of_rows` takes:
         number << 2 * bits | y << bits | x: the exemplar's number where there are several, row and column.
     bits : int
     """
@@ -41,10 +44,15 @@ class SourceMap:
     bits: int = BITS
 
     @classmethod
-    def of(cls, y: np.ndarray, x: np.ndarray, bits: int = BITS) -> SourceMap:
+    def of(cls, y: ArrayLike, x: ArrayLike, bits: int = BITS) -> SourceMap:
         """Of rows and columns, which may have any shapes that go together."""
-        kind = np.uint32 if bits <= BITS else np.uint64
+        kind: type[np.unsignedinteger] = np.uint32 if bits <= BITS else np.uint64
         return cls(np.asarray(y, kind) << kind(bits) | np.asarray(x, kind), bits)
+
+    @classmethod
+    def of_rows(cls, packed: SomeRows) -> SourceMap:
+        """Of rows that may lie in a file, as an `io.row_store.RowStore`: `packed` then has no more than `SomeRows`."""
+        return cls(cast("np.ndarray", packed))
 
     @classmethod
     def of_coordinates(cls, st: np.ndarray, spec: oiio.ImageSpec, name: str) -> SourceMap:

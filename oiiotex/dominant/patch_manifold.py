@@ -29,11 +29,10 @@ _EVERY = 16  # of a row's distances, from which the k smallest of all are estima
 _COVARIANCE = 4096  # texels that the components are learned from
 _PIECES = 8  # in which an image is blurred
 _CURVE = 96  # kernel sizes that are tried
-Spread = Callable[[Callable, Iterable], Iterable]
 _STRONG = 0.7  # of the strongest response: a longer period that reaches it goes first
 
 
-def patch_size(light: np.ndarray, spread: Spread = map) -> int:
+def patch_size(light: np.ndarray, spread: Callable[..., Iterable[np.ndarray]] = map) -> int:
     """LDR09 step 1: the period that answers most strongly along one of four directions, an odd number of px.
 
     Departures, because the text says no more than that: the window is Hann's; a direction is a wedge of 45 degrees; a
@@ -82,7 +81,7 @@ def patch_size(light: np.ndarray, spread: Spread = map) -> int:
     return int(np.clip(period | 1, LEAST_PATCH, most - 1 + most % 2))
 
 
-def _blurred(light: np.ndarray, sigma: float, spread: Spread) -> np.ndarray:
+def _blurred(light: np.ndarray, sigma: float, spread: Callable[..., Iterable[np.ndarray]]) -> np.ndarray:
     """`scipy.ndimage.gaussian_filter`, some columns and then some rows at a time."""
     for axis in (0, 1):
         pieces = np.array_split(light, _PIECES, axis=1 - axis)

@@ -161,7 +161,8 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
     sums, level, contrast = (scratch[name][torus] for name in ("sums", "level", "contrast"))
     number, count = sums[..., 0], level.shape[-1]
     sigma = _PLANE * radius if robust else radius / 2
-    fit = _LocalFit(number, *(smoothing_taps(sigma, step) for step in cells.steps), wraps)
+    taps_y, taps_x = (smoothing_taps(sigma, step) for step in cells.steps)
+    fit = _LocalFit(number, taps_y, taps_x, wraps)
     inside, safe = number > 0, np.maximum(number, 1.0)
     disc, near = (_Disc(inside, [share * radius / step for step in cells.steps], wraps) for share in (1.0, _SPOT))
     for c in range(count):
@@ -170,11 +171,11 @@ def _drift(cells: Cells, scratch: dict[str, np.ndarray], radius: float, robust: 
         level[..., c] = plane + disc.medians(total / safe - plane) if robust else plane
     if robust:
         _add_contrast(level, contrast, scratch["spots"][torus], sums, disc, near)
-    overall = [np.median(plane[inside], axis=0) for plane in (level, contrast)]
-    level[fit.weight <= 0] = overall[0]
+    overall_level, overall_contrast = (np.median(plane[inside], axis=0) for plane in (level, contrast))
+    level[fit.weight <= 0] = overall_level
     for name in ("level", "contrast", "spots"):
         close_margins(scratch[name], wraps)
-    return Drift(cells, scratch["level"], scratch["contrast"], *overall, scratch["spots"])
+    return Drift(cells, scratch["level"], scratch["contrast"], overall_level, overall_contrast, scratch["spots"])
 
 
 def _add_contrast(

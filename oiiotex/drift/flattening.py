@@ -106,7 +106,7 @@ def correction_part(change: Correction | None, part: Part) -> Part:
 
     def fetch(window: Window) -> np.ndarray:
         if change is None:
-            return np.broadcast_to(np.repeat(np.float32([1, 0]), 3), (window.height, window.width, 6)).copy()
+            return np.broadcast_to(np.repeat(np.array([1, 0], np.float32), 3), (window.height, window.width, 6)).copy()
         return change.field.values(window)[..., [0, 1, 2, 4, 5, 6]]
 
     return Part("drift", spec_beside(part.spec, names), fetch, ready=True)

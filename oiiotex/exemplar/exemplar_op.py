@@ -130,8 +130,8 @@ class LabelledExemplar(Op):
 class ExemplarOp(LabelledExemplar):
     """What is copied together from one photo, or from one label in it."""
 
-    mask: Image | None = image(None, help=MASK)
-    label: int | None = param(None, ge=1, help=LABEL)
+    mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
+    label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
 
     def _allowed(self) -> np.ndarray | None:
         if self.label is None and (self.level is not None or self.labels is not None):

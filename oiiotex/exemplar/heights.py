@@ -101,7 +101,7 @@ def large_steps(heights: np.ndarray, least: float, wrap: tuple[bool, bool] = (Fa
     large = total = 0
     for axis, wraps in ((1, wrap[0]), (0, wrap[1])):
         step = np.diff(heights, axis=axis, append=np.take(heights, [0], axis)) if wraps else np.diff(heights, axis=axis)
-        large += np.count_nonzero(np.abs(step) > least)
+        large += int(np.count_nonzero(np.abs(step) > least))
         total += step.size
     return large / max(1, total)
 

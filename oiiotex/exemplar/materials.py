@@ -85,6 +85,7 @@ def _read(
 ) -> tuple[SomeRows, np.ndarray | None]:
     weights = _weights(match, named)
     _require_alike(maps)
+    values: SomeRows
     layers, opaque = [], None
     for image, kind, weight in zip(maps, named, weights, strict=True):
         if weight == 0:
@@ -107,15 +108,15 @@ def _read(
     if len(layers) == 1 and count >= 3 and layers[0][1] == 1:
         return layers[0][0], opaque
     height, width = layers[0][0].shape[:2]
-    values = empty_rows((height, width, max(3, count)), np.float32, in_memory)  # reports look at three
-    step = max(1, AT_ONCE // (4 * values.shape[2] * width))
+    joined = empty_rows((height, width, max(3, count)), np.float32, in_memory)  # reports look at three
+    step = max(1, AT_ONCE // (4 * joined.shape[2] * width))
     for top in range(0, height, step):
         rows = slice(top, min(top + step, height))
-        seen = [layer[rows] if weight == 1 else layer[rows] * weight for layer, weight in layers]
+        pieces = [layer[rows] if weight == 1 else layer[rows] * weight for layer, weight in layers]
         if count < 3:
-            seen.append(np.zeros((*seen[0].shape[:2], 3 - count), np.float32))
-        values[rows] = np.concatenate(seen, axis=-1)
-    return values, opaque
+            pieces.append(np.zeros((*pieces[0].shape[:2], 3 - count), np.float32))
+        joined[rows] = np.concatenate(pieces, axis=-1)
+    return joined, opaque
 
 
 def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+from ..core.demand import SomeRows
 from ..deferred import np
 from ..io.disk_cache import cached_arrays, hash_of
 from ..opencl.device import Device
@@ -118,7 +119,7 @@ class SigmaTiles:
     """
 
     def __init__(
-        self, device: Device, values: np.ndarray, usable: np.ndarray | None, recipe: Recipe, budget: int,
+        self, device: Device, values: SomeRows, usable: np.ndarray | None, recipe: Recipe, budget: int,
         ruled_out: str,
     ):  # fmt: skip
         self._device, self._budget, self._ruled_out = device, budget, ruled_out

@@ -50,7 +50,7 @@ class Composite(Quilted):
         REPORT,
     )
 
-    mask: Image | None = image(None, help=MASK)
+    mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
     size: Size | None = param(
         None, ge=8, le=1 << 22, unit="px", help="of the result; twice the exemplar's when left out"
     )

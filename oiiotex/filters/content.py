@@ -97,7 +97,8 @@ class Content(ScanThenMap):
         histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
         key = key_of(histograms[labels.level])
         contents = Contents(labels.part, side, session, key, passes=2 if self.table else 1)
-        picture = functools.partial(_shown, *(cached(p, session.cache) for p in (first, labels.part)), session)
+        photo, labelled = (cached(part, session.cache) for part in (first, labels.part))
+        picture = functools.partial(_shown, photo, labelled, session)
         drawn = _key_table(picture, contents) if self.table else _marked(first, picture, contents, left, top)
         return {"view": drawn, "facts": lambda: _facts(contents, labels.level, left, top, histograms)}
 

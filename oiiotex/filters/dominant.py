@@ -153,7 +153,7 @@ def _mask(texture: DominantTexture, pixels: LabPixels, colours: np.ndarray | Non
     return mask.astype(np.float32)[..., None]
 
 
-def _chart(texture: DominantTexture) -> Part:
+def _chart(texture: DominantTexture) -> np.ndarray:
     from ..charts.dominant_chart import diagnostics
 
     return diagnostics(texture)

@@ -61,7 +61,7 @@ class EstimateRoughness(ScanThenMap):
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.amount)
         overall = np.float32(0 if drift is None else drift.overall_level[0])
-        if overall == 0:  # nothing to be seen, or no detail anywhere
+        if drift is None or overall == 0:  # nothing to be seen, or no detail anywhere
 
             def even(window: Window) -> np.ndarray:
                 return np.full((window.height, window.width, 1), middle)

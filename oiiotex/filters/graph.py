@@ -22,7 +22,7 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import Numbers, Parameter, image, param
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, present
 from ..io.reading import read
 from ..multiscale.graph import LOOP_R, Graph, parse_graph
 from ..multiscale.infinite_plane import graph_images
@@ -144,7 +144,7 @@ class ExemplarGraph(Whole):
         suffix = Path(photo.source).suffix.lower()
         if suffix not in _KEPT:
             suffix = ".png" if np.dtype(dtype_of(photo.first.spec)).kind in "ui" else ".exr"
-        return self.json.with_name(f"{self.json.stem}_{factor}{suffix}")
+        return present(self.json).with_name(f"{present(self.json).stem}_{factor}{suffix}")
 
     def _cut(self) -> dict[int, Image]:
         """Exemplars around the photo's centre, from the whole of it, reduced, to a piece at full size."""

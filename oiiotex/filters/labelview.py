@@ -102,7 +102,7 @@ def _places(
 ) -> dict[int, tuple[float, float]]:
     """Left and right of every label that has pixels: side by side within their parent, by area."""
     parents = np.where(np.isin(parents, list(above)), parents, 0)
-    places = {}
+    places: dict[int, tuple[float, float]] = {}
     for parent in np.unique(parents[areas > 0]):
         members = np.flatnonzero((parents == parent) & (areas > 0))
         left, right = above.get(int(parent), (0.0, width))

@@ -86,7 +86,7 @@ class Multiscale(AnyWindow):
         for given in images:
             for part in given.parts[1:]:
                 log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, given.source)
-        how = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
+        how: dict[str, Any] = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
         return session.resources.remembered(

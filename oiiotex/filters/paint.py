@@ -16,7 +16,7 @@ from ..core.parameters import Size, Words, image, param
 from ..core.source_map import COPIED, ST
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ParameterError
+from ..errors import ParameterError, present
 from ..exemplar.exemplar_masks import label_levels
 from ..graphcut.seam_overlay import TILE, SeamOverlay
 from ..quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
@@ -65,7 +65,7 @@ class Paint(Quilted):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture, and what else can be asked for."""
-        if self.before is not None and self.fine is None and read_begun(self.before, session.budget).fine:
+        if self.before is not None and self.fine is None and present(read_begun(self.before, session.budget)).fine:
             log.info("%s: %s has a fine painting, which is not laid over this one", self.flag(), self.before)
         quality = Quality.of_copies(self, session, self.size or self.painting.first.window.size, painted=True)
         table = None if self.table is None else read_table(self.table, self.soft)

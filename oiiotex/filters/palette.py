@@ -20,7 +20,7 @@ from ..core.parameters import param
 from ..core.source_map import ST, SourceMap
 from ..core.window import Window
 from ..deferred import np
-from ..exemplar.exemplar_masks import both, label_levels, label_map
+from ..exemplar.exemplar_masks import label_levels, label_map
 from ..exemplar.exemplar_op import ExemplarPixels, LabelledExemplar
 from ..io.paint_palette import Paint
 from ..labels.content_scan import add_areas
@@ -157,7 +157,8 @@ class Palette(LabelledExemplar, InBands):
 
         down, across = window.inside(Window(0, 0, 0, 0))
         allowed = labels.part.read(window.shifted(labels.part.spec.x, labels.part.spec.y))[..., 0] == label
-        allowed = both(allowed, None if seen.usable is None else seen.usable[down, across])
+        if seen.usable is not None:
+            allowed = allowed & seen.usable[down, across]
         rows, columns = (np.flatnonzero(allowed.any(axis)) for axis in (1, 0))
         around = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
         lab = np.ascontiguousarray(seen.values[down][around[0], across][:, around[1]])

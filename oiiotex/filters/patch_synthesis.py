@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -151,7 +151,8 @@ class PatchSynthesis(MaterialOp, InBands):
             wanted = lattice.on_torus(recipe)
             recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
             steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
-            quality = replace(quality, cycles=tuple(map(float, np.abs(wanted).max(0))), lattice=steps)
+            across, down = np.abs(wanted).max(0).tolist()
+            quality = replace(quality, cycles=(across, down), lattice=steps)
         elif self.kept_structure > 0:
             courses = seen.remembered(session, photo_courses, self.flag())
             if courses is not None:
@@ -374,7 +375,7 @@ class PatchSynthesis(MaterialOp, InBands):
                 tiles.append(tile | {"tile": edged(tile["tile"], f"wang{number:02d}_{edges}", str(edges))})
         names = (tile["tile"].name for tile in tiles[:: len(maps)])
 
-        def looked_at() -> tuple[np.ndarray, list[Look]]:
+        def looked_at() -> tuple[np.ndarray, Iterator[Look]]:
             exemplar = lab()
             looks = (Look.of_copies(name, exemplar, source) for name, source in zip(names, sources, strict=True))
             return own(), looks

@@ -16,7 +16,7 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import Words, image, param
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, present
 from ..session import Session
 
 PANELS = ("exemplar", "seamless", "2x2", "3x3", "plane")
@@ -67,18 +67,18 @@ class Preview(Gather):
             look_through(tile, [panels[name] for name in names if name not in _OF_EXEMPLAR], self.tile.source)
             if photo is not None:
                 seamless = [panels[name] for name in names if name == "seamless"]
-                look_through(photo, seamless, self.exemplar.source, seamless=True)
+                look_through(photo, seamless, present(self.exemplar).source, seamless=True)
         return {"preview": self._sheet(tile, [panels[name] for name in names])}
 
     def _panels(self, names: list[str], tile: Part, photo: Part | None, budget: int) -> dict[str, Panel]:
         """Those that are asked for, to be filled in."""
         across, channels = self.height * 3 // 2, tile.spec.nchannels
         kept = 8 * channels * (self.height + 1)  # bytes of a column's sums
-        need = sum(kept * (photo if name in _OF_EXEMPLAR else tile).spec.width for name in names)
+        need = sum(kept * ((photo if name in _OF_EXEMPLAR else tile) or tile).spec.width for name in names)
         here = need <= budget // 4
         makers: dict[str, Callable[[], Panel]] = {
-            "exemplar": lambda: reduced(photo, self.height),
-            "seamless": lambda: laid(photo.window.size, channels, 2, self.height, here),
+            "exemplar": lambda: reduced(present(photo), self.height),
+            "seamless": lambda: laid(present(photo).window.size, channels, 2, self.height, here),
             "2x2": lambda: laid(tile.window.size, channels, 2, self.height, here),
             "3x3": lambda: laid(tile.window.size, channels, 3, self.height, here),
             "plane": lambda: plane(tile.window.size, channels, across, self.height, here),

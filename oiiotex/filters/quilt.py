@@ -11,7 +11,7 @@ from ..core.image import Image, Part
 from ..core.op import Kind, Output
 from ..core.parameters import Words, image, param
 from ..core.source_map import COPIED, ST
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, present
 from ..exemplar.exemplar_op import LABEL, MASK
 from ..exemplar.photo_lattice import Structured
 from ..quilting.guide_map import SOFT, meaning_of, read_table
@@ -42,8 +42,8 @@ class Quilting(Quilted, Structured):
         REPORT,
     )
 
-    mask: Image | None = image(None, help=MASK)
-    label: int | None = param(None, ge=1, help=LABEL)
+    mask: Image | None = image(None, help=MASK)  # type: ignore[misc]  # the base class has none
+    label: int | None = param(None, ge=1, help=LABEL)  # type: ignore[misc]  # the base class has none
     guide: Image | None = image(
         None, help="what is to be where: ids of labels, or ids or colours that table gives a meaning; of any size"
     )
@@ -82,7 +82,7 @@ class Quilting(Quilted, Structured):
         table = None if self.table is None else read_table(self.table, self.soft)
         return Sewing(
             op=self, guide=self.guide, level=self.level, size=self.size, patch=self.patch, overlap=self.overlap,
-            structured=self, meaning=lambda there: meaning_of(self.guide.first, table, there),
+            structured=self, meaning=lambda there: meaning_of(present(self.guide).first, table, there),
         )  # fmt: skip
 
     def _rendered(self, session: Session) -> dict[str, Part]:

@@ -15,7 +15,7 @@ from ..color.config import as_float
 from ..color.lab import in_type, working_values
 from ..core.access import Gather
 from ..core.demand import materialized
-from ..core.image import Image, Part, derived_spec, dtype_of, spec_beside
+from ..core.image import Image, Part, derived_spec, dtype_of, pixels_of, spec_beside
 from ..core.op import Kind, Output, Space
 from ..core.parameters import Numbers, Size, image, param
 from ..core.source_map import STMAP
@@ -178,8 +178,7 @@ class Rectify(Gather):
             target = oiio.ImageBuf(_floats(window, spec))
             roi = window.roi(spec.nchannels)
             oiio.ImageBufAlgo.warp(target, source, values, self.filter, 0.0, False, "black", roi)
-            found = target.get_pixels(oiio.FLOAT, roi).reshape(window.height, window.width, spec.nchannels)
-            return in_type(found, dtype)
+            return in_type(pixels_of(target, oiio.FLOAT, roi), dtype)
 
         def fetch(window: Window) -> np.ndarray:
             out = np.empty((window.height, window.width, spec.nchannels), dtype)

@@ -14,7 +14,7 @@ from ..core.image import Image, Part
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np, oiio
-from ..errors import ParameterError
+from ..errors import ParameterError, present
 from ..session import Session
 from ..superpixels.hierarchy import Hierarchy, hierarchy
 from ..superpixels.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Superpixels, label_part, superpixels
@@ -95,7 +95,7 @@ class Superpixel(ScanThenMap):
     def _level(self, finest: Superpixels, levels: Hierarchy) -> tuple[float, np.ndarray]:
         """Scale and partition that were asked for, or the nearest there are."""
         if self.count is None:
-            level = levels.level_of(self.sigma)
+            level = levels.level_of(present(self.sigma))
             return float(levels.sigmas[level]), levels.partition(level)
         count = min(max(self.count, int(levels.counts[-1])), finest.count)
         if count != self.count:

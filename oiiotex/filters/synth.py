@@ -169,8 +169,8 @@ class Synth(Multiscale, Structured):
             return self.in_step(lattice, Domain(root.side, root.side))
         zoom = 2.0 ** (level - plane.finest)  # pixels of the level in one of the square
         fitting_size(self.flag(), lattice.scaled(zoom, zoom), Size(*around), True, (True, True), 1 << level)
-        sides = (max(1, round(n / zoom)) for n in around)
-        return self.in_step(lattice, Domain(*sides, True, True))
+        width, height = (max(1, round(n / zoom)) for n in around)
+        return self.in_step(lattice, Domain(width, height, True, True))
 
     def _maps(self, plane: Plane, states: States, texture: oiio.ImageSpec) -> dict[str, Part]:
         """The parts 'st' and, with a graph, 'transfer'."""

@@ -68,8 +68,8 @@ class Variants(Whole):
         for name, value, text in self._values(op):
             for seed in range(self.seed, self.seed + self.seeds):
                 values = {"seed": seed, "data": self.data} | ({name: value} if name else {})
-                images = {i.attribute: None for i in op.optional_images()}
-                uses.append((f"{text} seed={seed}".strip(), op(exemplar=self.exemplar, **images, **values)))
+                images = {"exemplar": self.exemplar} | {i.attribute: None for i in op.optional_images()}
+                uses.append((f"{text} seed={seed}".strip(), op(**images, **values)))
         return uses
 
     def _values(self, op: type[Op]) -> list[tuple[str, Any, str]]:

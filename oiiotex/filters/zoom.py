@@ -77,10 +77,10 @@ class Zoom(Multiscale):
         number = self.first if self.frame is None else self.frame
         zoom = self._zoom(plane, number)
         side = 1 << plane.finest
-        at = tuple(Fraction(n) / side for n in self.at or (side / 2, side / 2))
+        x, y = (Fraction(n) / side for n in self.at or (side / 2, side / 2))
         last = self._zoom(plane, number + self.count - 1) if self.movie else zoom
         farthest = max(zoom, last)
-        if max(map(abs, at)) * 2 ** math.ceil(farthest) > FARTHEST:
+        if max(abs(x), abs(y)) * 2 ** math.ceil(farthest) > FARTHEST:
             raise ParameterError(f"at={self.at}: at {farthest:.6g} octaves it is more than 2^60 px away from 0,0")
         if self.movie and self.movie.suffix.lower() == ".gif":
             session.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "take fewer: count=")
@@ -88,7 +88,7 @@ class Zoom(Multiscale):
         whole = Window(0, 0, width, height)
 
         def frame_at(zoom: float) -> Part:
-            shown = Zoomed(session, plane, maker, views(zoom, at, width, height), width, height)
+            shown = Zoomed(session, plane, maker, views(zoom, (x, y), width, height), width, height)
             spec = texture_spec(first.spec, whole, whole)
             spec.attribute("oiiotex:zoom", zoom)
             return Part(first.name, spec, shown.pixels, first.stored)

@@ -12,6 +12,7 @@ from ..color.lab_grid import FINE_STEPS, to_grid
 from ..core.demand import PieceCache, write_at
 from ..core.source_map import NONE, SourceMap
 from ..deferred import np
+from ..errors import present
 from ..io.row_store import RowStore
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class Tiles:
         first = top // SIDE * self._across
         self._store[first : first + self._across] = tiles
 
-    def __getitem__(self, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def __getitem__(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
         y, x = np.broadcast_arrays(*at)
         out = np.empty((*y.shape, *self.shape[2:]), self.dtype)
         tile = y // SIDE * self._across + x // SIDE
@@ -79,7 +80,7 @@ class Photo:
 
     def __init__(self, lab: np.ndarray | Tiles, usable: np.ndarray | Tiles):
         self.lab, self.usable = lab, usable
-        self.shape: tuple[int, int] = usable.shape[:2]
+        self.shape: tuple[int, ...] = usable.shape[:2]
 
     @classmethod
     def of(cls, values: Any, usable: Any, budget: int) -> Photo:
@@ -112,10 +113,10 @@ class Photo:
                 able = np.asarray(usable[first:last])
                 colours = _with_neighbours(colours, able)
             for target, rows in ((lab, colours[mine]), (allowed, able[mine])):
-                if here:
-                    target[top:bottom] = rows
-                else:
+                if isinstance(target, Tiles):
                     target.put(top, rows)
+                else:
+                    target[top:bottom] = rows
         return cls(lab, allowed)
 
     def reduced(self, factor: int) -> tuple[np.ndarray, np.ndarray]:
@@ -198,7 +199,7 @@ class Laid(RowStore):
         out = np.empty((len(rows), len(columns)), self.dtype)
         for into, run in _runs(columns):
             for n, y in enumerate(rows.tolist()):
-                data = os.pread(self._file.fileno(), len(run) * self.dtype.itemsize, self._offset(y, run))
+                data = os.pread(present(self._file).fileno(), len(run) * self.dtype.itemsize, self._offset(y, run))
                 out[n, into] = np.frombuffer(data, self.dtype)
         return SourceMap(out)
 
@@ -209,7 +210,7 @@ class Laid(RowStore):
             return
         for into, run in _runs(columns):
             for n, y in enumerate(rows.tolist()):
-                write_at(self._file, np.ascontiguousarray(values.packed[n, into]), self._offset(y, run))
+                write_at(present(self._file), np.ascontiguousarray(values.packed[n, into]), self._offset(y, run))
 
     def first_hole(self, top: int) -> tuple[int, int] | None:
         """Row and column of the first pixel without a source, from that row on."""

@@ -75,7 +75,7 @@ def graph_cut(
     budget: int,
     progress: Callable[[int, int], None],
     in_step: InStep | None = None,
-    spread: Callable[..., Iterable] = map,
+    spread: Callable[..., Iterable[Any]] = map,
 ) -> SourceMap:
     """Lay and cut patches until all is covered, then lay the worst seams over.
 
@@ -121,7 +121,7 @@ def graph_cut(
         while done < len(sites) * (2 + refined):  # there may be fewer cells than sites
             done += 1
             progress(done, total)
-    return SourceMap(canvas.laid)
+    return SourceMap.of_rows(canvas.laid)
 
 
 def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]]:
@@ -260,7 +260,7 @@ class _Canvas:
         """Take some pixels of a patch; of the window only what lies inside is written, and nothing twice."""
         rows, columns = (np.flatnonzero(seen.inside.any(axis)) for axis in (1, 0))
         inside = np.ix_(rows, columns)
-        at = patch[(slice(None), *inside)].clip(0)  # a patch may begin outside of the photo
+        at = patch[:, inside[0], inside[1]].clip(0)  # a patch may begin outside of the photo
         packed = np.where(taken[inside], SourceMap.of(*at).packed, seen.laid.packed[inside])
         self.laid.put(seen.rows[rows], seen.columns[columns], SourceMap(packed))
 

@@ -39,7 +39,7 @@ class Nearest(NamedTuple):
 
     Attributes
     ----------
-    index : (n, k) int32
+    indices : (n, k) int32
         In rising order.
     squared : (n, k) int32
         Squared distances to them.
@@ -47,7 +47,7 @@ class Nearest(NamedTuple):
         Squared distance to the sixth closest point, copies counted; 0 where more than so many are equal.
     """
 
-    index: np.ndarray
+    indices: np.ndarray
     squared: np.ndarray
     scales: np.ndarray
 
@@ -154,8 +154,8 @@ def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float
 
     Relative distances are counted in bins of 1/128 octave, which a shift of their bits gives.
     """
-    relative = near.squared / (scale[:, None] * scale[near.index])
-    shares = counts[:, None] * counts[near.index].astype(np.float64)
+    relative = near.squared / (scale[:, None] * scale[near.indices])
+    shares = counts[:, None] * counts[near.indices].astype(np.float64)
     diagonal = float((counts.astype(np.float64) ** 2).sum())
     shift = 52 - _BINS_PER_OCTAVE_BITS
     bins = relative.ravel().view(np.int64) >> shift
@@ -184,10 +184,10 @@ def _symmetric(near: Nearest, counts: np.ndarray, session: Session) -> tuple[Spa
 
     A share is what an edge weighs where nothing lies between: half where only one is near to the other.
     """
-    n, k = near.index.shape
-    mutual = _mutual(near.index, session)
+    n, k = near.indices.shape
+    mutual = _mutual(near.indices, session)
     row, place = np.nonzero(~mutual)
-    others = near.index[row, place].astype(np.int64)
+    others = near.indices[row, place].astype(np.int64)
     order = np.argsort(others * n + row)  # all differ: any way of sorting gives the same
     row, place, others = row[order], place[order], others[order]
     lengths = 1 + k + np.bincount(others, minlength=n)
@@ -197,7 +197,7 @@ def _symmetric(near: Nearest, counts: np.ndarray, session: Session) -> tuple[Spa
     own = starts[:-1]
     forward = own[:, None] + np.arange(1, k + 1, dtype=np.int32)
     backward = own[others] + 1 + k + (np.arange(len(others)) - np.searchsorted(others, np.arange(n))[others])
-    columns[own], columns[forward], columns[backward] = np.arange(n), near.index, row
+    columns[own], columns[forward], columns[backward] = np.arange(n), near.indices, row
     squared[forward], squared[backward] = near.squared, near.squared[row, place]
     shares[forward], shares[backward] = np.where(mutual, np.float32(1), np.float32(0.5)), 0.5
     if int(counts.max()) > 1:

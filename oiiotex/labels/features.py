@@ -17,6 +17,7 @@ import numpy as np
 from ..color.lab_grid import mean_lab
 from ..core.elementary import root
 from ..core.window import Window
+from ..errors import present
 from ..opencl.buffers import Buffers
 from ..session import Session
 from ..superpixels.superpixels import Superpixels
@@ -46,7 +47,7 @@ def features_of(kind: str, superpixels: Superpixels, small: SmallLab, session: S
     session : Session
     """
     if kind == "moments":
-        return lambda groups: moments(superpixels.power_sums, superpixels.sizes, groups)
+        return lambda groups: moments(present(superpixels.power_sums), superpixels.sizes, groups)
     if kind == "quadtree":
         return _quadtree(small, superpixels)
     if kind == "gabor":

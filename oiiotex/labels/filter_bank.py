@@ -124,8 +124,8 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, session: Sess
     with Buffers(device, layout, session.budget, "the filter bank", tables={"looks": looks}) as buffers:
         numbers = radius, width, count * height
         run("across", (width, count * height), buffers["looks"], buffers["across"], weights, *numbers)
-        rows, numbers = device.upload(mirrored), (radius, width, height, count)
-        run("down", (width, height, count), buffers["across"], buffers["down"], weights, rows, *numbers)
+        rows, sizes = device.upload(mirrored), (radius, width, height, count)
+        run("down", (width, height, count), buffers["across"], buffers["down"], weights, rows, *sizes)
         return device.read(buffers["down"], layers.shape, np.float32)
 
 

@@ -33,7 +33,7 @@ def settled(likely: np.ndarray, edges: np.ndarray, session: Session) -> np.ndarr
     ends = np.concatenate([edges, edges[:, ::-1]])
     ends = ends[np.argsort(ends[:, 0], kind="stable")]
     starts = np.searchsorted(ends[:, 0], np.arange(places + 1)).astype(np.int32)
-    tables = {
+    tables: dict[str, np.ndarray] = {
         "starts": starts, "neighbours": np.append(ends[:, 1], 0).astype(np.int32),
         "alone": logarithm(likely + UNLIKELY).astype(np.float32), "seen": np.ones(places, np.uint8),
     }  # fmt: skip

@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from ..core.elementary import logarithm
+from ..errors import present
 from ..session import Session
 from .affinity_graph import AffinityGraph
 from .products import Spread, gram, product
@@ -169,7 +170,7 @@ def _power(matrix: np.ndarray, exponent: int) -> np.ndarray:
             result = square if result is None else _multiplied(result, square)
         exponent >>= 1
         if not exponent:
-            return result
+            return present(result)
         square = _multiplied(square, square)
 
 

@@ -60,9 +60,10 @@ class Looks:
             return np.clip(_fitted(values(maps[role])[..., :1], size), 0, 1)
 
         rough = 1 - scalar("gloss", 0.3) if "gloss" in maps and "roughness" not in maps else scalar("roughness", 0.7)
-        normal = np.float32([[[0, 0, 1]]])
+        normal = np.array([[[0, 0, 1]]], np.float32)
         if "normal" in maps:
-            normal = _fitted(vectors(maps["normal"]), size) * np.float32([1, -1 if hand == "directx" else 1, 1])
+            signs = np.array([1, -1 if hand == "directx" else 1, 1], np.float32)
+            normal = _fitted(vectors(maps["normal"]), size) * signs
             normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
         return cls(colour, normal, rough, scalar("metal", 0.0), scalar("ao", 1.0))
 
@@ -130,7 +131,7 @@ class Looks:
     def _lit(self, u: np.ndarray, v: np.ndarray, normal: np.ndarray, eye: tuple[float, float, float]) -> np.ndarray:
         """What the eye sees of places of the tile whose normals stand so."""
         normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)
-        view = np.float32(eye) / np.linalg.norm(eye)
+        view = np.array(eye, np.float32) / np.linalg.norm(eye)
         base, rough, metal, ao = (_bilinear(m, u, v) for m in (self.colour, self.roughness, self.metal, self.ao))
         alpha = np.maximum(rough, 0.05) ** 2
         reflected = 0.04 * (1 - metal) + base * metal  # at normal incidence
@@ -139,7 +140,7 @@ class Looks:
         gloss = 0.04 * (1 - metal) * (1 - rough) + base * metal  # what is rough has no sky in it
         seen = from_all * ao * (base * (1 - metal) + gloss)
         for towards, strength in _LIGHTS:
-            light = np.float32(towards) / np.linalg.norm(towards)
+            light = np.array(towards, np.float32) / np.linalg.norm(towards)
             half = (light + view) / np.linalg.norm(light + view)
             n_l, n_h = (np.maximum((normal @ d)[..., None], 0) for d in (light, half))
             fresnel = reflected + (1 - reflected) * (1 - float(half @ view)) ** 5
@@ -291,5 +292,5 @@ def _srgb(linear: np.ndarray) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-def _linear(code: np.ndarray) -> np.ndarray:
+def _linear(code: np.ndarray | np.float32) -> np.ndarray:
     return np.where(code <= 0.04045, code / 12.92, ((np.maximum(code, 0) + 0.055) / 1.055) ** 2.4).astype(np.float32)

@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 from ..core.parameters import nearest
 from ..errors import ImageError
@@ -241,7 +241,7 @@ def _edge(entry: Any, names: tuple[str, ...], where: str) -> _Drawn:
             f"{where}: edge {_said(edge)}: r={r}: allowed is a whole number >= 0; a ratio is said by scale"
         )
     if "scale" not in edge:
-        return _Drawn(ends[0], ends[1], float(r), None)
+        return _Drawn(ends[0], ends[1], float(edge["r"]), None)
     if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 1 <= scale < 2**30:
         raise ImageError(f"{where}: edge {_said(edge)}: scale={scale}: allowed is a number >= 1")
     return _Drawn(ends[0], ends[1], math.log2(scale), r)
@@ -251,7 +251,7 @@ def _said(edge: dict[str, Any]) -> str:
     return f"{edge.get('from', '?')} -> {edge.get('to', '?')}"
 
 
-def _whole(value: Any) -> bool:
+def _whole(value: Any) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 

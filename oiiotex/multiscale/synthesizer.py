@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
-from ..errors import OutOfDeviceMemory, ParameterError
+from ..errors import OutOfDeviceMemory, ParameterError, present
 from ..opencl.buffers import Buffers, Download, in_smaller_pieces
 from ..opencl.device import Device
 from ..regularity.offset_prices import InStep
@@ -229,7 +229,7 @@ class Synthesizer:
         self.nbytes = sum(table.nbytes for table in tables.values())  # on the device
         self._tables = Buffers(device, {}, budget, "the analysed exemplars", tables=tables)
         middle = 1 << self._side - 1
-        self._first = SourceMap.of(middle, middle, self._side).packed  # of level 0
+        self._first: Any = SourceMap.of(middle, middle, self._side).packed  # of level 0
         self._moves = bool(analysis.offsets.any())
         self._free: list[tuple[int, Buffers]] = []  # of finished windows, by the pixels that they hold
         self._stepped: dict[int, tuple[bool, Any, Any]] = {}
@@ -292,7 +292,7 @@ class Synthesizer:
                 at = cell.inside(window)
                 texel[at] = one.texel
                 if offset is not None:
-                    offset[at] = one.offset
+                    offset[at] = present(one.offset)
             return State(texel, offset)
 
         with self._turn:

@@ -12,7 +12,7 @@ from ..core.demand import MadeRows, SomeRows
 from ..core.image import resized
 from ..core.source_map import SourceMap
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, present
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..projections.histograms import BINS, INVERSE, OUTSIDE, Source
@@ -52,7 +52,7 @@ class FixedPixels:
         """
         shown = coarse_image(self.places.gather(exemplar), self.where, geometry.width, geometry.height)
         kept = coarse_mask(self.where, geometry.width, geometry.height)
-        return np.where(kept[..., None], to_grid(shown, geometry.steps), OUTSIDE)
+        return np.where(present(kept)[..., None], to_grid(shown, geometry.steps), OUTSIDE)
 
     def first_guess(self, field: SourceMap, shape: tuple[int, ...], geometry: Geometry) -> SourceMap:
         """The field, in which patches that begin at a fixed pixel lie where that came from: the best guess there is."""
@@ -138,7 +138,8 @@ class VaryingProjection:
         self, device: Device, buffers: Buffers, projections: list[Projecting], width: int, places: Source
     ):  # fmt: skip
         self._buffers, self._projections, self._width, self._places = buffers, projections, width, places
-        self.channels = projections[0].channels
+        self.channels, self.held = projections[0].channels, projections[0].held
+        self.looks_beyond = any(projection.looks_beyond for projection in projections)
         self._run = device.program("histograms", BINS=BINS, INVERSE=INVERSE, CHANNELS=self.channels)
 
     @staticmethod
@@ -151,16 +152,6 @@ class VaryingProjection:
         """Where sigmas (height, width) lie among those of `count` projections: float32."""
         span = math.log(float(sigmas.max()) / float(sigmas.min()))
         return (np.log(sigmas / sigmas.min()) * ((count - 1) / max(span, 1e-9))).astype(np.float32)
-
-    @property
-    def looks_beyond(self) -> bool:
-        """As `histograms.Projection` has it."""
-        return any(projection.looks_beyond for projection in self._projections)
-
-    @property
-    def held(self) -> int | None:
-        """As `histograms.Projection` has it."""
-        return self._projections[0].held
 
     def learning(self, image: Source) -> Iterator[None]:
         """As `histograms.Projection.learning`."""

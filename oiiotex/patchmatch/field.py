@@ -16,6 +16,7 @@ from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
+from ..errors import present
 from ..io.row_store import RowStore
 from ..regularity.offset_prices import Prices
 
@@ -152,7 +153,7 @@ def random_field(
         y = np.minimum(y + rows % patch, geometry.exemplar_rows - 1)
         x = np.minimum(x + columns % patch, geometry.exemplar_columns - 1)
         out[begin : begin + BAND] = SourceMap.of(y, x).packed
-    return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
+    return only_allowed(SourceMap.of_rows(out), allowed, seed, 0xB10D)
 
 
 def shifted_field(
@@ -180,7 +181,7 @@ def shifted_field(
         # patches across the border do not exist: the last inside it stands for them
         y, x = np.minimum(y, g.exemplar_rows - 1), np.minimum(x, g.exemplar_columns - 1)
         out[begin : begin + BAND] = SourceMap.of(y, x).packed
-    return only_allowed(SourceMap(out), allowed, seed, 0xB10D)
+    return only_allowed(SourceMap.of_rows(out), allowed, seed, 0xB10D)
 
 
 class _RandomPlaces:
@@ -200,7 +201,7 @@ class _RandomPlaces:
 
     def _weighed(self, band: slice, before: float) -> np.ndarray:
         """The weight of all up to each place of a band: added one by one, whatever the bands."""
-        weights = self._weights[band][self._allowed[band]]
+        weights = present(self._weights)[band][self._allowed[band]]
         return np.cumsum(np.concatenate([[before], weights]), dtype=np.float64)
 
     def __call__(self, seed: int, step: int, y: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -326,4 +327,4 @@ def upsample_field(
             x, y = in_step.nearest_in_step(np.arange(fine.columns)[None, :], rows, x, y)
         y, x = np.clip(y, 0, fine.exemplar_rows - 1), np.clip(x, 0, fine.exemplar_columns - 1)
         finer[band] = SourceMap.of(y, x).packed
-    return only_allowed(SourceMap(finer), allowed, seed, fine.width)
+    return only_allowed(SourceMap.of_rows(finer), allowed, seed, fine.width)

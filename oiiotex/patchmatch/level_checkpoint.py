@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .. import __version__
+from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
+from ..errors import present
 from ..io.checkpoint import Checkpoint
 from ..io.disk_cache import hash_of
 from ..io.row_store import RowStore
@@ -33,10 +35,10 @@ class LevelCheckpoint:
     """
 
     def __init__(
-        self, keeper: Checkpoint, exemplar: np.ndarray, allowed: np.ndarray | None, recipe: Recipe,
+        self, keeper: Checkpoint, exemplar: SomeRows, allowed: np.ndarray | None, recipe: Recipe,
         constraints: Constraints,
     ):  # fmt: skip
-        facts = [constraints.weight, constraints.sigmas]
+        facts: list[object] = [constraints.weight, constraints.sigmas]
         if constraints.fixed is not None:
             facts += [constraints.fixed.where, constraints.fixed.places.packed, constraints.fixed.is_goal]
         if recipe.in_step is not None:  # large arrays print in part alone
@@ -54,12 +56,12 @@ class LevelCheckpoint:
     def field(self, level: int, geometry: Geometry, out: np.ndarray | RowStore) -> SourceMap:
         """The field of a level that is there, put into `out` (rows, columns)."""
         for place in _pieces(geometry):
-            out[place.top : place.bottom] = self._keeper.kept(self._of(level), place)
-        return SourceMap(out)
+            out[place.top : place.bottom] = present(self._keeper.kept(self._of(level), place))
+        return SourceMap.of_rows(out)
 
     def prices(self, level: int, geometry: Geometry) -> np.ndarray:
         """What was kept as `prices` of a level that is there."""
-        return self._keeper.kept(self._of(level), _beside(geometry))
+        return present(self._keeper.kept(self._of(level), _beside(geometry)))
 
     def keep(self, level: int, geometry: Geometry, field: SourceMap, prices: np.ndarray) -> None:
         """Keep a level: its field, (rows, columns), and any array of what else it hands on."""

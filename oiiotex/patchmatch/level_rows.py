@@ -7,6 +7,7 @@ All passes are Jacobi and all decisions integers, so bands do not show: the bits
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import cast
 
 from ..deferred import np
 from ..io.row_store import RowStore
@@ -48,6 +49,11 @@ class LevelRows:
         self.field = self.plane("field", (g.rows, g.columns), np.uint32)
         self.next_field = None if self.whole else self.store((g.rows, g.columns), np.uint32)
         self.image = self.plane("image", (g.height, g.width, g.channels), np.int16)
+
+    @property
+    def field_store(self) -> np.ndarray | RowStore | None:
+        """Where the field lies, if its buffer does not hold it."""
+        return cast("np.ndarray | RowStore | None", self.field.store)
 
     def store(self, shape: tuple[int, ...], dtype: type) -> RowStore:
         """Rows on the host."""

@@ -113,10 +113,11 @@ class Matcher:
         if use_prices is not None:
             self.exemplar.plane("kinds", use_prices.kinds)
         self.rows = rows or LevelRows(device, buffers, g)
-        if self.rows.whole:
+        store = self.rows.field_store
+        if store is None:
             device.write(buffers["field"], np.asarray(field.packed))  # rows x columns
-        elif field.packed is not self.rows.field.store:
-            self.rows.field.store[:] = field.packed
+        elif field.packed is not store:
+            store[:] = field.packed
         reach = max(geometry.exemplar_columns, geometry.exemplar_rows)
         shrink = (2.0 / reach) ** (1.0 / (SEARCHES - 1))
         radius = [max(1, int(reach * shrink**k)) for k in range(SEARCHES)][-searches:]
@@ -124,8 +125,8 @@ class Matcher:
 
     def field(self) -> SourceMap:
         """The present field."""
-        if self.rows.field.store is not None:
-            return SourceMap(self.rows.field.store)
+        if self.rows.field_store is not None:
+            return SourceMap.of_rows(self.rows.field_store)
         shape = self.geometry.rows, self.geometry.columns
         return SourceMap(self._device.read(self._buffers["field"], shape, np.uint32))
 
@@ -187,11 +188,11 @@ class Matcher:
         count = self._searches
         for k in (0,) if self.exemplar.whole else range(count):  # a window hangs on all before it
             searches = (0, count) if self.exemplar.whole else (k, k + 1)
-            where = np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first
+            drawn = np.uint32(self._seed & 0xFFFFFFFF), step, top - first, bottom - first, first
             for piece, begun in self._change():
                 self._run(
                     "search", (g.columns, bottom - top), *self._matches(), g.columns, g.padded_width, *e_size, *piece,
-                    self._radius, *searches, *where, *begun, *self._offset_prices,
+                    self._radius, *searches, *drawn, *begun, *self._offset_prices,
                 )  # fmt: skip
         if not whole:
             self.rows.field.save_later(top, bottom, first, into=self.rows.next_field)
@@ -252,7 +253,7 @@ class Matcher:
                 g.columns, g.rows, g.width, *g.wraps, top, bottom, first,
             )  # fmt: skip
             source[top:bottom] = self._device.read(b["distance_next"], (bottom - top, g.width), np.uint32)
-        return SourceMap(source)
+        return SourceMap.of_rows(source)
 
     def _count_uses(self) -> None:
         """The uniformity penalty of every exemplar patch, frozen for one pass: refreshed oftener, all flee at once."""
@@ -289,7 +290,7 @@ class Matcher:
             self.exemplar.keep_penalty((first, last))
 
 
-def require_shape(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+def require_shape(name: str, array: SomeRows, shape: tuple[int, ...]) -> None:
     """Refuse an array that is not of the shape that a geometry asks for; an ImageError names both."""
     if array.shape != shape:
         given, wanted = (" x ".join(map(str, n)) for n in (array.shape, shape))

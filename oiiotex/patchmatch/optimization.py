@@ -23,6 +23,7 @@ from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
+from ..errors import present
 from ..io.checkpoint import Checkpoint
 from ..io.row_store import AT_ONCE, RowStore, empty_rows
 from ..opencl.buffers import Buffers, require_room
@@ -131,7 +132,8 @@ def synthesize(
     schedule = [[COARSE_PASSES] * recipe.iterations, *([FINE_PASSES] * fine for _ in scales[1:])]
     schedule[-1][-1] = LAST_PASSES
     total = sum(map(len, schedule))
-    iteration, field, coarser, fixed = 0, None, None, constraints.fixed
+    field: SourceMap | None = None
+    iteration, fixed = 0, constraints.fixed
     levels = None if keeper is None else LevelCheckpoint(keeper, exemplar, allowed, recipe, constraints)
     there = -1 if levels is None else levels.latest(geometries)
     held = ExemplarHeld(isinstance(exemplar, np.ndarray), allowed is not None)
@@ -156,13 +158,12 @@ def synthesize(
                 target_scale = geometry.width / recipe.width, geometry.height / recipe.height
                 in_step = recipe.in_step.prices(own_scale, target_scale, geometry.patch, variance)
             rows = LevelRows(device, buffers, geometry, plan.stores)
-            place = rows.field.store
+            place = rows.field_store
             if level == there:
-                if place is None:
-                    place = np.empty((geometry.rows, geometry.columns), np.uint32)
-                field = levels.field(level, geometry, place)
+                out = np.empty((geometry.rows, geometry.columns), np.uint32) if place is None else place
+                field = present(levels).field(level, geometry, out)
                 if recipe.complete:
-                    use_prices.hand_on(device, buffers, levels.prices(level, geometry))
+                    use_prices.hand_on(device, buffers, present(levels).prices(level, geometry))
             elif field is None:
                 if _starts_shifted(recipe, weights, patches) and fixed is None:
                     field = shifted_field(geometry, patches, recipe.seed, place)
@@ -171,7 +172,7 @@ def synthesize(
                 if fixed is not None:
                     field = only_allowed(fixed.first_guess(field, exemplar.shape, geometry), patches, recipe.seed)
             else:
-                field = upsample_field(field, coarser, geometry, patches, recipe.seed, place, in_step)
+                field = upsample_field(field, geometries[level - 1], geometry, patches, recipe.seed, place, in_step)
             searches = SEARCHES if iteration == 0 or recipe.literal else FINE_SEARCHES
             prices = None
             if recipe.complete:
@@ -191,7 +192,7 @@ def synthesize(
                 if look is not None and rows.whole and (number % LOOKS == 0 or number == len(passes_of_level)):
                     look(matcher.pick(), e_size)
                 progress(iteration, total)
-            field, coarser = matcher.field(), geometry
+            field = matcher.field()
             if levels is not None and level > there:
                 prices_of_flatness = use_prices.handed_on(device, buffers) if recipe.complete else np.zeros(0)
                 levels.keep(level, geometry, field, prices_of_flatness)
@@ -199,7 +200,7 @@ def synthesize(
         if fixed is not None:
             source = SourceMap(np.where(fixed.where, fixed.places.packed, source.packed))
         lost = None if prices is None else lost_texture(source, image, patches, geometry)
-        return Synthesis(source, field, lost)
+        return Synthesis(source, present(field), lost)
 
 
 def _starts_shifted(recipe: Recipe, weights: np.ndarray | None, patches: np.ndarray) -> bool:
@@ -239,31 +240,32 @@ class _Level:
         recipe: Recipe, scale: float, constraints: Constraints = UNCONSTRAINED, fixed: np.ndarray | None = None,
     ):  # fmt: skip
         self._device, self._buffers, self._matcher, self._recipe = device, buffers, matcher, recipe
-        self._free = None if fixed is None else fixed[..., 0] == OUTSIDE
+        self._free: np.ndarray | None = None  # not given
         g = self._geometry = matcher.geometry
         self._usable = usable
         self._low, self._high = _range_of(exemplar, usable)
         self._first = int(self._low.min())
         self._entries = int(self._high.max()) - self._first + 1
         if fixed is not None:  # what no patch can show would only push the others away
-            fixed = np.where(self._free[..., None], OUTSIDE, np.clip(fixed, self._low, self._high)).astype(np.int16)
+            free = self._free = fixed[..., 0] == OUTSIDE
+            fixed = np.where(free[..., None], OUTSIDE, np.clip(fixed, self._low, self._high)).astype(np.int16)
             stays = matcher.rows.plane("fixed", fixed.shape, np.int16, fixed)
-            ease = ease_from(self._free, EASE * recipe.patch)
+            ease = ease_from(free, EASE * recipe.patch)
             matcher.rows.plane("ease", ease.shape, np.uint8, ease)
         sigma = None if recipe.sigma is None else recipe.sigma * scale
         if recipe.contrast > 0:
             self._counts = ValueCounts(device, buffers, self._first, self._entries, g.channels)
-            if fixed is not None and constraints.fixed.is_goal and not self._free.all():
+            if fixed is not None and present(constraints.fixed).is_goal and not free.all():
                 self._goal = self._values_of(stays, "fixed")
             else:
                 self._goal = self._exemplar_counts(exemplar, sigma)
         self._projection: Projecting | None = None
-        if constraints.sigmas is not None:
-            sigmas = level_sigmas(constraints, g, scale)
+        sigmas = level_sigmas(constraints, g, scale)
+        if sigmas is not None:
             stack = [self._projected(g, one, number) for number, one in enumerate(octaves(sigmas))]
             places = VaryingProjection.places_of(sigmas, len(stack))
-            places = matcher.rows.plane("place", places.shape, np.float32, places)
-            self._projection = VaryingProjection(device, buffers, stack, g.width, places)
+            mixed = matcher.rows.plane("place", places.shape, np.float32, places)
+            self._projection = VaryingProjection(device, buffers, stack, g.width, mixed)
         elif sigma is not None:
             self._projection = self._projected(g, sigma)
         self._next_image: RowStore | None = None
@@ -323,12 +325,12 @@ class _Level:
         if alpha > 0:
             self._match_histogram(counts, alpha)
         if self._projection is not None:
-            self._project()
+            self._project(self._projection)
         self._matcher.improve(passes, iteration)
 
-    def _project(self) -> None:
+    def _project(self, projection: Projecting) -> None:
         rows, strength = self._matcher.rows, 1.0 if self._recipe.literal else OVERSHOOT
-        for top, bottom, first in projected(self._projection, rows.image, "target", strength, rows.most):
+        for top, bottom, first in projected(projection, rows.image, "target", strength, rows.most):
             self._take_target(first, bottom)
             self._hold(first, bottom)
             rows.image.save(top, bottom, first, into=self._next_image)

@@ -231,7 +231,7 @@ class UsePrices:
         in_memory = isinstance(exemplar, np.ndarray)
         kinds = self.kinds = kinds_of(activity(exemplar, g.patch, in_memory), allowed, in_memory)
         patches = g.columns * g.rows
-        counts = sum(np.bincount(kinds[band][allowed[band]], minlength=KINDS) for band in bands_of(len(kinds)))
+        counts = np.sum([np.bincount(kinds[band][allowed[band]], minlength=KINDS) for band in bands_of(len(kinds))], 0)
         share = counts.cumsum() / np.count_nonzero(allowed)
         device.write(buffers["kind_most"], np.floor(patches * np.minimum(1.0, share + SLACK)).astype(np.int32))
         unit = g.patch**2 * variance

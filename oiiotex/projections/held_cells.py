@@ -61,7 +61,7 @@ class HeldCells:
         Rows of cells that there is room for.
     """
 
-    held = None
+    held: int | None = None
 
     def __init__(self, device: Device, buffers: Buffers, grid: CellGrid, channels: int, name: str, held: int):
         self._device, self._buffers, self._grid, self._name = device, buffers, grid, name
@@ -69,11 +69,7 @@ class HeldCells:
         self._held = min(grid.down, held)  # rows of cells
         self._first_cells = 0  # the first of those that are held
         self.whole = self._held == grid.down
-
-    @property
-    def looks_beyond(self) -> bool:
-        """Whether rows that are matched hang on others."""
-        return not self.whole
+        self.looks_beyond = not self.whole  # rows that are matched hang on others
 
     def last_row(self, top: int) -> int:
         """Up to which row an image can be matched at once from row `top` on; `ALL_ROWS`: all."""

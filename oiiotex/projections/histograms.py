@@ -32,7 +32,10 @@ class Source(Protocol):
     """An image whose rows can be had in buffer `name`: `patchmatch.rows.Rows`."""
 
     name: str
-    store: object | None  # None: the buffer holds all
+
+    @property
+    def store(self) -> object:
+        """None: the buffer holds all."""
 
     def bands(self, first: int, last: int, most: int | None = None) -> Iterator[tuple[int, int]]:
         """Rows first to last in as many as can be loaded at once, or `most`; in one where all are held."""
@@ -197,7 +200,6 @@ class Projection(HeldCells):
     def learning(self, image: Source) -> Iterator[None]:
         """Look at all of an image, at every step at some of its rows: behind the last one, `match` may be called."""
         grid, sums = self._grid, np.empty((self.channels, self._grid.down, BINS), np.float32)
-        coming = None
         for top in range(0, grid.down, self._held):
             count = min(self._held, grid.down - top)
             self._clear()

@@ -13,7 +13,7 @@ Three moments have one Pearson distribution with the kurtosis 3 + 1.5 skewness^2
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from ..deferred import np
@@ -133,7 +133,7 @@ class MomentProjection(HeldCells):
     def _describe(self, powers: np.ndarray, first: int, last: int, wraps: bool) -> None:
         """Bring there what is around rows `first` to `last` of cells, of which and of those around `powers` are."""
         # the Gaussian w_d of MJH17 eq. 2
-        around = correlated(powers, *reversed(self._taps), axes=(2, 3), wraps=(wraps, self._grid.wrap_x))
+        around = correlated(powers, self._taps[1], self._taps[0], axes=(2, 3), wraps=(wraps, self._grid.wrap_x))
         described = np.zeros((self.channels, self._held, self._grid.across, 4), np.float32)
         described[:, : last - first] = self._described(around[:, :, first:last], self._described_overall)
         self._device.write(self._buffers[self._name], described)
@@ -159,7 +159,7 @@ class MomentProjection(HeldCells):
         # central moments, and what a triangle of variance w^2 / 6 and fourth moment w^4 / 15 adds to them
         central = np.maximum(m2 - m1**2, 0.0)
         variance = central + width**2 / 6
-        places = np.zeros((2, *weight.shape))
+        places: Iterable[np.ndarray] = np.zeros((2, *weight.shape))
         if self._order > 2:
             third = m3 - 3 * m1 * m2 + 2 * m1**3
             fourth = m4 - 4 * m1 * m3 + 6 * m1**2 * m2 - 3 * m1**4 + width**2 * central + width**4 / 15
@@ -176,7 +176,8 @@ class MomentProjection(HeldCells):
         for c, (mean, deviation, *at) in enumerate(overall):
             values = np.linspace(self._low[c], self._high[c], INVERSE + 1)
             half = 0.25 * self._bin[c]
-            below = sum(0.5 * shares_below((values + off - mean) / deviation, *at) for off in (-half, half))
+            left, right = (0.5 * shares_below((values + off - mean) / deviation, *at) for off in (-half, half))
+            below = left + right
             moving = np.diff(below) > 0  # of equal shares, the values next to where they change
             kept = np.append(moving, False) | np.insert(moving, 0, False)
             table[c] = np.interp(wanted, below[kept], values[kept]) if kept.any() else mean

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from importlib import resources
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ SKEWNESSES, KURTOSES, SCORES = 33, 33, 65  # entries of the table
 MOST_SKEWNESS, MOST_EXCESS = 9.0, 60.0  # of the table; what lies beyond is taken as this
 HALF_SKEWNESS, HALF_EXCESS = 1.0, 2.0  # `bent` of these is 1/2
 TABLE_FILE = "pearson_table.npz"
+Value = TypeVar("Value", float, np.ndarray)
 
 
 @functools.cache
@@ -52,7 +54,7 @@ def table_place(skewness: np.ndarray, kurtosis: np.ndarray) -> tuple[np.ndarray,
     return np.copysign(along_skewness, skewness), along_kurtosis
 
 
-def bent(value: np.ndarray | float, half: float) -> np.ndarray | float:
+def bent(value: Value, half: float) -> Value:
     """From 0 to 1 for values from 0 on, 1/2 at `half`."""
     return value / (half + value)
 

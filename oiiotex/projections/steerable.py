@@ -62,16 +62,13 @@ class SteerableProjection:
     ):  # fmt: skip
         self.channels = len(low)
         self._responses, self._literal = _Responses(device, buffers, grid, low, high, literal), literal
+        self.held: int | None = self._responses.held  # rows of the image that it can look at at once
         largest = np.full(self.channels, math.ceil(_SCALE * math.sqrt(_LARGEST)))
         ranges = [(-largest, largest)] * ORIENTATIONS + [(low, high)]
         self._projections = [
-            Projection(device, buffers, grid, *limits, own) for limits, own in zip(ranges, _grids(name), strict=True)
+            Projection(device, buffers, grid, least, most, own)
+            for (least, most), own in zip(ranges, _grids(name), strict=True)
         ]
-
-    @property
-    def held(self) -> int:
-        """Rows of the image that it can look at at once."""
-        return self._responses.held
 
     def learning(self, image: Source) -> Iterator[None]:
         """As `histograms.Projection.learning`."""
@@ -111,7 +108,7 @@ class _Responses:
         self._taps, self._angular, *self._range = (
             device.upload(table.astype(np.float32)) for table in (*filter_bank(), np.asarray(low), np.asarray(high))
         )
-        self.image: Source | None = None
+        self.image: Source  # that `of` was given
         self.height = grid.height
         self.held = buffers["derivatives"].size // (4 * ORIENTATIONS * len(low) * grid.width)  # rows
         self._made = self._wanted = (0, 0)  # rows of the rest
@@ -159,8 +156,8 @@ class _Responses:
         place = begin, end - begin, first, held, width, height, along_y
         run("columns", self._shape(end - begin), rows, *bands, *responses, float(_SCALE), *place)
         self._spread(top, bottom, 1.0 / _SCALE**2, 0)
-        place = top - first, bottom - top, held, width, along_x
-        run("rest", self._shape(bottom - top), image, rows, b[_REST[0]], taps, *place)
+        at = top - first, bottom - top, held, width, along_x
+        run("rest", self._shape(bottom - top), image, rows, b[_REST[0]], taps, *at)
         self._made = top, bottom
 
     def add_changes(self, top: int, bottom: int, matched: str, strength: float) -> int:
@@ -204,9 +201,9 @@ class _Response:
         """None where the buffer holds all."""
         return self._responses.image.store
 
-    def bands(self, first: int, last: int) -> Iterator[tuple[int, int]]:
+    def bands(self, first: int, last: int, most: int | None = None) -> Iterator[tuple[int, int]]:
         """As of the image, less the rows around them."""
-        return self._responses.image.bands(first, last, self._responses.held - 4 * RADIUS)
+        return self._responses.image.bands(first, last, most or self._responses.held - 4 * RADIUS)
 
     def load(self, first: int, last: int) -> int:
         """As of the image."""

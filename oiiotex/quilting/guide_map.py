@@ -160,10 +160,10 @@ def read_table(path: Path, soft: float = 0.0) -> Table:
     """
     try:
         document = read_document(path)
-        named, level = (document, {}), None
-        if "labels" in document:
+        named: list[dict[str, Any]] = [document, {}]
+        level = int(document["level"]) if "labels" in document else None
+        if level is not None:
             named = [{_colour(entry): entry["id"] for entry in document[rows]} for rows in ("labels", "finer")]
-            level = int(document["level"])
         colours = {"," in name for rows in named for name in rows}
         keys, finer = ({code_of(n) if "," in n else int(n): key for n, key in rows.items()} for rows in named)
     except (ImageError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -204,7 +204,7 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
     if not len(labels):
         raise ImageError("the label map has no label to paint with")
     rows = {} if table is None else table.finer if fine else table.keys
-    if not rows:
+    if table is None or not rows:
         if len(channels_of(guide.spec).colour) > 1:
             name = "fine" if fine else f"guide {guide.name}"
             raise ParameterError(f"{name} holds colours: table=FILE.json says which label each one means")

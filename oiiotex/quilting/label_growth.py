@@ -156,7 +156,7 @@ def _patch(shape: tuple[int, ...], allowed: np.ndarray, size: tuple[int, int]) -
 
 
 def _shares(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:
-    return np.bincount(index[counted], minlength=count) / max(1, np.count_nonzero(counted))
+    return np.bincount(index[counted], minlength=count) / max(1, int(np.count_nonzero(counted)))
 
 
 def _pairs(index: np.ndarray, counted: np.ndarray, count: int) -> np.ndarray:

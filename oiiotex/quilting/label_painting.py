@@ -14,7 +14,7 @@ from ..core.parameters import Size
 from ..core.source_map import NONE
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, present
 from ..io.documents import read_arrays
 from .guide_map import Meaning, Strays
 from .quilt_plan import Grid, Plan
@@ -69,7 +69,7 @@ def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict
     for prefix, layer in layers.items():
         arrays = layer.finished().arrays(exemplar)
         combined |= {f"{prefix}{name}": array for name, array in arrays.items()}
-        combined[f"{prefix}keys"], combined[f"{prefix}guide"] = layer.demand.keys, layer.demand.guide
+        combined[f"{prefix}keys"], combined[f"{prefix}guide"] = layer.demand.keys, present(layer.demand.guide)
     return combined
 
 
@@ -109,7 +109,7 @@ class Begun:
             )
         changed = self.demand.keys != demand.keys
         if demand.guide is not None:
-            changed |= (self.demand.guide != demand.guide).any((2, 3))
+            changed |= (present(self.demand.guide) != demand.guide).any((2, 3))
         log.info("%s: %d of %d patches change", flag, np.count_nonzero(changed), changed.size)
         offsets = np.where(changed, NONE, self.plan.offsets)
         return Plan(grid, offsets, self.plan.vertical.copy(), self.plan.horizontal.copy())
@@ -131,8 +131,8 @@ def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
     plan, _ = Plan.of(arrays, path, prefix)
     if f"{prefix}guide" not in arrays:
         raise ImageError(f"{path} is no whole plan")
-    demand = Demand(arrays[f"{prefix}keys"], arrays[f"{prefix}guide"])
+    keys, guide = (arrays[f"{prefix}{name}"] for name in ("keys", "guide"))
     fine = "fine_keys" in arrays
-    if demand.keys.shape != plan.grid.shape or demand.guide.shape[:2] != plan.grid.shape:
+    if keys.shape != plan.grid.shape or guide.shape[:2] != plan.grid.shape:
         raise ImageError(f"{path} is no whole plan")
-    return Begun(plan, demand, path, fine)
+    return Begun(plan, Demand(keys, guide), path, fine)

@@ -21,7 +21,7 @@ from ..core.parameters import Size, param
 from ..core.source_map import SourceMap, Sources, require_addressable, tile_spec
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, present
 from ..exemplar.exemplar_masks import both, label_levels, label_map
 from ..exemplar.exemplar_op import ExemplarPixels, LabelledExemplar
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
@@ -161,7 +161,7 @@ class Sewing:
             grid = self._grid(labels, ids, allowed, lattice)
             rows, columns = grid.shape
             session.require(cell_memory(grid, self.guide is not None), _task(grid))
-            keyed = ids if self.guide is not None else np.ones((height, width), np.uint8)
+            keyed = np.ones((height, width), np.uint8) if self.guide is None else present(ids)
             table = content_table(*window_keys(keyed, grid.patch, allowed), grid.patch)
             demand = self._demand(grid, keyed, table, session)
         exemplar = QuiltExemplar(lab, table, self._finer(labels), keyed if demand.guide is not None else None)
@@ -255,7 +255,7 @@ class Sewing:
                 )
                 patch = smaller
         if self.patch is None and self.guide is not None:
-            patch = self._guided_side(ids, patch)
+            patch = self._guided_side(present(ids), patch)
         if patch > most:
             raise ImageError(
                 f"no patch of {patch} px fits what may be taken of {self.op.exemplar.source}: the largest square is"
@@ -269,7 +269,7 @@ class Sewing:
     def _guided_side(self, ids: np.ndarray, patch: int) -> int:
         """Halved until there are several places to take each of the guide's labels from: else the few would repeat."""
         meaning = self._meant(ids)
-        wanted = labels_met(self.guide.first, meaning)
+        wanted = labels_met(present(self.guide).first, meaning)
         while patch > _LEAST_GUIDED:
             block = patch - patch // 4
             if all(regions(whole_windows(ids == label, patch), block) >= _REGIONS for label in wanted):
@@ -298,7 +298,7 @@ class Sewing:
     def _meant(self, ids: np.ndarray) -> Meaning:
         """What the guide's ids or colours mean."""
         there = np.flatnonzero(np.bincount(ids.ravel()))
-        return meaning_of(self.guide.first, None, there) if self.meaning is None else self.meaning(there)
+        return meaning_of(present(self.guide).first, None, there) if self.meaning is None else self.meaning(there)
 
     def _finer(self, labels: LabelMap | None) -> tuple[np.ndarray, ...]:
         """Label maps of the levels below."""

@@ -152,7 +152,7 @@ class Plan:
             raise ImageError(f"{path} is a plan of another version")
         _, width, height, patch, overlap, wrap_x, wrap_y, *exemplar = values = tuple(map(int, facts))
         sound = all(low <= fact <= high for fact, (low, high) in zip(values, _SAVED, strict=True)) and overlap < patch
-        sound &= (offsets.dtype, vertical.dtype, horizontal.dtype) == (np.uint32, np.uint8, np.uint8)
+        sound &= (offsets.dtype, vertical.dtype, horizontal.dtype) == tuple(map(np.dtype, ("u4", "u1", "u1")))
         # a grid is made only of what its cells could cover: its places are arrays themselves
         if not sound or offsets.ndim != 2 or height > offsets.shape[0] * patch or width > offsets.shape[1] * patch:
             raise ImageError(f"{path} is no whole plan")

@@ -16,11 +16,13 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from ..color.lab_grid import COARSE_STEPS, SPAN
 from ..core.source_map import NONE, SourceMap
 from ..core.window import Window
 from ..deferred import np
+from ..errors import present
 from ..labels.content_table import ContentTable
 from ..opencl.buffers import Buffers, offset_table
 from ..opencl.device import Device
@@ -222,7 +224,8 @@ class Quilt:
         size = f"quilting {g.width}x{g.height} in {math.prod(g.shape)} patches of {g.patch} px"
         self._buffers = Buffers(self.device, sizes, self.budget, size, held=self.held)
         self._run = self.device.program("quilting")
-        self._lock, self._flushed = threading.Lock(), None
+        self._lock = threading.Lock()
+        self._flushed: Any = None  # an event
         order, self._waves = g.waves()
         start = self.plan or Plan.empty(g)
         if self.plan is not None:  # cells that are decided stay
@@ -244,8 +247,8 @@ class Quilt:
         if e.finer:
             inputs["finer"] = np.stack([f[::LABEL_STEP, ::LABEL_STEP] for f in e.finer], -1)  # x levels
         if guided:
-            wanted = e.labels[::LABEL_STEP, ::LABEL_STEP]
-            inputs["labels"], inputs["guide"] = wanted.astype(np.uint16), self.demand.guide.astype(np.uint16)
+            inputs["labels"] = present(e.labels)[::LABEL_STEP, ::LABEL_STEP].astype(np.uint16)
+            inputs["guide"] = present(self.demand.guide).astype(np.uint16)
         phases, losses, steps = np.zeros(10, np.uint32), np.zeros(1, np.int32), np.zeros((2, 2), np.int32)
         if self.in_step is not None:
             phases, losses = self.in_step.phases(patch=g.patch), self.in_step.table(_LOSSES)

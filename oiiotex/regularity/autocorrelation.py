@@ -105,8 +105,8 @@ class Autocorrelation:
         for along_x, along_y in frequencies:
             cell = cell * bins + np.rint(x * (along_x * bins) + y * (along_y * bins)).astype(np.int64) % bins
         shape = (bins,) * len(frequencies)
-        sums = np.bincount(cell, weight * ncc, bins ** len(shape)).reshape(shape)
-        counts = np.bincount(cell, weight, bins ** len(shape)).reshape(shape)
+        sums: np.ndarray = np.bincount(cell, weight * ncc, bins ** len(shape)).reshape(shape)
+        counts: np.ndarray = np.bincount(cell, weight, bins ** len(shape)).reshape(shape)
         mirrored = [np.roll(np.flip(a), 1, tuple(range(a.ndim))) for a in (sums, counts)]
         sums, counts = sums + mirrored[0], counts + mirrored[1]
         if blur > 0:

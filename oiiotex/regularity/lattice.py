@@ -94,7 +94,8 @@ class Lattice:
                 return size
             return int(sizes[np.argmin(np.abs(sizes - size) / size + STRAIN * rest.max(1))])
 
-        return tuple(along(n, size) if domain.wraps[n] else size for n, size in enumerate(domain.size))
+        width, height = (along(n, size) if domain.wraps[n] else size for n, size in enumerate(domain.size))
+        return width, height
 
     def losses(self) -> np.ndarray:
         """What each phase is less alike than phase 0, 0 to 1: (BINS,) * rank float64."""
@@ -269,11 +270,11 @@ def _plane_lattice(likeness: Autocorrelation, longest: float) -> np.ndarray | No
     good = tried[heights >= _AS_GOOD * heights[0]]
     good = good[np.argsort(np.abs(np.linalg.det(good)), kind="stable")]
     refined = [_refined(vectors, ncc, weight) for vectors in [*good[:_TRIED], *tried[:_TRIED]]]
-    heights = [(_height(v, maxima, weight), v) for v in refined if v is not None and _fits(v, longest)]
-    if not heights or max(h for h, _ in heights) <= floor:
+    fitting = [(_height(v, maxima, weight), v) for v in refined if v is not None and _fits(v, longest)]
+    if not fitting or max(h for h, _ in fitting) <= floor:
         return None
-    least = floor + _AS_GOOD * (max(h for h, _ in heights) - floor)
-    vectors = min((v for h, v in heights if h >= least), key=lambda v: abs(np.linalg.det(v)))
+    least = floor + _AS_GOOD * (max(h for h, _ in fitting) - floor)
+    vectors = min((v for h, v in fitting if h >= least), key=lambda v: abs(np.linalg.det(v)))
     while denser := [v for v in _splits(vectors, longest) if _height(v, maxima, weight) >= least]:
         vectors = denser[0]
     return np.linalg.inv(vectors).T

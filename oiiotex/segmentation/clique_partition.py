@@ -11,10 +11,12 @@ has chosen each other; and after its heuristic has stopped, vertices move one by
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.sparse import csr_array, issparse, sparray, spmatrix
+from typing import Any, TypeAlias
 
-Weights = np.ndarray | sparray | spmatrix
+import numpy as np
+from scipy.sparse import csr_array, issparse
+
+Weights: TypeAlias = Any  # an array, or one of scipy's sparse ones
 
 SWEEPS = 50  # of the refinement, at most: each raises the score, so it ends by itself
 _WIDE = 8192  # vertices of a dense matrix beyond which its copy is one of float32
@@ -337,7 +339,7 @@ def _moved(weights: Weights, labels: np.ndarray) -> int:
         pull[np.arange(count), labels] = own
         most = np.maximum(pull.max(1), 0.0)
     moved = 0
-    for v in np.flatnonzero(most > own + least):
+    for v in np.flatnonzero(most > own + least).tolist():
         near, strength = _row(weights, v)
         gain = np.bincount(labels[near], strength, free + 1)  # the last: alone
         to = int(gain.argmax())

@@ -175,7 +175,7 @@ def _cliques(counts: Counts, settings: DecompositionSettings, session: Session) 
     side = counts.side
     scales = tuple(settings.radius / side * 2 ** (s / 2) for s in _octaves(settings.scales))
     roots = [histogram_roots(disc_sums(counts.values, r, session)) for r in scales]
-    seen = counts.values.any(-1)
+    seen = np.logical_or.reduce(counts.values, -1)
     samples = sample_grid(seen, max(1, round(settings.step / side)))
     if not len(samples.places):  # islands between the samples
         samples = Samples(np.arange(seen.shape[0]), np.arange(seen.shape[1]), np.flatnonzero(seen)[:1])

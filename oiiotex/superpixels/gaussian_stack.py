@@ -48,7 +48,7 @@ def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], session: Ses
     planes[:3] /= FINE_STEPS
     stack = _Stack(superpixels, planes, session)
     with stack.buffers:
-        wanted, coming = 0.0, deque()
+        wanted, coming = 0.0, deque[Download]()
         for number, (before, sigma) in enumerate(itertools.pairwise(sigmas)):
             wanted += (sigma - before) ** 2
             stack.blur_to(wanted)

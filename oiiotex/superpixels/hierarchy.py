@@ -152,7 +152,10 @@ class _Graph:
         sizes, centres = (dict(zip(left.tolist(), of[left].tolist(), strict=True)) for of in (size, means))
         self._pop(heap, target, sizes, centres, weight)
 
-    def _pop(self, heap: list, target: int, size: dict, means: dict, weight: float) -> None:
+    def _pop(
+        self, heap: list[tuple[float, int, int, int, int]], target: int, size: dict[int, float],
+        means: dict[int, list[float]], weight: float,
+    ) -> None:  # fmt: skip
         near, changes, dead = self._near, dict.fromkeys(size, 0), set()
         while self.alive > target and heap:
             _, a, b, seen_a, seen_b = heapq.heappop(heap)

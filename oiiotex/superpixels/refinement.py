@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from ..color.lab_on_device import Band, LabGrid
 from ..deferred import np
@@ -94,7 +95,7 @@ class Squares:
 
 def refined_slots(
     lab: LabGrid, grid: SeedGrid, squares: Squares, settled: Slic, centres: np.ndarray, session: Session
-) -> Iterator[tuple[Band, object]]:
+) -> Iterator[tuple[Band, Any]]:
     """As `Slic.slots` of the image: which of nine seeds a pixel chooses, band by band.
 
     Parameters
@@ -126,7 +127,7 @@ def refined_slots(
             first, end = np.searchsorted(strips[:, 0], (band.top, band.bottom)).tolist()
             items = lab.width if device.lanes == 1 else grid.across
             images = buffers["seeds"], buffers["slots"]
-            numbers = lab.width, grid.across, end - first, grid.shift, band.top, first
-            numbers += side.bit_length() - 1, squares.width
+            place = end - first, grid.shift, band.top, first
+            numbers = lab.width, grid.across, *place, side.bit_length() - 1, squares.width
             run("refine", (items, end - first), band.lab, buffers["candidates"], *tables, *images, *numbers)
             yield band, buffers["slots"]

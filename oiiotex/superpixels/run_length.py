@@ -169,7 +169,7 @@ def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], Non
 class _Finder:
     """Looks at one strip after another."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._width, self._count = 0, 0
         self._left: list[np.ndarray] = []
         self._per_row: list[np.ndarray] = []
@@ -192,7 +192,7 @@ class _Finder:
         inside = np.zeros(count, bool)
         inside[piece] = label != OUTSIDE
         number = np.where(inside, self._count + np.cumsum(inside) - 1, OUTSIDE)
-        piece, new = number[piece], np.count_nonzero(inside)  # in this strip
+        piece, new = number[piece], int(np.count_nonzero(inside))  # in this strip
 
         self._sizes.append(np.bincount(piece[piece >= 0] - self._count, lengths[piece >= 0], new))
         beside = np.flatnonzero(starts[1:] % width != 0)
@@ -219,7 +219,7 @@ class _Finder:
     def finished(self, height: int) -> Pieces:
         same = np.concatenate(self._same, 1) if self._same else np.zeros((2, 0), np.int64)
         # numbers by first pixel: pieces of strips are in that order, and a whole's is that of its first part
-        count, whole = _united(*same, self._count)
+        count, whole = _united(same[0], same[1], self._count)
         parts = np.concatenate([np.zeros(0), *self._sizes])
         sizes = np.bincount(whole, parts, count).astype(np.int64)
         a, b, length = (np.concatenate([getattr(x, f) for x in self._borders]) for f in ("a", "b", "length"))

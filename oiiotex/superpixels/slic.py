@@ -17,12 +17,16 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from ..color.lab_grid import FINE_STEPS
 from ..color.lab_on_device import Band, LabGrid
 from ..deferred import np
 from ..opencl.buffers import Buffers
 from ..session import Session
+
+if TYPE_CHECKING:
+    from .refinement import Squares
 
 NONE = 255  # the slot of transparent pixels
 _STRIP = 16  # rows that one work-item looks at
@@ -205,7 +209,7 @@ class Slic:
     session : Session
     """
 
-    def __init__(self, lab: LabGrid, grid: SeedGrid, session: Session):
+    def __init__(self, lab: LabGrid | Squares, grid: SeedGrid, session: Session):
         self._lab, self.grid, self._device = lab, grid, session.device
         self._run = self._device.program("superpixels")
         self._strips = grid.strips(lab.band_rows)
@@ -292,7 +296,7 @@ class Slic:
                 break
         return centres
 
-    def slots(self, centres: np.ndarray) -> Iterator[tuple[Band, object]]:
+    def slots(self, centres: np.ndarray) -> Iterator[tuple[Band, Any]]:
         """(band, a buffer of its slots (rows, width) uint8) from top to bottom: which of nine seeds a pixel chooses."""
         self._device.write(self._buffers["candidates"], candidates(self.grid, centres, np.arange(self.grid.count)))
         for band in self._lab.bands():
@@ -310,7 +314,7 @@ class Slic:
     def _look(self, active: np.ndarray) -> None:
         """Sums of the active cells' pixels, by the candidates and active cells that are on the device."""
         device, buffers, grid = self._device, self._buffers, self.grid
-        edges, rows_active = grid.edges(0), active.reshape(grid.down, grid.across).any(1)
+        edges, rows_active = grid.edges(0), np.logical_or.reduce(active.reshape(grid.down, grid.across), 1)
         if device.lanes == 1:  # single lanes add to what there is
             tables = self._tables[0], buffers["active"], buffers["sums"]
             self._run("clear", (grid.across, len(self._strips)), *tables, grid.across, len(self._strips))

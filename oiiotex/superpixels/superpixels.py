@@ -13,6 +13,7 @@ import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from ..color.lab import Lens
 from ..color.lab_grid import FINE_STEPS
@@ -21,6 +22,7 @@ from ..core.attributes import mark_as_data
 from ..core.image import Image, Part, derived_spec
 from ..core.window import Window
 from ..deferred import np, oiio
+from ..errors import present
 from ..opencl.buffers import Buffers, in_smaller_pieces, offset_table
 from ..session import Session
 from .crumbs import without_crumbs
@@ -80,7 +82,8 @@ class Superpixels:
     def error(self, compactness: float = COMPACTNESS) -> float:
         """LSA16 eq. 3: the sum over pixels of the squared distance (eq. 1) to the mean of their superpixel, Lab^2."""
         n = self.sizes[:, None]
-        colour = self.power_sums[..., 1].sum() - (self.power_sums[..., 0] ** 2 / n).sum()
+        sums = present(self.power_sums)
+        colour = sums[..., 1].sum() - (sums[..., 0] ** 2 / n).sum()
         rows, left, right = self.runs.rows().astype(np.float64), self.runs.left, self.runs.right()
         inside = self.runs.label != OUTSIDE
         squares = ((_squares(right) - _squares(left)) + rows**2 * (right - left))[inside].sum()
@@ -193,7 +196,7 @@ def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
     return share.reshape(grid.down, grid.across, 2) * [grid.width / grid.across, grid.height / grid.down]
 
 
-def _strips(bands: Iterable[tuple[Band, object]], grid: SeedGrid, session: Session) -> Iterator[Strip]:
+def _strips(bands: Iterable[tuple[Band, Any]], grid: SeedGrid, session: Session) -> Iterator[Strip]:
     """The seeds that pixels choose, OUTSIDE where they are transparent, from top to bottom."""
     away = np.zeros(NONE + 1, np.int32)
     away[: len(NINE)] = [dy * grid.across + dx for dy, dx in NINE]
