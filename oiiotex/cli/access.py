@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..core.image import Image
-from ..deferred import oiio
 
 if TYPE_CHECKING:
     from .chain import Chain
+    from .pixel_statistics import Statistics
 
 
 class ChainAccess:
@@ -51,7 +51,7 @@ class ChainAccess:
         """The type of the image's pixels, in its file or for ops."""
         return str(image.first.spec.format if native else image.first.working_type)
 
-    def statistics(self, image: Image) -> oiio.PixelStats:
+    def statistics(self, image: Image) -> Statistics:
         """Smallest, largest and mean values of the first part's channels."""
         from .pixel_statistics import statistics
 

@@ -301,7 +301,7 @@ def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, An
 _NAMES = ("fail", "failpercent", "hardfail", "warn", "warnpercent", "hardwarn")
 
 
-def _threshold(name: str) -> Any:
+def _setting(name: str) -> Any:
     def run(chain: Chain, text: str) -> None:
         try:
             value = np.float32(float(text))
@@ -313,7 +313,7 @@ def _threshold(name: str) -> Any:
 
 
 def _limit(name: str, argument: str, help: str) -> Option:
-    return Option(f"--{name}", (argument,), help, _threshold(name), state=True)
+    return Option(f"--{name}", (argument,), help, _setting(name), state=True)
 
 
 OPTIONS = (

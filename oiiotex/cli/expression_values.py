@@ -36,7 +36,7 @@ def integer_in(text: str) -> int | None:
     return max(_LEAST, min(_MOST, int(text))) if _INTEGER.fullmatch(text) and len(text) < 4000 else None
 
 
-def shown(number: float) -> str:
+def shown(number: float | np.floating) -> str:
     """A number as C's %g shows it: with the sign of a NaN."""
     return f"{'-' if math.isnan(number) and np.signbit(number) else ''}{float(number):g}"
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from ..core.image import Image
 from ..core.parameters import nearest
@@ -41,6 +41,9 @@ from .expression_values import (
     number_in,
     shown,
 )
+
+if TYPE_CHECKING:
+    from .pixel_statistics import Statistics
 
 
 class ImageAccess(Protocol):
@@ -70,7 +73,7 @@ class ImageAccess(Protocol):
     def pixel_type(self, image: Image, native: bool) -> str:
         """The type of an image's first part in memory ('float', whatever the file holds), or in its file."""
 
-    def statistics(self, image: Image) -> oiio.PixelStats:
+    def statistics(self, image: Image) -> Statistics:
         """Per channel of the first part: min, max, avg, nancount, infcount."""
 
     def constant_colour(self, image: Image) -> Sequence[float] | None:
@@ -378,7 +381,7 @@ class _Evaluation:
         return left == self._atom()
 
     def _format(self) -> str:
-        template, arguments = self._atom(), []
+        template, arguments = self._atom(), list[str]()
         self._want(",", "of format(): it takes a text and the values for it")
         while not arguments or self._take(","):
             arguments.append(self._sum())

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 
 from ..core.access import InBands, Whole
@@ -79,7 +79,7 @@ def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Ses
             pool = stack.enter_context(worker_processes(workers, debugging=False))
             todo = jobs(workers)
             futures = [pool.submit(work, job, dask_cluster.RETRIES) for job in todo]
-            answers = (future.result() for future in as_completed(futures))
+            answers: Iterator[tuple[str, str, int]] = (future.result() for future in as_completed(futures))
         else:
             client, workers = stack.enter_context(dask_cluster.cluster(address))
             todo = jobs(workers)

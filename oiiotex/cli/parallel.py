@@ -19,7 +19,7 @@ from subprocess import PIPE
 from typing import TYPE_CHECKING, TypeVar
 
 from ..core.machine import start_python
-from ..errors import Error
+from ..errors import Error, present
 from ..session import Session
 from . import streams
 from .parse import CommandLine
@@ -84,7 +84,7 @@ class Workers:
         self._threads = ThreadPoolExecutor(count, "oiiotex-worker", _without_interrupts)
         self._own = threading.local()
         self._lock = threading.Lock()
-        self._processes: list[Popen] = []
+        self._processes: list[Popen[bytes]] = []
         self._stopped = False
 
     def submit(self, work: Callable[[AnyJob], Result], job: AnyJob, retries: int = 0) -> Future[Result]:
@@ -112,8 +112,8 @@ class Workers:
         self._threads.shutdown(cancel_futures=True)
         for process in self._processes:
             with contextlib.suppress(OSError):  # it has ended, and what was written to it last has not arrived
-                process.stdin.close()
-            process.stdout.close()
+                present(process.stdin).close()
+            present(process.stdout).close()
             process.wait()
 
     def _done(self, work: Callable[[AnyJob], Result], job: AnyJob, retries: int) -> Result:
@@ -121,9 +121,9 @@ class Workers:
         for attempt in range(retries + 1):
             process = getattr(self._own, "process", None) or self._started()
             try:
-                pickle.dump(request, process.stdin)
-                process.stdin.flush()
-                result, error = pickle.load(process.stdout)
+                pickle.dump(request, present(process.stdin))
+                present(process.stdin).flush()
+                result, error = pickle.load(present(process.stdout))
             except (OSError, EOFError, pickle.UnpicklingError):
                 self._own.process = None
                 process.terminate()  # where it closed its pipes and yet lives
@@ -135,7 +135,7 @@ class Workers:
             return result
         raise WorkerDied("a worker process has ended of itself: killed, or out of memory? Have fewer work at a time")
 
-    def _started(self) -> Popen:
+    def _started(self) -> Popen[bytes]:
         with self._lock:
             if self._stopped:
                 raise WorkerDied("the run is being ended")

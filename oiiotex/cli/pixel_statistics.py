@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from ..core.demand import stream
-from ..core.image import Image, Part, cropped, dtype_of
+from ..core.image import Image, Part, cropped, dtype_of, pixels_of
 from ..core.window import Window
 from ..deferred import np, oiio
 
@@ -41,8 +41,7 @@ def floats(part: Part, window: Window) -> np.ndarray:
 
 def as_floats(buffer: oiio.ImageBuf, window: Window) -> np.ndarray:
     """(height, width, channels) float32 of a buffer's window."""
-    channels = buffer.nchannels
-    return buffer.get_pixels(oiio.FLOAT, window.roi(channels)).reshape(window.height, window.width, channels)
+    return pixels_of(buffer, oiio.FLOAT, window.roi(buffer.nchannels))
 
 
 def over_channels(combine: Callable[..., np.ndarray], values: np.ndarray) -> np.ndarray:
@@ -78,10 +77,9 @@ def part_statistics(part: Part, window: Window | None = None, channels: int | No
     finite = np.maximum(counts[2], 1)
     mean = np.where(some, sums / finite, 0)
     spread = np.sqrt(np.maximum(0, np.where(some, squares / finite - mean * mean, 0)))
-    return Statistics(
-        *(_numbers(np.where(some, values, 0)) for values in (low, high, mean, spread)),
-        *(tuple(map(int, row)) for row in counts),
-    )
+    least, most, middle, about = (_numbers(np.where(some, values, 0)) for values in (low, high, mean, spread))
+    nans, infs, finites = (tuple(map(int, row)) for row in counts)
+    return Statistics(least, most, middle, about, nans, infs, finites)
 
 
 def _numbers(values: np.ndarray) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..core.attributes import set_attribute
-from ..core.image import Image, Part, from_buffer, in_memory, type_named
+from ..core.image import Image, Part, from_buffer, in_memory, pixels_of, type_named
 from ..core.parameters import param
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -115,8 +115,7 @@ def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
         spec.set_format(kind)
 
         def fetch(window: Window) -> np.ndarray:
-            pixels = part.buffer(window).get_pixels(kind, window.roi(spec.nchannels))
-            return pixels.reshape(window.height, window.width, spec.nchannels)
+            return pixels_of(part.buffer(window), kind, window.roi(spec.nchannels))
 
         return Part(part.name, spec, fetch, part.stored, native=True)
 

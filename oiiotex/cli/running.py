@@ -14,7 +14,7 @@ from .parse import CommandLine, parse
 log = logging.getLogger("oiiotex")
 
 
-def run(words: list[str], folder: str | os.PathLike | None = None) -> int:
+def run(words: list[str], folder: str | os.PathLike[str] | None = None) -> int:
     """Do what a command line says, in `folder` if one is given; returns the exit code, 1 where images differ.
 
     Raises

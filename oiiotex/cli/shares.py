@@ -67,7 +67,7 @@ class Shares:
                 key, cells = self._key(number, part, inputs), _cells(part)
                 mine = cells[len(cells) * (self.number - 1) // self.count : len(cells) * self.number // self.count]
                 for cell, pixels in stream(part, [c for c in mine if not session.resources.keeper.holds(key, c)]):
-                    session.resources.keeper.piece(key, cell, lambda made=pixels: made)
+                    session.resources.keeper.piece(key, cell, lambda: pixels)  # noqa: B023 - called at once
                     session.advance(mine.index(cell) + 1, len(mine))
         finally:
             session.resources.keeper = keeper

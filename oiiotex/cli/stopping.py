@@ -44,7 +44,7 @@ def ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _handle(numbers: tuple[int, ...], handler: Callable[[int, object], object]) -> None:
+def _handle(numbers: tuple[int, ...], handler: Callable[[int, FrameType | None], object]) -> None:
     for number in numbers:
         if signal.getsignal(number) != signal.SIG_IGN:  # as nohup and shells' background jobs have it
             signal.signal(number, handler)

@@ -8,7 +8,7 @@ import io
 import logging
 import os
 import threading
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from .. import __version__
 from ..core.machine import forget_current_folder, usable_threads
@@ -123,7 +123,7 @@ def session_for(command: CommandLine, words: list[str]) -> Session:
         device_name=command.first("--device"),
         threads=threads,
         colorconfig=command.first("--colorconfig"),
-        interchange=command.settings.get("--interchange"),
+        interchange=cast("tuple[str, str] | None", command.settings.get("--interchange")),
         say=print,
         measure=command.reports,
         profile="--runstats" in command.settings,

@@ -103,7 +103,7 @@ def write_texture(mode: str) -> Any:
             ) or not (made.exists() and made.stat().st_size):
                 raise ImageError(f"{path}: {one_line(oiio.geterror()) or 'no texture could be made'}")
             take(temporary, made)
-            require_arrived(temporary, path, image, format_name)
+            require_arrived(temporary, Path(path), image, format_name)
             keep_readable(Path(path))
 
     return run

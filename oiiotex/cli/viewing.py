@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..color.config import as_float
 from ..core.demand import bands, cached, stream
@@ -34,7 +34,7 @@ class ViewModifiers:
     name: str = param("", help="what it is called there; the image's own name when left out")
 
 
-def show(chain: Chain, **modifiers: str | int) -> None:
+def show(chain: Chain, **modifiers: Any) -> None:
     """Show the top image."""
     given = ViewModifiers(**modifiers)
     with _tev(given) as viewer:

@@ -93,7 +93,7 @@ class Part:
     def buffer(self, window: Window) -> oiio.ImageBuf:
         """As an ImageBuf with that data window, for ops of the host; do not write into it."""
         pixels = self.fetch(window)
-        if self.spec.deep or (isinstance(pixels, oiio.ImageBuf) and pixels.spec().format == self.working_type):
+        if isinstance(pixels, oiio.ImageBuf) and (self.spec.deep or pixels.spec().format == self.working_type):
             return pixels
         spec = window.apply_to(self.spec)
         spec.set_format(self.working_type)

@@ -67,7 +67,7 @@ def memory() -> int:
 # --- processes ---
 
 
-def start(command: Sequence[str], *, env: Mapping[str, str] | None = None, **how: Any) -> Popen:
+def start(command: Sequence[str], *, env: Mapping[str, str] | None = None, **how: Any) -> Popen[Any]:
     """Start a program.
 
     Parameters
@@ -93,7 +93,7 @@ def start(command: Sequence[str], *, env: Mapping[str, str] | None = None, **how
     return Popen(command, env=_without_current_folder(os.environ if env is None else env), cwd="/", **how)
 
 
-def start_python(module: str, *arguments: str, **how: Any) -> Popen:
+def start_python(module: str, *arguments: str, **how: Any) -> Popen[Any]:
     """Start a module of ours as a program, in a Python that ignores the environment's and the user's own settings.
 
     Parameters

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from ..errors import Error, ParameterError
+from ..errors import Error, ParameterError, present
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -117,6 +117,6 @@ def results(
             future = client.submit(work, job, pure=False)
             futures[future] = job
             why = future.exception()
-            yield future.result() if why is None else instead(job, str(why))
+            yield future.result() if why is None else present(instead)(job, str(why))
     finally:
         client.cancel(list(futures))

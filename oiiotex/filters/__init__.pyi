@@ -8,11 +8,15 @@ from typing import Literal, overload
 from OpenImageIO import ROI, ImageBuf
 
 from ..core.op import Op
+from ..deferred import Shelf
 from ..python_types import FileName, ImageLike, Picture
 from ..session import Session
 
+SHELVES: tuple[Shelf, ...]
 OURS: tuple[type[Op], ...]
 FILTERS: tuple[type[Op], ...]
+
+def further() -> tuple[type[Op], ...]: ...
 
 @overload
 def atlas(

@@ -12,16 +12,16 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from .. import __version__
 from ..color.lab import working_values
-from ..core.op import Kind, Op, Output
+from ..core.op import Kind, Output
 from ..core.parameters import nearest
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, present
 from ..patchmatch.matcher import match_patches
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import Lost
@@ -31,6 +31,9 @@ from ..stationarity.costs import stationarity_cost, texture_cost
 from ..stationarity.report_measures import REPORT_MEASURES
 from ..stationarity.seam_measures import seam_ratio, sharpness, wrap_percentile
 from .measures import cost_text
+
+if TYPE_CHECKING:
+    from ..regularity.offset_prices import InStep
 
 log = logging.getLogger("oiiotex")
 
@@ -51,8 +54,9 @@ _LEAST = 16  # px; a photo or a result that is smaller has nothing to be measure
 
 def regularity_of(photo: np.ndarray, source: SourceMap, recipe: Recipe) -> dict[str, float]:
     """How regular a photo, (height, width, 3) Lab, and its tile are, by the lattice that the recipe keeps."""
-    own = recipe.in_step.lattice
-    lattice, torus = replace(own, frequencies=recipe.in_step.wanted), recipe.wrap_x and recipe.wrap_y
+    kept = cast("InStep", recipe.in_step)
+    own = kept.lattice
+    lattice, torus = replace(own, frequencies=kept.wanted), recipe.wrap_x and recipe.wrap_y
     tile = source.gather(photo)
     return {
         "regular_photo": float(min(peaks_over_floor(photo, own, False))),
@@ -157,7 +161,7 @@ class Quality:
         Its shortest steps as the results have them, x and y px: none, one or two.
     """
 
-    op: Op
+    op: Any  # with parameters that not every Op has
     session: Session
     wrap: tuple[bool, bool] = (False, False)
     size: tuple[int, int] = (0, 0)
@@ -175,7 +179,7 @@ class Quality:
 
     @classmethod
     def of_copies(
-        cls, op: Op, session: Session, size: tuple[int, int], tile: str | None = None, **more: Any
+        cls, op: Any, session: Session, size: tuple[int, int], tile: str | None = None, **more: Any
     ) -> Quality:
         """Of results whose pixels are copied from the op's exemplar.
 
@@ -232,7 +236,7 @@ class Quality:
         exemplar, main = self.op.exemplar, results[self.op.main().name]
 
         def seen() -> tuple[np.ndarray, list[Look]]:
-            photo, _ = working_values(exemplar, self.session, self.op.working_space)
+            photo = np.asarray(working_values(exemplar, self.session, self.op.working_space)[0])
             source = SourceMap.of_coordinates(results["st"].pixels(), exemplar.first.spec, "st")
             return photo, [Look.of_copies(main.name, photo, source, labels())]
 
@@ -303,7 +307,8 @@ class Quality:
     def _of_copies(self, photo: np.ndarray, look: Look) -> dict[str, float]:
         from ..stationarity.copy_detection import copies_by_source, label_copies  # scipy is loaded where it is needed
 
-        y, x = look.source.yx
+        source = present(look.source)
+        y, x = source.yx
         rows, columns = (
             n if wraps else n - self.patch + 1 for n, wraps in zip(y.shape, reversed(self.wrap), strict=True)
         )
@@ -318,12 +323,13 @@ class Quality:
                 self.session.device, look.lab, photo, start, self.patch, domain, 0, self.session.budget
             )
             measures["texture"] = texture_cost(look.lab, photo, matches, self.patch)
-        copies = copies_by_source(look.source, photo.shape[:2])
+        copies = copies_by_source(source, photo.shape[:2])
         measures["copied"] = copies.exact
-        repeated = {} if copies.shown is None else {"shown": copies.shown, "repeat": copies.over_fair}
-        if look.labels is not None and copies.shown is not None:
-            repeated |= dict(zip(_OF_LABELS, label_copies(look.source, *look.labels), strict=True))
-        return measures | repeated
+        if copies.shown is not None:
+            measures |= {"shown": copies.shown, "repeat": present(copies.over_fair)}
+            if look.labels is not None:
+                measures |= dict(zip(_OF_LABELS, label_copies(source, *look.labels), strict=True))
+        return measures
 
     # --- what is said of them ---
 
@@ -343,7 +349,7 @@ class Quality:
                 if not passed:
                     shown = "not measured" if value is None else f"{value:.4g}"
                     failed.append(f"{result['name']}: {limit.measure} is {shown}: fail={limit}")
-        header = {"schema": SCHEMA, "version": __version__, "filter": self.op.name}
+        header: dict[str, Any] = {"schema": SCHEMA, "version": __version__, "filter": self.op.name}
         header["parameters"] = self.op.provenance()["oiiotex:parameters"]
         header |= {"measure": self.measure, "sigma": self.sigma, "contrast": self.contrast}
         return {**header, "results": results, "limits": limits, "passed": not failed, "failed": failed}

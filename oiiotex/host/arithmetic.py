@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.image import Image
+from ..core.image import Image, pixels_of
 from ..core.op import Op
 from ..core.parameters import Numbers, argument, image, param
 from ..deferred import np, oiio
@@ -160,8 +160,8 @@ def _widened(buffer: oiio.ImageBuf, other: oiio.ImageBuf) -> oiio.ImageBuf:
         spec.alpha_channel = further.alpha_channel
     if spec.z_channel < 0 and further.z_channel >= count:
         spec.z_channel = further.z_channel
-    own = buffer.get_pixels(spec.format, buffer.roi)
-    theirs = other.get_pixels(spec.format, other.roi)
+    own = pixels_of(buffer, spec.format)
+    theirs = pixels_of(other, spec.format)
     wide = oiio.ImageBuf(spec)
     wide.set_pixels(wide.roi, np.concatenate([own, theirs[..., count:]], axis=-1))
     return wide
@@ -184,7 +184,7 @@ class MultiplyAdd(PointOp):
             raise ImageError(
                 f"the images must have the same number of channels; they have {counts[0]}, {counts[1]} and {counts[2]}"
             )
-        return oiio.ImageBufAlgo.mad(*buffers)
+        return oiio.ImageBufAlgo.mad(buffers[0], buffers[1], buffers[2])
 
 
 # --- an image and values ---

@@ -207,7 +207,7 @@ class ChannelSum(FromChannels):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The weighted sum."""
-        return oiio.ImageBufAlgo.channel_sum(*buffers, per_channel(self.weight, buffers[0].nchannels, 1.0))
+        return oiio.ImageBufAlgo.channel_sum(buffers[0], per_channel(self.weight, buffers[0].nchannels, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,8 +251,8 @@ class ColorMap(FromChannels):
         """The colours of the map."""
         knots = self._knots()
         if knots is None:
-            return oiio.ImageBufAlgo.color_map(*buffers, -1, self.map)
-        return oiio.ImageBufAlgo.color_map(*buffers, -1, len(knots) // 3, 3, knots)
+            return oiio.ImageBufAlgo.color_map(buffers[0], -1, self.map)
+        return oiio.ImageBufAlgo.color_map(buffers[0], -1, len(knots) // 3, 3, knots)
 
 
 OPS: tuple[type[Op], ...] = (

@@ -6,11 +6,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ..core.access import Pointwise
 from ..core.attributes import TAG
-from ..core.image import Image, Part, channels_of
+from ..core.image import Image, Part, channels_of, pixels_of
 from ..core.op import Op
 from ..core.parameters import Numbers, argument, image, param
 from ..deferred import np, oiio
@@ -32,7 +32,9 @@ class IsColorSpace(Respec):
 
     name: ClassVar[str] = "iscolorspace"
 
-    space: str = argument(help="a colour space, role or alias of the config; '' to forget it")
+    space: str = argument(  # type: ignore[misc, assignment]  # a user's word, where others declare where they work
+        help="a colour space, role or alias of the config; '' to forget it"
+    )
 
     def change(self, spec: oiio.ImageSpec) -> None:
         """Set it, and forget what contradicts it."""
@@ -82,7 +84,7 @@ def converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.Ima
     if used == list(range(spec.nchannels)) and (channels.alpha is None or len(channels.colour) == 3):
         return convert(source)
     count, gray = len(channels.colour), len(channels.colour) == 1
-    pixels = source.get_pixels(spec.format, source.roi)
+    pixels = pixels_of(source, spec.format)
     colour = np.zeros((*pixels.shape[:-1], 3 if channels.alpha is None else 4), pixels.dtype)
     colour[..., : 3 if gray else count] = pixels[..., list(channels.colour)]
     if channels.alpha is not None:
@@ -94,7 +96,7 @@ def converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.Ima
     buffer = oiio.ImageBuf(narrow)
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(colour))
     output = convert(buffer)
-    colour = output.get_pixels(spec.format, output.roi)
+    colour = pixels_of(output, spec.format)
     pixels = pixels.copy()
     pixels[..., list(channels.colour)] = colour[..., :count]
     if channels.alpha is not None:
@@ -140,7 +142,9 @@ class Converting(OnColor):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
-        names = {n: session.color.known_name(s) for n, s in vars(self).items() if n in ("from_space", "to_space")}
+        names: dict[str, Any] = {
+            n: session.color.known_name(s) for n, s in vars(self).items() if n in ("from_space", "to_space")
+        }
         try:
             return super(Converting, replace(self, **names)).result(parts, session)
         except ColorError as error:
@@ -206,7 +210,7 @@ class ColorMatrix(OnColor):
         size = {9: 3, 16: 4}.get(len(self.matrix))
         if size is None:
             raise ParameterError(f"matrix={self.matrix}: allowed are 9 or 16 numbers with commas between them")
-        matrix = np.eye(4)
+        matrix: np.ndarray = np.eye(4)
         matrix[:size, :size] = np.reshape(self.matrix, (size, size))
         if self.transpose:
             matrix = matrix.T

@@ -43,7 +43,7 @@ class DepthOver(TwoImages):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The nearer over the farther."""
-        return oiio.ImageBufAlgo.zover(*buffers, self.zeroisinf)
+        return oiio.ImageBufAlgo.zover(buffers[0], buffers[1], self.zeroisinf)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,7 +48,7 @@ class Cropped(Remap):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Cropped or padded."""
-        return oiio.ImageBufAlgo.crop(*buffers, roi=Window.data(target).roi(target.nchannels))
+        return oiio.ImageBufAlgo.crop(buffers[0], roi=Window.data(target).roi(target.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.image import Image
+from ..core.image import Image, pixels_of
 from ..core.op import Op
 from ..core.parameters import argument, image
 from ..deferred import np, oiio
@@ -34,7 +34,7 @@ class CryptomatteColors(PointOp):
             raise ParameterError(
                 f"layer={self.layer}: the image has no channels {self.layer}00.R ...; it has {', '.join(names)}"
             )
-        values = source.get_pixels(oiio.FLOAT, source.roi)
+        values = pixels_of(source, oiio.FLOAT)
         colour = np.zeros((*values.shape[:-1], 3), np.float32)
         for identity, coverage in zip(ranks[::2], ranks[1::2], strict=False):
             code, alpha = np.ascontiguousarray(values[..., identity]), values[..., coverage]

@@ -170,7 +170,8 @@ class Line(Coloured):
 
         def lines(b: oiio.ImageBuf) -> None:
             for n in range(0, len(points) - 3, 2):
-                oiio.ImageBufAlgo.render_line(b, *points[n : n + 4], colour, closed or n > 0)
+                x1, y1, x2, y2 = points[n : n + 4]
+                oiio.ImageBufAlgo.render_line(b, x1, y1, x2, y2, colour, closed or n > 0)
 
         _with_alpha(buffer, colour[-1], lines)
 

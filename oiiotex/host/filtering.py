@@ -77,7 +77,7 @@ class Blur(Area):
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Convolved."""
         kernel = kernel_of(self.kernel, *parse_size(self.size))
-        return oiio.ImageBufAlgo.convolve(*buffers, kernel, True, Window.data(target).roi(target.nchannels))
+        return oiio.ImageBufAlgo.convolve(buffers[0], kernel, True, Window.data(target).roi(target.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +142,7 @@ class Median(Ranked):
         width, height = self.sizes()
         if width * height * target.nchannels * 4 > _STACK:
             raise ParameterError(f"size={self.size}: too large for {target.nchannels} channels")
-        return oiio.ImageBufAlgo.median_filter(*buffers, width, height, self.roi(target))
+        return oiio.ImageBufAlgo.median_filter(buffers[0], width, height, self.roi(target))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,7 @@ class Dilate(Ranked):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Dilated."""
-        return oiio.ImageBufAlgo.dilate(*buffers, *self.sizes(), self.roi(target))
+        return oiio.ImageBufAlgo.dilate(buffers[0], *self.sizes(), self.roi(target))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +164,7 @@ class Erode(Ranked):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Eroded."""
-        return oiio.ImageBufAlgo.erode(*buffers, *self.sizes(), self.roi(target))
+        return oiio.ImageBufAlgo.erode(buffers[0], *self.sizes(), self.roi(target))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +206,7 @@ class Unsharp(Area):
         if self.kernel == "median" and width * width * target.nchannels * 4 > _STACK:
             raise ParameterError(f"width={self.width:g}: too large for {target.nchannels} channels")
         result = checked(
-            oiio.ImageBufAlgo.unsharp_mask(*buffers, self.kernel, self.width, self.contrast, self.threshold)
+            oiio.ImageBufAlgo.unsharp_mask(buffers[0], self.kernel, self.width, self.contrast, self.threshold)
         )
         return oiio.ImageBufAlgo.crop(result, roi=Window.data(target).roi(target.nchannels))
 
@@ -225,7 +225,7 @@ class Laplacian(Area):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Laplacian."""
-        return oiio.ImageBufAlgo.laplacian(*buffers, Window.data(target).roi(target.nchannels))
+        return oiio.ImageBufAlgo.laplacian(buffers[0], Window.data(target).roi(target.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,7 +264,7 @@ class FFT(AtOnce):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Transformed."""
-        return oiio.ImageBufAlgo.fft(*buffers)
+        return oiio.ImageBufAlgo.fft(buffers[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,7 +281,7 @@ class IFFT(FFT):
             raise ImageError("an image as --fft leaves it is wanted: two channels, data and display window the same")
         if spec.format != oiio.TypeDesc(oiio.FLOAT):
             return oiio.ImageBufAlgo.ifft(oiio.ImageBufAlgo.copy(buffers[0], oiio.FLOAT))
-        return oiio.ImageBufAlgo.ifft(*buffers)
+        return oiio.ImageBufAlgo.ifft(buffers[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,8 +302,8 @@ class DecorrStretch(AtOnce):
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Stretched; in one thread, as sums depend on their order."""
         return oiio.ImageBufAlgo.decorr_stretch(
-            *buffers, self.firstchannel, self.nchannels, self.scale, self.sigma, self.mean, self.percentile, self.mode,
-            nthreads=1,
+            buffers[0], self.firstchannel, self.nchannels, self.scale, self.sigma, self.mean, self.percentile,
+            self.mode, nthreads=1,
         )  # fmt: skip
 
 
@@ -340,7 +340,7 @@ class Demosaic(Area):
                 self.algorithm,
                 self.layout,
                 self.white_balance_mode,
-                self.white_balance,
+                self.white_balance,  # type: ignore[arg-type]  # None is its default, which the stub does not say
                 window.shifted(x, y).roi(3),
             )
         )

@@ -81,7 +81,7 @@ def parse_box(text: str, base: Box, *, scaling: bool = False, resizing: bool = T
         x, y = numbers[:2]
         width, height = max(0, numbers[2] - x + extra), max(0, numbers[3] - y + extra)
     elif form in ("window", "window,", "size"):
-        width, height = _proportional(*numbers[:2], base, whole)
+        width, height = _proportional(numbers[0], numbers[1], base, whole)
         if form != "size":
             x, y = numbers[2:]
     elif form.startswith("offset"):

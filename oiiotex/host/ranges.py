@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..core.demand import bands, cached
-from ..core.image import Image, Part
+from ..core.image import Image, Part, pixels_of
 from ..core.op import Op
 from ..core.parameters import Numbers, argument, image, param
 from ..core.window import Window
@@ -36,7 +36,7 @@ class Clamp(OneImage):
         count = buffers[0].nchannels
         low = numbers_for_channels(self.min, count, -_LARGEST, "min")
         high = numbers_for_channels(self.max, count, _LARGEST, "max")
-        return oiio.ImageBufAlgo.clamp(*buffers, low, high, self.clampalpha)
+        return oiio.ImageBufAlgo.clamp(buffers[0], low, high, self.clampalpha)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,9 +56,10 @@ class Contrast(OneImage):
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Remapped; the last value given holds for further channels."""
         lists = (self.black, self.white, self.min, self.max, self.scontrast, self.sthresh)
-        result = oiio.ImageBufAlgo.contrast_remap(*buffers, *map(tuple, lists))
+        black, white, low, high, steep, middle = map(tuple, lists)
+        result = oiio.ImageBufAlgo.contrast_remap(buffers[0], black, white, low, high, steep, middle)
         if self.clamp:
-            oiio.ImageBufAlgo.clamp(result, result, tuple(self.min), tuple(self.max))
+            oiio.ImageBufAlgo.clamp(result, result, low, high)
         return result
 
 
@@ -72,7 +73,7 @@ class Saturate(OneImage):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Between luma and colour, or beyond."""
-        return oiio.ImageBufAlgo.saturate(*buffers, self.scale)
+        return oiio.ImageBufAlgo.saturate(buffers[0], self.scale)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +86,7 @@ class RangeCompress(OneImage):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Compressed."""
-        return oiio.ImageBufAlgo.rangecompress(*buffers, self.luma)
+        return oiio.ImageBufAlgo.rangecompress(buffers[0], self.luma)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +99,7 @@ class RangeExpand(OneImage):
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Expanded."""
-        return oiio.ImageBufAlgo.rangeexpand(*buffers, self.luma)
+        return oiio.ImageBufAlgo.rangeexpand(buffers[0], self.luma)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +116,7 @@ class Normalize(OneImage):
         """Normalized; a fourth channel stays."""
         if buffers[0].nchannels not in (3, 4):
             raise ImageError(f"takes images of 3 or 4 channels; this one has {buffers[0].nchannels}")
-        return oiio.ImageBufAlgo.normalize(*buffers, self.incenter, self.outcenter, self.scale)
+        return oiio.ImageBufAlgo.normalize(buffers[0], self.incenter, self.outcenter, self.scale)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +141,7 @@ class Noise(OneImage):
         low, high = {"gaussian": (self.mean, self.stddev), "salt": (self.value, self.portion)}.get(
             self.type, (self.min, self.max)
         )
-        result = oiio.ImageBufAlgo.copy(*buffers)
+        result = oiio.ImageBufAlgo.copy(buffers[0])
         roi = result.roi
         roi.chend = min(roi.chend, self.nchannels or roi.chend)
         oiio.ImageBufAlgo.noise(result, self.type, low, high, self.mono, self.seed, roi)
@@ -169,7 +170,7 @@ class FixNonFinite(Area):
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Repaired."""
         window, spec = Window.data(target), buffers[0].spec()
-        pixels = buffers[0].get_pixels(spec.format, buffers[0].roi)
+        pixels = pixels_of(buffers[0], spec.format)
         out = pixels[window.inside(Window.data(spec))]
         if np.issubdtype(pixels.dtype, np.floating) and self.strategy in ("black", "box3"):
             out = out.copy()

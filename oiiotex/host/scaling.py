@@ -207,7 +207,7 @@ class Resample(Remap):
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Resampled."""
         result = blank(target, *buffers)
-        oiio.ImageBufAlgo.resample(result, *buffers, self.interp)
+        oiio.ImageBufAlgo.resample(result, buffers[0], self.interp)
         return result
 
 

@@ -97,7 +97,7 @@ class Transpose(Remap):
 
     def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """Transposed."""
-        return oiio.ImageBufAlgo.transpose(*buffers)
+        return oiio.ImageBufAlgo.transpose(buffers[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +172,7 @@ class Reorient(Hosted, Gather):
     """Turn the pixels as the Orientation metadata says."""
 
     name: ClassVar[str] = "reorient"
-    steps: ClassVar[dict[int, tuple[type[HostOp], ...]]] = {
+    steps: ClassVar[dict[int, tuple[type[Flip | Rotate90], ...]]] = {
         2: (Flop,), 3: (Rotate180,), 4: (Flip,), 5: (Rotate90, Flop), 6: (Rotate90,), 7: (Flop, Rotate90),
         8: (Rotate270,),
     }  # fmt: skip

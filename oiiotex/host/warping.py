@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..core.access import Gather
-from ..core.image import Image, Part, derived_spec, in_memory
+from ..core.image import Image, Part, derived_spec, in_memory, pixels_of
 from ..core.op import Op
 from ..core.parameters import Numbers, argument, image, nearest, param
 from ..core.window import Window, warp_needs
@@ -81,8 +81,8 @@ def clamped_at_edges(
     s = (np.arange(window.left, window.right, dtype=np.float32) + np.float32(0.5)) * inverse[0, 0] + inverse[2, 0]
     t = (np.arange(window.top, window.bottom, dtype=np.float32) + np.float32(0.5)) * inverse[1, 1] + inverse[2, 1]
     inside = ((t >= data.top - 1) & (t < data.bottom))[:, None] & ((s >= data.left - 1) & (s < data.right))[None]
-    weight = share.get_pixels(oiio.FLOAT).reshape(window.height, window.width, 1)
-    values = warped.get_pixels(oiio.FLOAT).reshape(window.height, window.width, -1)
+    weight = pixels_of(share, oiio.FLOAT)
+    values = pixels_of(warped, oiio.FLOAT)
     counts = (weight > 0) & inside[..., None]
     warped.set_pixels(warped.roi, np.where(counts, values / np.where(counts, weight, np.float32(1)), np.float32(0)))
     return warped

@@ -105,7 +105,7 @@ def cryptomatte_part(
         spec.erase_attribute("name")
         spec.erase_attribute("oiio:subimagename")
     spec.erase_attribute("oiiotex:.*")  # what is said of one of the label maps alone
-    tables, whole = [], {}
+    tables, whole = [], dict[str, str]()
     for layer, labels in zip(layers, maps, strict=True):
         bits = hashes(labels.name(label) for label in range(1, labels.count + 1))
         manifest = {name: f"{value:08x}" for name, value in bits.items()}

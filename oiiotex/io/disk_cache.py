@@ -37,7 +37,7 @@ def hash_of(*facts: object) -> str:
         if isinstance(fact, (np.ndarray, RowStore)):
             digest.update(f"{fact.dtype.str} {fact.shape}".encode())
             for first in range(0, len(fact), _ROWS) if fact.shape else ():
-                digest.update(np.ascontiguousarray(fact[first : first + _ROWS]))
+                digest.update(np.ascontiguousarray(fact[first : first + _ROWS]).data)
         else:
             digest.update(repr(fact).encode())
     return digest.hexdigest()

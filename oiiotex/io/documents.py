@@ -22,7 +22,7 @@ _MOST_BYTES = 16 << 20  # of a document
 _MOST_NUMBER = 2**53  # what a float64, and so any reader of JSON, holds exactly
 
 
-def require_regular(path: str | os.PathLike) -> None:
+def require_regular(path: str | os.PathLike[str]) -> None:
     """Refuse what is there but no regular file: opening a fifo waits for who writes to it.
 
     Raises

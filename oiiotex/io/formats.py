@@ -157,11 +157,11 @@ def _without_negative_origin(part: Part) -> Part:
 
 def specs_of(image: Image, out: oiio.ImageOutput, how: Format) -> list[list[oiio.ImageSpec]]:
     """For each part the specs of its levels, as they are to be opened."""
-    tiled = out.supports("tiles") and not how.scanline
+    tiled = bool(out.supports("tiles")) and not how.scanline
     several = len(image.parts) > 1
     shared = image.first.spec.getattribute("PixelAspectRatio")  # EXR wants one for all parts
     ours = any(part.exact or is_ours(part.spec) for part in image.parts)  # else as oiiotool writes it
-    specs = []
+    specs: list[list[oiio.ImageSpec]] = []
     for n, part in enumerate(image.parts):
         levels = []
         for level in (part, *_levels(part, out, how, several)):

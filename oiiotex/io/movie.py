@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core.machine import program, start
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, present
 from .atomic import temporary_beside
 
 # What screens take it for is said in the file; H.264 of 4:2:0 has even sides.
@@ -77,10 +77,10 @@ def _write_mp4(path: Path, frames: Iterator[np.ndarray], rate: float) -> None:
     with start(command, stdin=PIPE, stdout=DEVNULL, stderr=PIPE) as ffmpeg:
         try:
             for frame in itertools.chain([first], frames):
-                ffmpeg.stdin.write(np.ascontiguousarray(frame).tobytes())
+                present(ffmpeg.stdin).write(np.ascontiguousarray(frame).tobytes())
             _, message = ffmpeg.communicate()
         except BrokenPipeError:  # it says why
-            message = ffmpeg.stderr.read()
+            message = present(ffmpeg.stderr).read()
         except BaseException:
             ffmpeg.kill()
             raise

@@ -44,9 +44,7 @@ def write_palette(path: Path, paints: Sequence[Paint]) -> None:
         temporary.write_bytes(text)
 
 
-def write_indexed(
-    path: Path, ids: np.ndarray, colours: dict[int, tuple[int, int, int]], texts: Mapping[str, Any]
-) -> None:
+def write_indexed(path: Path, ids: np.ndarray, colours: Mapping[int, Sequence[int]], texts: Mapping[str, Any]) -> None:
     """Write ids, (height, width) uint8, as a PNG whose palette has their colours.
 
     OpenImageIO writes no palettes.

@@ -27,7 +27,7 @@ _sources: weakref.WeakSet[_Source] = weakref.WeakSet()
 
 
 def read(
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     cache: PieceCache | None = None,
     *,
     native: bool = False,
@@ -56,14 +56,14 @@ def read(
     require_regular(path)
     source = _Source(path, config)
     cache = cache or PieceCache(_CACHE_BYTES)
-    parts = []
+    parts: list[Part] = []
     for specs in source.specs():
         levels = [_part(source, cache, spec, (len(parts), level), native) for level, spec in enumerate(specs)]
         parts.append(dataclasses.replace(levels[0], levels=tuple(levels[1:])))
     return Image(tuple(parts), path)
 
 
-def checked_name(path: str | os.PathLike) -> str:
+def checked_name(path: str | os.PathLike[str]) -> str:
     """A file's name as OpenImageIO takes it.
 
     Raises

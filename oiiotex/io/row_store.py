@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.demand import scratch_file, write_at
 from ..deferred import np
+from ..errors import present
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike
@@ -51,9 +52,9 @@ class RowStore:
         first, last, _ = rows.indices(self.shape[0])
         out = np.empty((max(0, last - first), *self.shape[1:]), self.dtype)
         if out.size:
-            into = memoryview(out).cast("B")
+            into = out.data.cast("B")
             for at in range(0, len(into), AT_ONCE):
-                os.preadv(self._file.fileno(), [into[at : at + AT_ONCE]], first * self._row_bytes + at)
+                os.preadv(present(self._file).fileno(), [into[at : at + AT_ONCE]], first * self._row_bytes + at)
         return out[:, columns]
 
     def __setitem__(self, rows: slice, values: np.ndarray) -> None:
@@ -61,7 +62,7 @@ class RowStore:
             self._array[rows] = values
         else:
             first = rows.indices(self.shape[0])[0]
-            write_at(self._file, np.ascontiguousarray(values, self.dtype), first * self._row_bytes)
+            write_at(present(self._file), np.ascontiguousarray(values, self.dtype), first * self._row_bytes)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
         out = self[:]

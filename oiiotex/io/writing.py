@@ -15,7 +15,7 @@ from ..core.image import Image, Part, dtype_of
 from ..core.machine import program, start
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ImageError
+from ..errors import ImageError, present
 from .atomic import held_beside, release, temporary_beside
 from .description import warn_of_loss
 from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type
@@ -31,7 +31,7 @@ _COPY = "cat && exit; code=$?; cat >/dev/null; exit $code"  # whoever writes mus
 
 def write(
     image: Image,
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     how: Format | oiio.TypeDesc | None = None,
     advance: Callable[[int, int], object] | None = None,
 ) -> None:
@@ -68,7 +68,7 @@ def write(
         keep_readable(path)
 
 
-def require_writable(image: Image, path: str | os.PathLike, how: Format | oiio.TypeDesc | None = None) -> None:
+def require_writable(image: Image, path: str | os.PathLike[str], how: Format | oiio.TypeDesc | None = None) -> None:
     """Refuse, before the work, what `write` would refuse of the name and the parts' types: no pixel is asked for."""
     path = Path(checked_name(path))
     temporary = held_beside(path)
@@ -162,8 +162,8 @@ def _write_whole(
         whole.set_pixels(roi, np.ascontiguousarray(pixels))
         if advance is not None:
             advance(window.bottom - part.window.top, spec.height)
-    if not whole.write(str(temporary), spec.format, format_name):
-        raise ImageError(f"{path}: cannot be written: {_error_text(whole, temporary, path)}")
+    if not present(whole).write(str(temporary), spec.format, format_name):
+        raise ImageError(f"{path}: cannot be written: {_error_text(present(whole), temporary, path)}")
 
 
 def _write_rows(
@@ -271,7 +271,7 @@ def _require_types(
             raise ImageError(f"{path}: TIFF files of doubles are not supported")  # see reading
         if wanted is None:
             continue
-        trial = oiio.ImageOutput.create(how.format_name or str(temporary))
+        trial = present(oiio.ImageOutput.create(how.format_name or str(temporary)))
         place = os.devnull if out.format_name() == "jpeg" else str(temporary)  # see _way_to
         spec = Window(0, 0, 1, 1).apply_to(levels[0])
         spec.full_x, spec.full_y, spec.full_width, spec.full_height = 0, 0, 1, 1

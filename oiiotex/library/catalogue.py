@@ -306,6 +306,5 @@ class Catalogue:
 
 def _asset(row: Sequence[Any]) -> Asset:
     lab = tuple(row[11:14]) if row[11] is not None else ()
-    return Asset(
-        *row[:4], tuple(json.loads(row[4])), *row[5:10], tuple(json.loads(row[10])), lab, row[14] or 0.0, row[15]
-    )
+    reasons, tile = (tuple(json.loads(row[column])) for column in (4, 10))
+    return Asset._make([*row[:4], reasons, *row[5:10], tile, lab, row[14] or 0.0, row[15]])

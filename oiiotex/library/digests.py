@@ -49,7 +49,9 @@ def digests_of(
     unread |= {row[0]: _why(row[0], digest) for row, digest in made if isinstance(digest, OSError)}
     read = [(row, digest) for row, digest in made if isinstance(digest, str)]
     if read:
-        catalogue.remember_sources((str(photos / path), *facts, digest) for (path, *facts), digest in read)
+        catalogue.remember_sources(
+            (str(photos / path), size, changed, digest) for (path, size, changed), digest in read
+        )
     return digests | {row[0]: digest for row, digest in read}, unread
 
 

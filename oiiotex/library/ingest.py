@@ -121,7 +121,7 @@ class _Run:
 
     def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[Job]:
         """What is to be made; questions and what cannot be read are recorded, and what is as it was is counted."""
-        old, asked, todo = self.catalogue.assets(), [], []
+        old, asked, todo = self.catalogue.assets(), list[tuple[Any, ...]](), []
         self.total = len(found)  # until it is known how many are to be made
         for material in found:
             before = old.get(material.name)
@@ -207,8 +207,8 @@ class _Run:
     def _make(self, jobs: Iterator[Job], most: int) -> None:
         """Do jobs as they come, and record what becomes of them; there are so many at most."""
         if self.settings.cluster:
-            for outcome, job in self._on_farm(list(jobs)):
-                self._record(outcome, job)
+            for made, job in self._on_farm(list(jobs)):
+                self._record(made, job)
             return
         workers = min(most, self.settings.workers or usable_threads())
         budget = self.settings.budget or memory() // 4
@@ -303,19 +303,19 @@ class _Run:
 
 def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tuple[Any, ...]:
     """An asset as the catalogue has it; TypeError, ValueError or KeyError where the sidecar is none that we write."""
-    text = _texts(sidecar[key] for key in ("name", "key", "status", "licence", "author", "made"))
+    names = ("name", "key", "status", "licence", "author", "made")
+    name, key, status, licence, author, made = _texts(sidecar[key] for key in names)
     asset = Asset(
-        *text[:3], folder, _texts(sidecar["reasons"]), root,
-        *text[3:5], int(sidecar["width"]), int(sidecar["height"]),
+        name, key, status, folder, _texts(sidecar["reasons"]), root,
+        licence, author, int(sidecar["width"]), int(sidecar["height"]),
         _numbers(sidecar["tile_m"] or sidecar["size_m"]),
-        _numbers(sidecar["colour_lab"]), *_numbers([sidecar["seconds"]]), text[5],
+        _numbers(sidecar["colour_lab"]), float(sidecar["seconds"]), made,
     )  # fmt: skip
     path = library / folder / SIDECAR
     files = [(*_texts((f["path"], f["role"])), int(f["bytes"]), *_texts([f["sha256"]])) for f in sidecar["files"]]
     files.append((SIDECAR, role_of(SIDECAR), path.stat().st_size, digest_of(path)))
     labels = [
-        Label(*_texts([one["name"]]), *_numbers([one["share"]]), _numbers(one["colour_lab"]))
-        for one in sidecar["labels"]
+        Label(_texts([one["name"]])[0], float(one["share"]), _numbers(one["colour_lab"])) for one in sidecar["labels"]
     ]
     measures = sidecar["measures"]
     return asset, files, dict(zip(measures, _numbers(measures.values()), strict=True)), _texts(sidecar["tags"]), labels

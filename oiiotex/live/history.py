@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..deferred import np
 from ..errors import ImageError
@@ -184,7 +185,7 @@ class Steps:
         """
         return self._written(self._spare / "resized.npz", regridded(self.plan(step), budget, size=size))
 
-    def _written(self, path: Path, arrays: dict[str, np.ndarray]) -> Path:
+    def _written(self, path: Path, arrays: dict[str, Any]) -> Path:
         with written(path) as file:
             np.savez_compressed(file, **arrays)
         return path

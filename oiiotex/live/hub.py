@@ -10,7 +10,7 @@ import json
 import logging
 import struct
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -278,7 +278,7 @@ class Hub:
             for room in self.rooms.values():
                 room.leave(page)
 
-    def _take(self, page: Page, message: dict[str, Any]) -> None:
+    def _take(self, page: Page, message: MutableMapping[str, Any]) -> None:
         try:
             data = b""
             text = message.get("text")

@@ -286,11 +286,11 @@ class TileRoom:
         """Show the dominant mask, or the labels, over the photo."""
         made, client = await self._hub.made(name), await self._hub.client()
         number = made["number"]
+        part = name if name == "dominant" else labels_of(made)[-1]
+        _, (pixels,) = await asyncio.wrap_future(client.read(number, part=part, priority=BRUSH))
         if name == "dominant":
-            _, (pixels,) = await asyncio.wrap_future(client.read(number, part="dominant", priority=BRUSH))
             ids = (as_float(pixels[..., 0]) > 0.5).astype(np.uint8)
         else:
-            _, (pixels,) = await asyncio.wrap_future(client.read(number, part=labels_of(made)[-1], priority=BRUSH))
             ids = pixels[..., 0].clip(0, 255).astype(np.uint8)
         there = [int(n) for n in np.flatnonzero(np.bincount(ids.ravel())) if n]
         colours = [colour_of(int(code)) for code in codes_of(np.array(there, int))]

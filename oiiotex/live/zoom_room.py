@@ -170,8 +170,8 @@ class ZoomRoom:
         """The command that makes what is seen, on the level that is nearest."""
         zoom = self._hub.document.state["zoom"]
         level = round(zoom["zoom"])
-        corner = [int(n * 2**level) - size // 2 for n, size in zip(self._middle(zoom), (width, height), strict=True)]
-        op, values = self._use(level, *corner, width, height)
+        left, top = (int(n * 2**level) - size // 2 for n, size in zip(self._middle(zoom), (width, height), strict=True))
+        op, values = self._use(level, left, top, width, height)
         return self._line(word_of(f"--tex{op}", values), self._output("zoom"))
 
     def path(self) -> str:

@@ -71,19 +71,18 @@ class Buffers:
     ):  # fmt: skip
         tables = tables or {}
         total = require_room(device, layout, budget, asker, held, tables)
-        cl = device._cl
         if total >= _WORTH_SAYING:
             log.info("%s takes %d MB of %s", asker, megabytes(total), device.info.name)
-        flags = cl.mem_flags.READ_WRITE
+        flags = device._cl.mem_flags.READ_WRITE
         device.taken += total
         self._buffers: dict[str, cl.Buffer] = {}
         self._release = weakref.finalize(self, _released, device, self._buffers, total)
         try:
             for name, size in layout.items():
-                self._buffers[name] = cl.Buffer(device._context, flags, max(1, size))
+                self._buffers[name] = device._cl.Buffer(device._context, flags, max(1, size))
             for name, table in tables.items():
                 self._buffers[name] = device.lend(table)
-        except (cl.Error, OutOfDeviceMemory) as error:
+        except (device._cl.Error, OutOfDeviceMemory) as error:
             self._release()
             raise OutOfDeviceMemory(f"{asker}: {device.info.name} could not allocate {megabytes(total)} MB") from error
 

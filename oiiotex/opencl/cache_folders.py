@@ -115,5 +115,5 @@ def _temporary_folder() -> str:
     import tempfile
 
     folder, process = tempfile.mkdtemp(prefix="oiiotex-cache-"), os.getpid()
-    atexit.register(lambda: os.getpid() == process and shutil.rmtree(folder, ignore_errors=True))
+    atexit.register(lambda: shutil.rmtree(folder, ignore_errors=True) if os.getpid() == process else None)
     return folder

@@ -45,7 +45,7 @@ KNOWN = {
     "x86-64": set(),
 }
 
-_named: list[ctypes.Array] = []  # PoCL reads the name as long as the process lives
+_named: list[ctypes.Array[ctypes.c_char]] = []  # PoCL reads the name as long as the process lives
 
 
 @functools.cache

@@ -114,7 +114,7 @@ def choose(wanted: str | None = None, threads: int = 0) -> DeviceInfo:
     NoDeviceError
         No device, or none that can compile here. The text ends with the command that helps.
     """
-    broken = []
+    broken: list[tuple[DeviceInfo, runtime.Trial]] = []
     for info in _candidates(wanted, threads):
         trial = trial_of(info)
         if trial is None or trial.works is not None:
@@ -201,14 +201,12 @@ class Device:
     """
 
     def __init__(self, info: DeviceInfo):
-        cl = runtime.load()
-        self._cl = cl
+        self._cl = runtime.load()
         self.info = info
-        self._context = cl.Context([info.handle])
-        self._queue, self._transfers = (
-            cl.CommandQueue(self._context, properties=cl.command_queue_properties.PROFILING_ENABLE) for _ in range(2)
-        )
-        self._programs: dict[tuple, Program] = {}
+        self._context = self._cl.Context([info.handle])
+        timed = self._cl.command_queue_properties.PROFILING_ENABLE
+        self._queue, self._transfers = (self._cl.CommandQueue(self._context, properties=timed) for _ in range(2))
+        self._programs: dict[tuple[object, ...], Program] = {}
         self._events: list[tuple[str, cl.Event | float]] = []
         self.record = False  # keep events, so that `collect` can say where the time went
         self._measure(info)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from ..core.demand import SomeRows
 from ..deferred import np
@@ -46,7 +47,7 @@ class Rows:
         self._device, self._buffers = device, buffers
         self.name, self.width, self.height, self.wraps, self.store = name, width, height, wraps, store
         self.most = height if store is None else most
-        self._coming: tuple[RowStore, int, int, Download] | None = None
+        self._coming: tuple[Any, int, int, Download] | None = None
 
     def bands(self, first: int = 0, last: int | None = None, most: int | None = None) -> Iterator[tuple[int, int]]:
         """Rows first to last, all when left out, in bands of `most`; in one where the buffer holds them all."""

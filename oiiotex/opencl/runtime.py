@@ -202,7 +202,7 @@ def attempts(cpu: str) -> list[Attempt]:
 
 def _try(device: cl.Device) -> Trial:
     cpu = bool(device.type & load().device_type.CPU)
-    failures = []
+    failures: list[tuple[Attempt, str]] = []
     for attempt in attempts(opencl_cpu.name_for(device)) if cpu else [Attempt()]:
         lanes, words = _try_in_subprocess(device, attempt)
         if lanes:

@@ -29,7 +29,7 @@ _START = 30.0  # s that a process may take until it listens
 BRUSH, TILES, LOOKS, EXPORT = 0, 2, 5, 9  # priorities: what a hand waits for, what is in sight, what may come, the rest
 
 Reply = tuple[dict[str, Any], list["np.ndarray"]]
-OnLook = Callable[["np.ndarray", bool], None]
+OnLook = Callable[["np.ndarray", bool], object]
 
 
 class Request(Future[Reply]):
@@ -46,7 +46,7 @@ class Request(Future[Reply]):
     """
 
     def __init__(
-        self, client: Client, number: int, on_look: OnLook | None, on_progress: Callable[[int, int], None] | None
+        self, client: Client, number: int, on_look: OnLook | None, on_progress: Callable[[int, int], object] | None
     ):
         super().__init__()
         self.set_running_or_notify_cancel()  # `stop` cancels, and the process says when it has
@@ -93,7 +93,7 @@ class Client:
         self, op: str, images: Sequence[int] = (), values: Mapping[str, object] | None = None, *,
         optional: Mapping[str, int | str] | None = None, priority: int = LOOKS, measure: bool = False,
         until: str | None = None, read: str | None = None, keep: bool = True, on_look: OnLook | None = None,
-        on_progress: Callable[[int, int], None] | None = None,
+        on_progress: Callable[[int, int], object] | None = None,
     ) -> Request:  # fmt: skip
         """Have an op used, as `work.Bench.make` says.
 
@@ -154,7 +154,7 @@ class Client:
 
     def _ask(
         self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = (), on_look: OnLook | None = None,
-        on_progress: Callable[[int, int], None] | None = None,
+        on_progress: Callable[[int, int], object] | None = None,
     ) -> Request:  # fmt: skip
         number = next(self._numbers)
         request = Request(self, number, on_look, on_progress)
@@ -233,7 +233,7 @@ def connect(settings: Settings) -> Client:
         time.sleep(0.02)
 
 
-def _started(settings: Settings) -> Popen:
+def _started(settings: Settings) -> Popen[Any]:
     with open(_log_of(settings), "wb") as log:
         return start_python(
             "oiiotex.service", settings.text(), stdin=DEVNULL, stdout=log, stderr=log, start_new_session=True

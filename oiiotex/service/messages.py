@@ -138,7 +138,7 @@ def _shared(array: np.ndarray) -> int:
     """A descriptor of sealed memory that holds the array's bytes."""
     memory = os.memfd_create("oiiotex", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     try:
-        left = memoryview(np.ascontiguousarray(array).reshape(-1).view(np.uint8))
+        left = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
         while left:
             left = left[os.write(memory, left) :]
         fcntl.fcntl(memory, fcntl.F_ADD_SEALS, _SEALS)

@@ -233,8 +233,8 @@ def _require_allowed(files: dict[str, str], path: Path) -> None:
     for key, file in files.items():
         require(key, file)
     if "graph" in files:
-        for file in read_graph(Path(files["graph"])).files:
-            require("a file of graph", os.path.abspath(file))
+        for named in read_graph(Path(files["graph"])).files:
+            require("a file of graph", os.path.abspath(named))
 
 
 def _stamp(where: str, files: list[str]) -> tuple[int, ...]:

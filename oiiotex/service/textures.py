@@ -87,7 +87,9 @@ class _Endless:
 
     def __init__(self, file: TextureFile, session: Session):
         photo = None if file.photo is None else _opened(file.photo, file, session)
-        self._op = Synth(exemplar=photo, graph=file.graph and Path(file.graph), seed=file.seed, level=file.level)
+        self._op = Synth(
+            exemplar=photo, graph=Path(file.graph) if file.graph else None, seed=file.seed, level=file.level
+        )
         first = self._part(Window(0, 0, 1, 1), session, file.level)
         self._finest = first.spec.get_int_attribute("oiiotex:level")
         self.spec = _spec_of(first, file)

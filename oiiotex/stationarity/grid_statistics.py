@@ -174,7 +174,8 @@ class CellGrid(Domain):
         """Gaussian weights over cells along x and y: with the tents it comes to `sigma`."""
         in_cells = (self.sigma * n / size for n, size in zip((self.across, self.down), self.size, strict=True))
         sigmas = (math.sqrt(max(1e-4, sigma**2 - _TENTS_VARIANCE)) for sigma in in_cells)
-        return tuple(gaussian_taps(sigma, 3.2) for sigma in sigmas)
+        x, y = (gaussian_taps(sigma, 3.2) for sigma in sigmas)
+        return x, y
 
 
 # --- smoothing a grid ---

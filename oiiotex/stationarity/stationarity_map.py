@@ -73,6 +73,7 @@ def deviation_of(
     """
     cells, count = Cells.for_sigma(image.first.window, sigma, _LARGEST_CELL), lens.count
     ranges = RANGES if lens.space is not None else (RANGES[0],) * count
+    dtype: type[np.generic]
     look: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
     if measure == "moments":
         shape, dtype = (cells.down, count, cells.across, 1 + order), np.int64
