@@ -21,7 +21,7 @@ test-all: $(VENV)/test  # with the slow sweeps
 
 lint: $(VENV)/test
 	$(BIN)/python -m pip install -qq -e ".[lint]"
-	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m tools.docs.pages

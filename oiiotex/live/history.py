@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from ..deferred import np
 from ..errors import ImageError
@@ -185,9 +184,9 @@ class Steps:
         """
         return self._written(self._spare / "resized.npz", regridded(self.plan(step), budget, size=size))
 
-    def _written(self, path: Path, arrays: dict[str, Any]) -> Path:
+    def _written(self, path: Path, arrays: dict[str, np.ndarray]) -> Path:
         with written(path) as file:
-            np.savez_compressed(file, **arrays)
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]  # to it a name could be allow_pickle
         return path
 
 
