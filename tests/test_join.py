@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 
 import numpy as np
@@ -15,6 +14,7 @@ from oiiotex.core.window import Window
 from oiiotex.filters.join import first_gap
 from tests import pictures
 from tests.conftest import load, oiiotex, save
+from tests.peer import OIIOTOOL
 
 WHOLE = np.random.default_rng(0).random((50, 70, 3)).astype(np.float32)
 
@@ -130,15 +130,14 @@ def test_a_farms_shares_are_one_run_by_texjoin_mosaic_and_paste(farm):
         np.testing.assert_array_equal(load(farm / "joined.exr", part), load(farm / "whole.exr", part))
         a, b = (oiio.ImageBuf(str(farm / f"{n}.exr"), part, 0).spec() for n in ("joined", "whole"))
         assert Window.data(a) == Window.data(b) and Window.display(a) == Window.display(b)
-    oiiotool = shutil.which("oiiotool")
-    if oiiotool is None:
+    if not OIIOTOOL.exists():
         pytest.skip("OpenImageIO's wheel has no oiiotool here")
     ordered = sorted(shares)
     for name, words in (
         ("paste", [*ordered, "--paste:mergeroi=1:all=1", "+0+0"]),
         ("mosaic", [w for s in ordered for w in (s, "--origin", "+0+0", "--fullpixels")] + ["--mosaic", "1x3"]),
     ):
-        subprocess.run([oiiotool, *words, "-o", f"{name}.exr"], cwd=farm, check=True, capture_output=True)
+        subprocess.run([OIIOTOOL, *words, "-o", f"{name}.exr"], cwd=farm, check=True, capture_output=True)
         np.testing.assert_array_equal(load(farm / f"{name}.exr"), load(farm / "whole.exr"))
 
 

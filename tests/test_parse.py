@@ -289,13 +289,15 @@ def test_modifiers_keep_their_order():
     assert list(split_modifiers("--op:c=1:a=2:b=3")[1]) == ["c", "a", "b"]
 
 
+@pytest.mark.parametrize(("word", "modifiers"), [("--op:", {}), ("--op:a=1:", {"a": "1"}), ("--op::a=1", {"a": "1"})])
+def test_an_empty_modifier_is_none_as_in_oiiotool(word, modifiers):
+    assert split_modifiers(word) == ("--op", modifiers)
+
+
 @pytest.mark.parametrize(
     ("word", "says"),
     [
         ("--op:a", "'a' is not NAME=VALUE"),
-        ("--op:", "'' is not NAME=VALUE"),
-        ("--op:a=1:", "'' is not NAME=VALUE"),
-        ("--op::a=1", "'' is not NAME=VALUE"),
         ("--op:=1", "'=1' is not NAME=VALUE"),
         ("--op:a=1:b", "'b' is not NAME=VALUE"),
         ("--op:a=1:a=2", "'a' is given twice"),

@@ -95,7 +95,7 @@ def test_a_scale_is_kept_by_what_it_follows_from(device, tmp_path, monkeypatch):
     for spoiled in (b"", b"\x93NUMPY nonsense", np.zeros(3).tobytes()):
         file.write_bytes(spoiled)
         assert perceived_scale(made, 4, lambda done, total: None, folder).sigma_at(0.3) == first.sigma_at(0.3)
-    left = folder / f".x.oiiotex-{_host()}-999999999-0.npy"
+    left = folder / f".x.oiiotex-{_host()}-999999999-{0:016x}.npy"
     left.write_bytes(b"half")
     file.unlink()
     perceived_scale(made, 4, lambda done, total: None, folder)
