@@ -26,9 +26,9 @@ def test_the_demos_gravel_loses_gradient_and_stain_and_keeps_its_detail(tmp_path
     clean = gravel().astype(np.float64)
     save(stained(gravel()), tmp_path / "photo.png")
     photo = oiio.ImageBuf(str(tmp_path / "photo.png"))
-    tiles = [filters.stationarize(photo, seed=seed).get_pixels(oiio.UINT8) for seed in range(4)]
+    tiles = [filters.stationarize(photo, seed=seed).get_pixels(oiio.UINT8) for seed in range(12)]
     wrap_x, wrap_y, _, sharp, contrast = np.mean([measures.tile_figures(tile, clean) for tile in tiles], axis=0)
-    assert wrap_x < 75 and wrap_y < 75  # 50 is the middle; the mean of four seeds spreads by 14
+    assert wrap_x < 75 and wrap_y < 75  # 50 is the middle; one seed spreads by 30, the mean of twelve by 9
     labs = [color.rgb2lab(picture) for picture in (gravel()[..., None].repeat(3, 2), photo.get_pixels(oiio.UINT8))]
     gone = [drifts.drift_gone(color.rgb2lab(tile), *labs) for tile in tiles]
     assert min(share for share in gone if share is not None) > 0.9
