@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import Numbers, Parameter, Size
 from oiiotex.deferred import oiio

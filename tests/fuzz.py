@@ -29,8 +29,8 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex import filters, host
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
+from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.parameters import declared
 from oiiotex.errors import Error
 from tests import pictures

@@ -29,7 +29,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from oiiotex.atlas.mesh import read_mesh
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.core.window import Window
 from oiiotex.errors import Error
 from oiiotex.io.checkpoint import Checkpoint

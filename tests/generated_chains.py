@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.errors import Error
 from tests.conftest import save
 from tests.peer import OIIOTOOL, assert_same_file, facts

@@ -9,7 +9,7 @@ from __future__ import annotations
 from itertools import product
 
 from oiiotex.exemplar.materials import _MOST_CHANNELS
-from oiiotex.filters.patch_synthesis import _PATCHES
+from oiiotex.exemplar.patch_synthesis import _PATCHES
 from oiiotex.labels.filter_bank import PLANES
 from oiiotex.projections.histograms import BINS, INVERSE
 from oiiotex.projections.pearson_table import KURTOSES, SCORES, SKEWNESSES

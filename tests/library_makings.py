@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oiiotex.cli.progress import Display
+from oiiotex.cli.running.progress import Display
 from oiiotex.library import asset as making
 from oiiotex.library import ingest
 from oiiotex.materials import preview as pictures

@@ -4,8 +4,9 @@
 import OpenImageIO
 import PyOpenColorIO
 
-from oiiotex.cli import caches, devices, frame_runs, parallel, report, shells
-from oiiotex.cli.language import LANGUAGE
+from oiiotex.cli.printing import caches, devices, report, shells
+from oiiotex.cli.running import frame_runs, parallel
+from oiiotex.cli.vocabulary import LANGUAGE
 
 __all__ = [
     "OpenImageIO",

@@ -110,7 +110,7 @@ def test_a_neighbourhood_reads_its_halo_and_not_more(monkeypatch):
 
 
 def test_what_help_says_follows_from_the_kind():
-    from oiiotex.cli.report import _op_page
+    from oiiotex.cli.printing.report import _op_page
 
     for kind in (Doubled, BoxMean):
         assert f"Works in whatever the channels hold; {kind.reach}." in _op_page(kind)

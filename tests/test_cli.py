@@ -303,7 +303,7 @@ def test_help_and_warp_need_no_opencl(tmp_path, photo):
 
 def test_nothing_dear_is_imported_before_it_is_needed():
     """Every run of the program waits for what is imported at its start: scipy.stats alone takes half a second."""
-    script = "import sys, oiiotex.cli.language; print(*{name.partition('.')[0] for name in sys.modules})"
+    script = "import sys, oiiotex.cli.vocabulary; print(*{name.partition('.')[0] for name in sys.modules})"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert not {"scipy", "pyopencl", "sklearn", "matplotlib"} & set(done.stdout.split())
 

@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.core.attributes import OURS, SOURCE, TAG
 from oiiotex.core.image import from_buffer
 from oiiotex.io.description import describe, restore

@@ -14,7 +14,7 @@ from oiiotex.core import image, source_map
 from oiiotex.core.demand import MadeRows
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import DeviceError
-from oiiotex.filters import patch_synthesis
+from oiiotex.exemplar import patch_synthesis
 from oiiotex.io.disk_cache import hash_of
 from oiiotex.io.row_store import RowStore
 from oiiotex.opencl.buffers import require_room

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.expressions import Expressions, Value
+from oiiotex.cli.language.expressions import Expressions, Value
 from oiiotex.core.image import Image
 from oiiotex.errors import ParameterError
 from oiiotex.io.reading import read

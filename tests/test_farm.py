@@ -15,11 +15,11 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors
-from oiiotex.cli import shares as sharing
-from oiiotex.cli.parallel import WorkerDied, worker_processes
-from oiiotex.cli.running import run
-from oiiotex.cli.sequences import Frame
-from oiiotex.cli.tasks import Job, Task, work
+from oiiotex.cli.language.sequences import Frame
+from oiiotex.cli.running import shares as sharing
+from oiiotex.cli.running.line_run import run
+from oiiotex.cli.running.parallel import WorkerDied, worker_processes
+from oiiotex.cli.running.tasks import Job, Task, work
 from oiiotex.farm import dask_cluster, openjd
 from oiiotex.io.checkpoint import Checkpoint
 from tests import pictures

@@ -15,7 +15,7 @@ from oiiotex import errors, filters
 from oiiotex.color.config import ColorConfig
 from oiiotex.exemplar import first_result
 from oiiotex.patchmatch.recipe import COARSEST, Recipe, level_scales
-from oiiotex.regularity.fidelity import GOOD, fidelity
+from oiiotex.quality.fidelity import GOOD, fidelity
 from oiiotex.regularity.lattice import Lattice
 from oiiotex.regularity.offset_prices import InStep
 from tests import pictures

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.parse import Refused, parse, split_modifiers
+from oiiotex.cli.language.parse import Refused, parse, split_modifiers
+from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.errors import Error, ParameterError, one_line
 from tests import fuzz
 

@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.color.config import DEFAULT_CONFIG
 from tests.conftest import load, save
 from tests.inputs import write_inputs

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.errors import Error
 
 from .peer import assert_same_file, same

@@ -34,26 +34,29 @@ def imported(*words: object, code: int = 0) -> list[str]:
 
 
 def ours(modules: list[str]) -> set[str]:
-    return {name.removeprefix("oiiotex.") for name in modules if name.startswith("oiiotex.")}
+    """Modules of ours; packages are a line each, and not counted."""
+    inside = [name for name in modules if name.startswith("oiiotex.")]
+    packages = {name.rpartition(".")[0] for name in inside}
+    return {name.removeprefix("oiiotex.") for name in inside if name not in packages}
 
 
 @pytest.mark.parametrize(
     ("words", "code", "most"),
     [
-        (["--version"], 0, 20),
-        ([], 0, 20),
-        (["--help", "texstationarize:sigma"], 0, 98),
-        (["--help", "resize"], 0, 36),
-        (["--help"], 0, 211),
-        (["--manpage"], 0, 211),
-        (["--completion", "bash"], 0, 211),
-        (["--cache-info"], 0, 20),
-        (["--nonsense"], 1, 20),
-        (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 40),
-        (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 96),
-        (["photo.png", "--resize:filter=", "-o"], 1, 33),
-        (["--capture"], 1, 18),
-        (["photo.png", "--threads", "few", "-o", "x.exr"], 1, 56),
+        (["--version"], 0, 15),
+        ([], 0, 15),
+        (["--help", "texstationarize:sigma"], 0, 84),
+        (["--help", "resize"], 0, 30),
+        (["--help"], 0, 192),
+        (["--manpage"], 0, 192),
+        (["--completion", "bash"], 0, 192),
+        (["--cache-info"], 0, 15),
+        (["--nonsense"], 1, 15),
+        (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 33),
+        (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 81),
+        (["photo.png", "--resize:filter=", "-o"], 1, 27),
+        (["--capture"], 1, 13),
+        (["photo.png", "--threads", "few", "-o", "x.exr"], 1, 49),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )

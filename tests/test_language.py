@@ -11,9 +11,9 @@ import subprocess
 
 import pytest
 
-from oiiotex.cli import report, shells
-from oiiotex.cli.language import LANGUAGE, REFUSED
-from oiiotex.cli.parse import Refused, parse
+from oiiotex.cli.language.parse import Refused, parse
+from oiiotex.cli.printing import report, shells
+from oiiotex.cli.vocabulary import LANGUAGE, REFUSED
 from oiiotex.errors import ParameterError
 from tests.conftest import oiiotex
 from tests.peer import OIIOTOOL
@@ -105,7 +105,7 @@ def test_a_filters_page_is_found_under_all_its_names(name):
 
 
 def test_every_op_and_option_has_a_page():
-    from oiiotex.cli.report import page
+    from oiiotex.cli.printing.report import page
 
     for names in (*((op.flag() for op in ops) for ops in LANGUAGE.ops.values()), (o.name for o in LANGUAGE.options)):
         for name in names:

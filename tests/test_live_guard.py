@@ -22,7 +22,7 @@ import pytest
 pytest.importorskip("starlette", reason="NOT RUN: no starlette (pip install oiiotex[live])")
 pytest.importorskip("uvicorn", reason="NOT RUN: no uvicorn (pip install oiiotex[live])")
 
-from oiiotex.cli.parse import split_modifiers
+from oiiotex.cli.language.parse import split_modifiers
 from oiiotex.errors import Error, ParameterError
 from oiiotex.io import atomic
 from oiiotex.live.document import Document, default_state

@@ -14,9 +14,9 @@ from benchmarks.quilts.copies import copies
 from oiiotex import errors, filters
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain
+from oiiotex.quality.copy_detection import copies_by_source
 from oiiotex.session import Session
 from oiiotex.stationarity import costs as st
-from oiiotex.stationarity.copy_detection import copies_by_source
 from oiiotex.stationarity.steerable import RADIUS, responses
 from tests import pictures
 from tests.any_filter import buffer, pixels

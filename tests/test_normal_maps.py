@@ -9,7 +9,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.color.config import DEFAULT_CONFIG, ColorConfig
 from oiiotex.color.normal_maps import looks_like_normals, named_as_normals
 from oiiotex.core.attributes import TAG

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.core.label_map import LabelMap
 from oiiotex.filters.palette import Palette
 from oiiotex.io.cryptomatte import hashed

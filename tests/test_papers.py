@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.parse import parse, split_modifiers
+from oiiotex.cli.language.parse import parse, split_modifiers
+from oiiotex.cli.vocabulary import LANGUAGE
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "papers.md").read_text()

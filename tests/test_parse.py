@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.parse import CommandLine, Language, Option, Refused, parse, split_modifiers, values_of
+from oiiotex.cli.language.parse import CommandLine, Language, Option, Refused, parse, split_modifiers, values_of
+from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import param
 from oiiotex.deferred import Shelf

@@ -15,8 +15,8 @@ from oiiotex.opencl.buffers import Buffers
 from oiiotex.opencl.rows import Rows
 from oiiotex.patchmatch import constraints
 from oiiotex.projections import histograms
+from oiiotex.quality.seam_measures import seam_ratio
 from oiiotex.stationarity.grid_statistics import CellGrid
-from oiiotex.stationarity.seam_measures import seam_ratio
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import load, oiiotex, save

@@ -10,10 +10,10 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.comparing import Thresholds, compare
-from oiiotex.cli.metadata import metadata_text, shortest
-from oiiotex.cli.pixel_statistics import statistics, statistics_text
-from oiiotex.cli.running import run
+from oiiotex.cli.printing.comparing import Thresholds, compare
+from oiiotex.cli.printing.metadata import metadata_text, shortest
+from oiiotex.cli.printing.pixel_statistics import statistics, statistics_text
+from oiiotex.cli.running.line_run import run
 from oiiotex.core.hash import sha1
 from oiiotex.errors import Error
 from oiiotex.io.reading import read

@@ -16,7 +16,7 @@ from subprocess import PIPE
 import numpy as np
 import pytest
 
-from oiiotex.cli.parallel import WorkerDied, worker_processes
+from oiiotex.cli.running.parallel import WorkerDied, worker_processes
 from oiiotex.core.image import from_array
 from oiiotex.core.machine import start_python
 from oiiotex.io.atomic import temporary_beside

@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from oiiotex.cli import progress
-from oiiotex.cli.progress import Display
+from oiiotex.cli.running import progress
+from oiiotex.cli.running.progress import Display
 from oiiotex.stats import Stats
 
 LONG = ("--texstationarize:size=160x160:iterations=120", "-o", "tile.exr")

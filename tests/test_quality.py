@@ -13,7 +13,7 @@ from benchmarks.tiles import drifts
 from oiiotex import filters
 from oiiotex.color.lab import working_values
 from oiiotex.core.image import from_buffer
-from oiiotex.regularity.fidelity import GOOD
+from oiiotex.quality.fidelity import GOOD
 from oiiotex.session import Session
 from oiiotex.stationarity.costs import stationarity_cost
 from tests.conftest import data_folder

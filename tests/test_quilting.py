@@ -12,12 +12,12 @@ from oiiotex.core.source_map import NONE
 from oiiotex.core.window import Window
 from oiiotex.errors import ImageError
 from oiiotex.labels import content_table
+from oiiotex.quality.copy_detection import most_shown
 from oiiotex.quilting import quilter
 from oiiotex.quilting.quilt_plan import Grid, Plan, Renderer
 from oiiotex.quilting.repetition import UNITS, Squares
 from oiiotex.regularity.lattice import BINS, Lattice
 from oiiotex.regularity.offset_prices import InStep
-from oiiotex.stationarity.copy_detection import most_shown
 from tests import pictures
 from tests.reference.quilting import Oracle
 

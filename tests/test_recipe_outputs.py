@@ -15,8 +15,8 @@ import OpenImageIO as oiio
 import pytest
 
 import oiiotex
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.parse import Option
+from oiiotex.cli.language.parse import Option
+from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.op import Op
 from oiiotex.errors import Error, ParameterError
 from oiiotex.io.atomic import make_folders, writing_only_below

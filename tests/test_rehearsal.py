@@ -11,7 +11,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.errors import Error
 from oiiotex.opencl import device
 from tests import pictures

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.filters import patch_synthesis
-from oiiotex.filters.tilereport import SCHEMA
+from oiiotex.exemplar import patch_synthesis
+from oiiotex.quality.report import SCHEMA
+from oiiotex.quality.report_measures import REPORT_MEASURES
 from oiiotex.session import Session
-from oiiotex.stationarity.report_measures import REPORT_MEASURES
 from tests import pictures
 from tests.any_filter import buffer, pixels, quarters
 from tests.conftest import oiiotex, save

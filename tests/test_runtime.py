@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from oiiotex.cli.devices import device_list
+from oiiotex.cli.printing.devices import device_list
 from oiiotex.errors import DeviceError, NoDeviceError
 from oiiotex.opencl import cpu as opencl_cpu
 from oiiotex.opencl import device as devices

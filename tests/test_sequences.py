@@ -10,13 +10,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.sequences import (
+from oiiotex.cli.language.sequences import (
     MOST_FRAMES,
     OPTIONS,
     Frame,
     frame_numbers,
 )
-from oiiotex.cli.sequences import frames as all_frames
+from oiiotex.cli.language.sequences import frames as all_frames
 from oiiotex.errors import ParameterError
 
 

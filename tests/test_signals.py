@@ -71,7 +71,7 @@ def test_a_signal_while_the_program_is_loaded_leaves_no_traceback(tmp_path, modu
 def test_a_signal_where_python_drops_exceptions_ends_the_run():
     code = """
 import signal
-from oiiotex.cli.stopping import stop_on_signals
+from oiiotex.cli.running.stopping import stop_on_signals
 class Dropped:
     def __del__(self):
         signal.raise_signal(signal.SIGTERM)

@@ -13,7 +13,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import filters, host
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.errors import Error
 from tests.conftest import load, oiiotex, save
 from tests.faults import PROGRAM, line_of, slow

@@ -10,8 +10,8 @@ import pytest
 
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain
+from oiiotex.quality.seam_measures import seam_ratio
 from oiiotex.stationarity import costs as st
-from oiiotex.stationarity.seam_measures import seam_ratio
 from tests import pictures
 from tests.reference.histograms import gaussian_rows, soft_members
 

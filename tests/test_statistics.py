@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.comparing import Thresholds, compare
-from oiiotex.cli.pixel_statistics import part_statistics
+from oiiotex.cli.printing.comparing import Thresholds, compare
+from oiiotex.cli.printing.pixel_statistics import part_statistics
 from oiiotex.core.image import from_pixels
 
 

@@ -268,7 +268,7 @@ def test_memory_does_not_grow_with_the_image(folder):
 def test_nothing_slow_is_imported(folder, op):
     """scipy takes longer to import than its part of the work would; so does numpy.ma, which np.unique brings."""
     words = ["-q", "--autocc", "photo.png", op, "-o", "out.png"]
-    code = f"import sys; from oiiotex.cli.running import run; run({words!r}); print(*sys.modules)"
+    code = f"import sys; from oiiotex.cli.running.line_run import run; run({words!r}); print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert not {"scipy", "numpy.ma", "pandas", "networkx"} & set(done.stdout.split())

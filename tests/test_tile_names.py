@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.sequences import (
+from oiiotex.cli.language.sequences import (
     OPTIONS,
     Frame,
     names_tiles,

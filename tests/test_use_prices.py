@@ -19,7 +19,7 @@ from oiiotex.patchmatch.matcher import Matcher
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.patchmatch.use_prices import KINDS, Lost, UsePrices, activity, flat_bound, kinds_of, lost_texture
-from oiiotex.stationarity.copy_detection import most_shown
+from oiiotex.quality.copy_detection import most_shown
 from tests.pictures import pebbles, stained
 
 BUDGET = 1 << 30

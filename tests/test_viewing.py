@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from oiiotex import errors
-from oiiotex.cli import viewing
-from oiiotex.cli.running import run
+from oiiotex.cli.files import viewing
+from oiiotex.cli.running.line_run import run
 from tests.conftest import save
 
 pytest.importorskip("tevclient", reason="NOT RUN: no tevclient (pip install oiiotex[tev])")

@@ -12,9 +12,9 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import host
-from oiiotex.cli import report
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.parse import Refused, parse, split_modifiers
+from oiiotex.cli.language.parse import Refused, parse, split_modifiers
+from oiiotex.cli.printing import report
+from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.parameters import declared
 from oiiotex.errors import Error
 from oiiotex.filters import FILTERS

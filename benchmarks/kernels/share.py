@@ -44,10 +44,12 @@ NAMES = ("start", "op", "kernels")
 def measured(words: list[str]) -> tuple[float, ...]:
     """CPU seconds by `NAMES`, of a line in this process."""
     import oiiotex.opencl.device
-    from oiiotex.cli import language, parse, tasks
-    from oiiotex.cli.chain import Chain
-    from oiiotex.cli.reading import read_input
-    from oiiotex.cli.sequences import frames
+    from oiiotex.cli import vocabulary as language
+    from oiiotex.cli.files.reading import read_input
+    from oiiotex.cli.language import parse
+    from oiiotex.cli.language.sequences import frames
+    from oiiotex.cli.running import tasks
+    from oiiotex.cli.stack.chain import Chain
     from oiiotex.core.demand import bands
 
     runtime: set[int] = set()

@@ -32,8 +32,8 @@ from benchmarks.shared.peers import CROPS, PEERS, SYNTHESIZERS, ToolError
 from oiiotex.core.source_map import SourceMap
 from oiiotex.io.reading import read
 from oiiotex.patchmatch.field import hash_at
+from oiiotex.quality.copy_detection import most_shown
 from oiiotex.quilting.quilt_plan import Plan
-from oiiotex.stationarity.copy_detection import most_shown
 
 PHOTOS = Path(os.environ.get("OIIOTEX_TEST_DATA", "../shared/data")).resolve() / "photos"
 PHOTOS_SEEN = (

@@ -19,11 +19,11 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.parse import parse
-from oiiotex.cli.sequences import Frame
-from oiiotex.cli.shares import Shares, line_of
-from oiiotex.cli.tasks import Job, Task, work
+from oiiotex.cli.language.parse import parse
+from oiiotex.cli.language.sequences import Frame
+from oiiotex.cli.running.shares import Shares, line_of
+from oiiotex.cli.running.tasks import Job, Task, work
+from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.demand import BAND_BYTES
 from oiiotex.farm.dask_cluster import cluster, results
 from tests import pictures

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from oiiotex.cli.sequences import Frame
-from oiiotex.cli.tasks import Job, Task, work
+from oiiotex.cli.language.sequences import Frame
+from oiiotex.cli.running.tasks import Job, Task, work
 from oiiotex.core.machine import usable_threads
 from oiiotex.library.asset import key_of
 from oiiotex.library.catalogue import Asset, Catalogue

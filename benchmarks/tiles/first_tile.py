@@ -39,9 +39,9 @@ from oiiotex.charts.tile_preview import made_seamless
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import Error
 from oiiotex.filters.stationarize import Stationarize
+from oiiotex.quality.copy_detection import copies_by_source
+from oiiotex.quality.seam_measures import seam_ratio
 from oiiotex.session import Session
-from oiiotex.stationarity.copy_detection import copies_by_source
-from oiiotex.stationarity.seam_measures import seam_ratio
 from tools.demo import save
 from tools.docs.pictures.layout import pixels
 

@@ -38,11 +38,11 @@ from oiiotex.filters.stationarize import Stationarize
 from oiiotex.filters.synth import Synth
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
+from oiiotex.quality.copy_detection import copies_by_source
 from oiiotex.regularity.lattice import Lattice, find_lattice
 from oiiotex.regularity.offset_prices import InStep
 from oiiotex.regularity.regularity import peaks_over_floor
 from oiiotex.session import Session
-from oiiotex.stationarity.copy_detection import copies_by_source
 from oiiotex.stationarity.costs import stationarity_cost
 from tests.any_filter import buffer
 from tests.lattices import VECTORS, regular

@@ -26,8 +26,8 @@ from oiiotex.errors import ImageError
 from oiiotex.filters.stationarize import Stationarize
 from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.patchmatch.optimization import synthesize
+from oiiotex.quality.copy_detection import copies_by_source
 from oiiotex.session import Session
-from oiiotex.stationarity.copy_detection import copies_by_source
 from oiiotex.stationarity.costs import stationarity_cost, texture_cost
 
 NAMES = ("shown", "texture", "stationarity", "LowF", "sharpness", "CPU s")

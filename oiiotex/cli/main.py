@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 
-from .stopping import Stopped, end_unwound, ignore_interrupts, raise_if_stopped, stop_on_signals, watch_signals
+from .running.stopping import Stopped, end_unwound, ignore_interrupts, raise_if_stopped, stop_on_signals, watch_signals
 
 
 def main(words: list[str] | None = None) -> None:
@@ -22,7 +22,7 @@ def exit_with(words: list[str], work: Callable[[list[str]], int]) -> None:
     """
     try:
         stop_on_signals()
-        from .streams import open_standard_streams, quiet_libraries
+        from .running.streams import open_standard_streams, quiet_libraries
 
         open_standard_streams()
         if not _debugging(words):
@@ -42,7 +42,7 @@ def _line(words: list[str]) -> int:
     import gc
 
     gc.disable()  # of what is imported nothing is rubbish: looking for some takes a tenth of the start
-    from .running import run  # only now: a signal while much is imported is answered too
+    from .running.line_run import run  # only now: a signal while much is imported is answered too
 
     gc.freeze()
     gc.enable()
@@ -51,7 +51,7 @@ def _line(words: list[str]) -> int:
 
 def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     from ..errors import Error
-    from .streams import drop
+    from .running.streams import drop
 
     try:
         if os.environ.get("OCIO"):  # OpenImageIO opens it, whatever it is, with the first image
@@ -82,7 +82,7 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
 def _failed(words: list[str], text: str) -> int:
     """Say what went wrong in one line, behind what has been printed."""
     from ..errors import one_line
-    from .streams import drop
+    from .running.streams import drop
 
     if _debugging(words):
         import traceback

@@ -15,9 +15,9 @@ from ..deferred import np
 from ..patchmatch.constraints import Constraints
 from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
-from ..regularity.fidelity import GOOD, Fidelity, fidelity
+from ..quality.fidelity import GOOD, Fidelity, fidelity
+from ..quality.seam_measures import seam_ratio
 from ..session import Session
-from ..stationarity.seam_measures import seam_ratio
 from .exemplar_op import ExemplarPixels
 
 log = logging.getLogger("oiiotex")

@@ -60,7 +60,7 @@ __all__ = ["FILTERS", "OURS"]
 @functools.cache
 def further() -> tuple[type[Op], ...]:
     """The filters of other packages."""
-    from .plugins import installed
+    from ..installed_filters import installed
 
     return installed(shelf.names[0].removeprefix("--tex") for shelf in SHELVES)
 

@@ -17,10 +17,10 @@ from ..core.window import Domain, Window
 from ..deferred import np, oiio
 from ..exemplar.exemplar_masks import label_map
 from ..exemplar.exemplar_op import MASK
+from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
 from ..quilting.label_growth import cell_side, grow_labels
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
 from ..session import Session
-from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
 log = logging.getLogger("oiiotex")
 

@@ -18,9 +18,9 @@ from ..deferred import np
 from ..errors import ImageError
 from ..exemplar.exemplar_op import ExemplarOp
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
+from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
 from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..session import Session
-from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
 _MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # of a pixel of the photo: _SEEN_BYTES where it lies in memory
 

@@ -18,8 +18,8 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
 from ..labels.legend import LabelNames
+from ..labels.single_part import SINGLE, OnePart
 from ..session import Session
-from .single_part import SINGLE, OnePart
 
 if TYPE_CHECKING:
     from ..color.lab_reduced import LabPixels

@@ -19,8 +19,8 @@ from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..labels.legend import LabelNames
+from ..labels.single_part import SINGLE, OnePart
 from ..session import Session
-from .single_part import SINGLE, OnePart
 
 if TYPE_CHECKING:
     from ..labels.scales import LabelLevel, LabelMaps

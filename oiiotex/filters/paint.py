@@ -19,12 +19,12 @@ from ..deferred import np, oiio
 from ..errors import ParameterError, present
 from ..exemplar.exemplar_masks import label_levels
 from ..graphcut.seam_overlay import TILE, SeamOverlay
+from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
 from ..quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
 from ..quilting.label_painting import painted_labels, painting_arrays, read_begun
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts
 from ..quilting.quilter import Quilt
 from ..session import Session
-from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
 log = logging.getLogger("oiiotex")
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..core.parameters import param
+from ..exemplar.patch_synthesis import PatchSynthesis
 from ..patchmatch.recipe import Recipe
-from .patch_synthesis import PatchSynthesis
 
 
 @dataclass(frozen=True, kw_only=True)

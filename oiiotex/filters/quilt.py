@@ -14,11 +14,11 @@ from ..core.source_map import COPIED, ST
 from ..errors import ImageError, ParameterError, present
 from ..exemplar.exemplar_op import LABEL, MASK
 from ..exemplar.photo_lattice import Structured
+from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
 from ..quilting.guide_map import SOFT, meaning_of, read_table
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
 from ..quilting.quilt_plan import MOST_PATCH, Plan, Renderer
 from ..session import Session
-from .tilereport import FAIL_HELP, REPORT, REPORT_HELP, Quality
 
 
 @dataclass(frozen=True, kw_only=True)

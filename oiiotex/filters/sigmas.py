@@ -19,7 +19,7 @@ from ..deferred import np
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from ..session import Session
-from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
+from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .stationarize import Stationarize
 
 _BYTES = 30  # of a pixel of the photo, while it is reduced

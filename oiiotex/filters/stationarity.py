@@ -14,8 +14,8 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..session import Session
 from ..stationarity.grid_statistics import Surface
+from ..stationarity.measures import MEASURE, MEASURES, ORDER, cost_text, order_of
 from ..stationarity.stationarity_map import deviation_of
-from .measures import MEASURE, MEASURES, ORDER, cost_text, order_of
 
 log = logging.getLogger("oiiotex")
 

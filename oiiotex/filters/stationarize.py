@@ -18,13 +18,13 @@ from ..errors import ParameterError
 from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.materials import kinds_of
+from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
 from ..exemplar.photo_lattice import STRUCTURE
 from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
 from ..session import Session
-from .measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-from .patch_synthesis import PATCH, PatchSynthesis
+from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 from .presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
 
 log = logging.getLogger("oiiotex")

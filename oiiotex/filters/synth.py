@@ -20,11 +20,11 @@ from ..errors import ParameterError
 from ..exemplar.photo_lattice import Structured, fitting_size
 from ..multiscale.graph import Graph
 from ..multiscale.infinite_plane import Plane, States
+from ..multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
 from ..multiscale.synthesizer import MOST_LEVEL
+from ..quality.report import REPORT, Quality
 from ..regularity.offset_prices import InStep
 from ..session import Session
-from .multiscale import FARTHEST, Multiscale, texture_spec, with_report
-from .tilereport import REPORT, Quality
 
 PLANE = "oiiotex:plane"  # the attribute that says of a share what its pixels follow from
 

@@ -20,11 +20,11 @@ from ..deferred import np
 from ..errors import ParameterError
 from ..multiscale.graph import LOOP_R, Graph
 from ..multiscale.infinite_plane import Plane
+from ..multiscale.multiscale_op import FARTHEST, Multiscale, texture_spec, with_report
 from ..multiscale.synthesizer import MOST_LEVEL
 from ..multiscale.zoom import Zoomed, views
+from ..quality.report import REPORT, Quality
 from ..session import Session
-from .multiscale import FARTHEST, Multiscale, texture_spec, with_report
-from .tilereport import REPORT, Quality
 
 log = logging.getLogger("oiiotex")
 

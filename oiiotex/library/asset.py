@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import __version__
-from ..cli.language import LANGUAGE
-from ..cli.parse import parse
-from ..cli.sequences import Frame
-from ..cli.tasks import Job as LineJob
-from ..cli.tasks import Task, work
+from ..cli.language.parse import parse
+from ..cli.language.sequences import Frame
+from ..cli.running.tasks import Job as LineJob
+from ..cli.running.tasks import Task, work
+from ..cli.vocabulary import LANGUAGE
 from ..core.attributes import TAG
 from ..core.image import Image
 from ..deferred import np, oiio

@@ -17,7 +17,7 @@ from .. import __version__
 from ..errors import Error, ParameterError, one_line
 
 if TYPE_CHECKING:
-    from ..cli.progress import Display
+    from ..cli.running.progress import Display
     from .catalogue import Catalogue
     from .search import Search
 
@@ -177,7 +177,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
 
 @contextlib.contextmanager
 def _display(given: argparse.Namespace) -> Iterator[Display]:
-    from ..cli.progress import Display
+    from ..cli.running.progress import Display
 
     display = Display()
     if given.openjd:

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..cli.parallel import WorkerDied, worker_processes
-from ..cli.progress import Display
+from ..cli.running.parallel import WorkerDied, worker_processes
+from ..cli.running.progress import Display
 from ..core.machine import memory, usable_threads
 from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials

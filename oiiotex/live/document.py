@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import Error, ImageError, ParameterError
-from ..filters.measures import MEASURES
 from ..filters.presets import PRESETS
 from ..io.atomic import written
 from ..io.documents import read_document
+from ..stationarity.measures import MEASURES
 
 VERSION = 1
 MOST_VARIANTS = 64

@@ -22,8 +22,8 @@ from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
+from ..quality.seam_measures import seam_ratio, wrap_percentile
 from ..session import Session
-from ..stationarity.seam_measures import seam_ratio, wrap_percentile
 from .graph import Graph
 
 LEAST, MOST = 16, 1024  # px; sides of exemplars

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ..cli.language import LANGUAGE
-from ..cli.parse import Step as WrittenStep
-from ..cli.parse import parse, split_modifiers
+from ..cli.language.parse import Step as WrittenStep
+from ..cli.language.parse import parse, split_modifiers
+from ..cli.vocabulary import LANGUAGE
 from ..core.image import from_array
 from ..deferred import np
 from ..errors import Error, ParameterError
@@ -118,9 +118,9 @@ def require_confined(recipe: Recipe) -> None:
     """
     import tempfile
 
-    from ..cli.rehearsal import Rehearsals
-    from ..cli.sequences import Frame
-    from ..cli.tasks import session_for
+    from ..cli.language.sequences import Frame
+    from ..cli.running.tasks import session_for
+    from ..cli.stack.rehearsal import Rehearsals
     from ..run import as_foreseen
 
     some = as_foreseen(from_array(np.zeros((1, 1, 3), np.float16)))

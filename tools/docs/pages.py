@@ -9,9 +9,9 @@ from __future__ import annotations
 import inspect
 from pathlib import Path
 
-from oiiotex.cli.language import LANGUAGE
-from oiiotex.cli.parse import Option
-from oiiotex.cli.report import description
+from oiiotex.cli.language.parse import Option
+from oiiotex.cli.printing.report import description
+from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import declared
 from oiiotex.filters import OURS

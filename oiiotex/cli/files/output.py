@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options that write images, and those that say how."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import logging
+import os
+import re
+import shlex
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ... import __version__
+from ...core.image import Image, Part, cropped
+from ...core.parameters import Size, param
+from ...core.window import Window
+from ...deferred import oiio
+from ...errors import ImageError, ParameterError
+from ...io.atomic import make_folders, require_place, temporary_beside
+from ...io.formats import Format
+from ...io.writing import write
+from ..language.parse import Option
+from ..language.sequences import Tile, names_tiles, tile_name
+from ..stack import output_settings
+from ..stack.chain import Chain
+from ..stack.output_settings import pixel_type
+
+log = logging.getLogger("oiiotex")
+
+
+@dataclass(frozen=True)
+class WriteModifiers:
+    """Of -o."""
+
+    all: int | None = param(None, ge=0, help="write all images of the stack: %d in the name counts from this number")
+    udim: Size | None = param(
+        None, ge=1, le=10, help="cut the image into so many UDIM tiles of one size; the name holds <UDIM>"
+    )
+    type: str | None = param(None, help="pixel type, as of -d")
+    datatype: str | None = param(None, help="the same")
+    bits: int | None = param(None, ge=1, le=64, help="significant bits")
+    tile: Size | None = param(None, ge=1, le=65536, help="size of tiles")
+    scanline: bool | None = param(None, help="no tiles")
+    dither: bool | None = param(None, help="dither where 8 bits are made of more")
+    autocrop: bool | None = param(None, help="exactly the display window, where the format has none")
+    autotrim: bool | None = param(None, help="without black borders, where the format has a data window")
+    autocc: bool | None = param(None, help="convert to the colour space that the file's name says")
+    unpremult: bool | None = param(None, help="convert colours undone of alpha")
+    contig: bool = param(False, help="channels interleaved")
+    separate: bool = param(False, help="channels one after the other")
+    fileformatname: str = param("", help="the format, whatever the name's extension")
+
+
+def write_output(chain: Chain, path: str, **modifiers: Any) -> None:
+    """Write the top image, or all, or its UDIM tiles."""
+    given = WriteModifiers(**modifiers)
+    if given.udim is not None:
+        return _write_tiles(chain, chain.expressed(path), given.udim, dataclasses.replace(given, udim=None))
+    if given.all is None:
+        return _write_one(chain, chain.expressed(path), given)
+    saved = list(chain.stack)
+    for n, image in enumerate(saved):
+        chain.stack = [*saved[:n], image]
+        _write_one(chain, _numbered(chain.expressed(path), n + given.all), dataclasses.replace(given, all=None))
+    chain.stack = saved
+    return None
+
+
+def _numbered(path: str, number: int) -> str:
+    """The name with its %d as a number; as it is where it has none."""
+    try:
+        return path % number if "%" in path else path
+    except (TypeError, ValueError):
+        raise ParameterError(f"'{path}': allowed is one %d, for the number of the image") from None
+
+
+def _write_tiles(chain: Chain, path: str, count: Size, given: WriteModifiers) -> None:
+    """Cut the top image into tiles, 1001 at the lower left as UDIM counts, and write each."""
+    if given.all is not None:
+        raise ParameterError("udim and all: -o takes one of them")
+    if not names_tiles(path):
+        raise ParameterError(f"udim={count}: '{path}' has no <UDIM> for the number of the tile")
+    image = chain.top
+    spec = image.first.spec
+    width, height = spec.width // count.width, spec.height // count.height
+    if (width * count.width, height * count.height) != (spec.width, spec.height):
+        raise ParameterError(f"udim={count}: an image of {spec.width}x{spec.height} has no {count} tiles of one size")
+    for v, u in itertools.product(range(count.height), range(count.width)):
+        window = Window.sized(spec.x + u * width, spec.y + (count.height - 1 - v) * height, width, height)
+        chain.stack[-1] = Image((_tile(image.first, window),), image.source)
+        _write_one(chain, tile_name(path, Tile(v, u)), given)
+    chain.stack[-1] = image
+
+
+def _tile(part: Part, window: Window) -> Part:
+    """That window of a part as an image of its own, which goes on in others and not in itself."""
+
+    def begin_at_0(spec: oiio.ImageSpec) -> None:
+        spec.x = spec.y = spec.full_x = spec.full_y = 0
+        spec.full_width, spec.full_height = window.width, window.height
+        spec.attribute("wrapmodes", "black,black")
+
+    return cropped(part, window).respecced(begin_at_0)
+
+
+def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
+    image, how = chain.top, _format(chain, path, given)
+    if is_left(chain, path):
+        return
+    if _either(given.autotrim, chain.settings.get("--autotrim")):
+        image = _trimmed(chain, image, path)
+    if _either(given.autocc, chain.session.autocc):
+        image, how = _converted(chain, image, path, how, bool(given.unpremult))
+    if not may_write(chain, image, path, how):
+        return
+    shares, inputs = chain.shares, sorted(chain.inputs)
+    if shares is not None and shares.count:
+        chain.tell(f"Computing share {shares.number}/{shares.count} of {path}")
+        with chain.session.stats.time("write"):
+            shares.compute(chain.session, image, path, inputs)
+        return
+    if shares is not None:
+        image = shares.joined(chain.session, image, inputs)
+    chain.tell(f"Writing {path}")
+    with chain.session.stats.time("write"), chain.session.checkpoints(path):
+        write(_with_provenance(chain, image), path, how, chain.session.advance)
+    if chain.settings.get("--adjust-time"):
+        _adjust_time(path, image)
+
+
+def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
+    """Whether the image is to be written there, now; makes the file's folder where --create-dir says so.
+
+    Parameters
+    ----------
+    chain : Chain
+        Its -n and --create-dir count.
+    image : Image
+    path : str
+        The file, which need not exist.
+    how : Format
+        What kind of file it would be.
+
+    Raises
+    ------
+    ImageError
+        The folder cannot be made.
+    """
+    chain.will_write(image, path, how)
+    if chain.settings.get("-n"):
+        chain.note(logging.INFO, f"{path} would be written")
+        return False
+    if not chain.acts(*image.parts):
+        return False
+    folder = os.path.dirname(path)
+    if chain.settings.get("--create-dir") and folder:
+        try:
+            make_folders(Path(folder))
+        except OSError as error:
+            raise ImageError(f"{path}: the folder cannot be made: {error.strerror}") from error
+    return True
+
+
+def is_left(chain: Chain, path: str) -> bool:
+    """Whether the file stays as it is: by --no-clobber, or by -u because it is newer than what it is made of.
+
+    Raises
+    ------
+    ParameterError
+        A filter has just written its own there.
+    """
+    chain.require_free(path)
+    chain.unwritten, chain.used = False, True
+    if not os.path.exists(path):
+        return False
+    if chain.settings.get("--no-clobber"):
+        chain.note(logging.WARNING, f"{path} exists and is left as it is")
+        return True
+    if chain.settings.get("-u") and os.path.getmtime(path) >= max(map(chain.changed, chain.inputs), default=0.0):
+        chain.note(logging.INFO, f"{path} is newer than what it is made of")
+        return True
+    return False
+
+
+def _either(own: bool | None, general: object) -> bool:
+    """A modifier where it is given, else what an option has set."""
+    return bool(general) if own is None else own
+
+
+def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
+    settings = chain.settings
+    asked, bits = settings.get("-d", (None, 0))
+    channels = settings.get("-d channels", {})
+    if given.type or given.datatype:
+        asked, bits = pixel_type(given.type or given.datatype or "")
+    if given.bits is not None:
+        bits = given.bits
+    tile = given.tile or settings.get("--tile")
+    return Format(
+        pixel_type=asked,
+        computed_type=chain.first.pixel_type,
+        computed_tile=chain.first.tile,
+        computed_channels={} if asked else chain.first.channel_types,
+        channel_types=channels,
+        bits=bits or (0 if asked else chain.first.bits),
+        tile=tuple(tile) if tile else None,
+        scanline=_either(given.scanline, settings.get("--scanline")),
+        attributes=_attributes(chain, path, given),
+        autocrop=_either(given.autocrop, settings.get("--autocrop", True)),
+        format_name=given.fileformatname,
+    )
+
+
+def _attributes(chain: Chain, path: str, given: WriteModifiers) -> dict[str, Any]:
+    settings = chain.settings
+    attributes: dict[str, Any] = {"oiio:SHA-1": None, "oiio:ConstantColor": None, "oiio:AverageColor": None}
+    for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):
+        if option in settings:
+            attributes[attribute] = settings[option]
+    planar = "separate" if given.separate else "contig" if given.contig else settings.get("--planarconfig")
+    if planar:
+        attributes["planarconfig"] = planar
+    if _either(given.dither, settings.get("--dither")):
+        from farmhash import FarmHash64
+
+        seed = FarmHash64(path) & 0xFFFFFFFF  # as oiiotool hashes names; OpenImageIO wants 32 bits with a sign, not 0
+        attributes["oiio:dither"] = seed - (seed >> 31 << 32) or 1
+    return attributes | software(chain)
+
+
+def software(chain: Chain) -> dict[str, Any]:
+    """What a file says of the program that wrote it: a hash of the command line, or with --history the line itself."""
+    if chain.settings.get("--nosoftwareattrib"):
+        return {}
+    words = list(chain.session.words)
+    if chain.settings.get("--sansattrib"):
+        words = _without_attributes(words)
+    line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
+    # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
+    program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
+    attributes: dict[str, Any] = {"Software": f"{program} : {hashlib.sha1(line.encode()).hexdigest()}"}
+    if chain.settings.get("--history"):
+        attributes["Software"] = f"{program} : {line}"
+        before = chain.top.first.spec.get_string_attribute("Exif:ImageHistory") if chain.stack else ""
+        attributes["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
+    return attributes
+
+
+def _without_attributes(words: list[str]) -> list[str]:
+    """A command line less its --attrib and --sattrib, each of which is three words."""
+    kept, skip = [], 0
+    for word in words:
+        if word.split(":")[0].lstrip("-") in ("attrib", "sattrib") and word.startswith("-"):
+            skip = 3
+        if not skip:
+            kept.append(word)
+        skip = max(0, skip - 1)
+    return kept
+
+
+def _with_provenance(chain: Chain, image: Image) -> Image:
+    """The image, without what our filters have noted in it where --nosoftwareattrib asks for that."""
+    if not chain.settings.get("--nosoftwareattrib"):
+        return image
+
+    def forget(spec: oiio.ImageSpec) -> None:
+        for attribute in list(spec.extra_attribs):
+            if attribute.name.startswith("oiiotex:"):
+                spec.erase_attribute(re.escape(attribute.name))
+
+    return Image(tuple(part.respecced(forget) for part in image.parts), image.source)
+
+
+def _trimmed(chain: Chain, image: Image, path: str) -> Image:
+    from ...host.cropping import Trim
+
+    out = oiio.ImageOutput.create(path)
+    return Trim(source=image).compute(chain.session) if out is not None and out.supports("displaywindow") else image
+
+
+def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bool) -> tuple[Image, Format]:
+    """In the colour space, and of the type, that the config finds in the file's name (--autocc)."""
+    from ...host.color import ColorConvert
+
+    colors = chain.session.color
+    space = colors.space_of_output(path)
+    if space is None:
+        return image, how
+    kind = colors.pixel_type(space)
+    if kind is not None and kind[0] != oiio.TypeDesc("float"):
+        how = dataclasses.replace(how, pixel_type=kind[0], bits=kind[1])
+    current = image.first.spec.get_string_attribute("oiio:ColorSpace") or colors.linear
+    if current is None or colors.same(current, space):
+        return image, how
+    convert = ColorConvert(
+        source=image, from_space=current, to_space=space, unpremult=unpremult, strict=False, allsubimages=True
+    )
+    return convert.compute(chain.session), how
+
+
+def _adjust_time(path: str, image: Image) -> None:
+    """Give the file the time that its metadata says, else that of its source."""
+    stamp = image.first.spec.get_string_attribute("DateTime")
+    try:
+        seconds = time.mktime(time.strptime(stamp, "%Y:%m:%d %H:%M:%S"))
+    except (ValueError, OverflowError):
+        if not os.path.exists(image.source):
+            return
+        seconds = os.path.getmtime(image.source)
+    os.utime(path, (seconds, seconds))
+
+
+def write_profile(chain: Chain, path: str) -> None:
+    """Write the top image's ICC profile to a file of its own."""
+
+    profile = chain.top.first.spec.getattribute("ICCProfile")
+    if profile is None:
+        raise ImageError(f"{chain.top.source} has no ICC profile")
+    if is_left(chain, path):
+        return
+    require_place(Path(path))
+    if not chain.settings.get("-n") and chain.acts():
+        with temporary_beside(Path(path)) as temporary:
+            temporary.write_bytes(bytes(profile))
+
+
+OPTIONS = (
+    Option(
+        "-o",
+        ("FILE",),
+        "write the top image; a run that fails leaves the old file as it was",
+        write_output,
+        WriteModifiers,
+        late=True,
+        writes=True,
+    ),
+    *output_settings.OPTIONS,
+    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile, writes=True),
+)

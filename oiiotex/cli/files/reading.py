@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options that read images, and those that say how."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+from ...core.attributes import set_attribute
+from ...core.image import Image, Part, from_buffer, in_memory, pixels_of, type_named
+from ...core.parameters import param
+from ...core.window import Window
+from ...deferred import np, oiio
+from ...errors import ImageError, ParameterError
+from ..language.control import SetModifiers
+from ..language.parse import Option
+from ..stack.chain import Chain
+from ..stack.first_image import merged_type
+from ..stack.output_settings import switch
+
+log = logging.getLogger("oiiotex")
+
+
+_PRINTING = ("--info", "--stats", "--hash", "--dumpdata")  # of every image as it is read
+
+
+@dataclass(frozen=True)
+class ReadModifiers:
+    """Of -i."""
+
+    autocc: bool | None = param(None, help="convert to scene linear, from the colour space that name or tag say")
+    unpremult: bool | None = param(None, help="convert colours undone of alpha")
+    native: bool | None = param(None, help="ops work on the file's own pixel type instead of float")
+    type: str | None = param(None, help="ops work on this pixel type instead of float")
+    ch: str | None = param(None, help="channels to read, as --ch takes them")
+    info: int | None = param(None, ge=0, le=2, help="print what --info does; 2: at length")
+    infoformat: str = param("", choices=("", "text", "xml"), help="as text or xml")
+    now: bool = param(False, help="read the file now; it is read piece by piece when it is needed else")
+    get_thumbnail: bool = param(False, help="the file's thumbnail instead of its pixels")
+    fail: bool = param(True, help="with get_thumbnail: a file without one is an error; 0: one is made of its pixels")
+    index: int = param(0, ge=0, le=0, help="with get_thumbnail: which one; OpenImageIO gives only the first")
+
+
+def read_input(chain: Chain, path: str, **modifiers: Any) -> None:
+    """Put an image file, or the image of that label, on the stack."""
+    given = ReadModifiers(**modifiers)
+    if path in chain.labelled:
+        chain.push(chain.labelled[path])
+        return
+    try:
+        image = _opened(chain, path, given)
+    except ImageError as error:
+        image = _substitute(chain, error)
+    chain.push(image)
+    _prepare(chain, path, given)
+
+
+def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
+    settings = chain.settings
+    native = bool(settings.get("--native")) if given.native is None else given.native
+    config = settings.pop("--iconfig", None)
+    if settings.get("--no-autopremult"):
+        config = config or oiio.ImageSpec()
+        config.attribute("oiio:UnassociatedAlpha", 1)
+    image = chain.opened(path, native, config)
+    chain.tell(f"Reading {path}")
+    chain.inputs.add(path)
+    if given.info or any(name in settings for name in _PRINTING):
+        from ..printing.texts import print_input
+
+        print_input(chain, image, given.info, given.infoformat)
+    if given.ch is not None:
+        image = _of_channels(chain, image, given.ch)
+    chain.first.learn(image)
+    if given.type is not None:
+        image = _retyped(image, type_named(given.type))
+    if given.now:
+        size = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in image.parts)
+        chain.session.require(size, "now=1", "read it piece by piece, without now=1")
+    if given.now and not chain.dry:
+        parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
+        image = Image(parts, image.source)
+    return image
+
+
+def _of_channels(chain: Chain, image: Image, channels: str) -> Image:
+    """The image as if its file held these channels: of the file's types, and float where the file lacks one."""
+    from ...host.channels import Channels
+
+    op = Channels(source=image, channels=channels)
+
+    def chosen(part: Part) -> Part:
+        if op.idle([part]):
+            return part
+        own, result = part.spec, op.result([part], chain.session)
+        order = [channel.source for channel in op.chosen(own)]
+        types = [own.channelformat(c) if isinstance(c, int) else oiio.TypeDesc("float") for c in order]
+        spec = oiio.ImageSpec(result.spec)
+        spec.set_format(functools.reduce(merged_type, types))
+        spec.channelformats = tuple(types) if any(kind != types[0] for kind in types) else ()
+        spec.tile_width, spec.tile_height, spec.tile_depth = own.tile_width, own.tile_height, own.tile_depth
+        return Part(part.name, spec, result.fetch, spec.format, part.native, levels=tuple(map(chosen, part.levels)))
+
+    return Image(tuple(map(chosen, image.parts)), image.source)
+
+
+def _retyped(image: Image, kind: oiio.TypeDesc) -> Image:
+    """The image as if its file held another pixel type."""
+
+    def retyped(part: Part) -> Part:
+        spec = oiio.ImageSpec(part.spec)
+        spec.set_format(kind)
+
+        def fetch(window: Window) -> np.ndarray:
+            return pixels_of(part.buffer(window), kind, window.roi(spec.nchannels))
+
+        return Part(part.name, spec, fetch, part.stored, native=True)
+
+    return Image(tuple(map(retyped, image.parts)), image.source)
+
+
+def _substitute(chain: Chain, error: ImageError) -> Image:
+    """What --missingfile puts in the place of a file that cannot be read."""
+    policy = chain.settings.get("--missingfile", "error")
+    if policy == "error":
+        raise error
+    log.warning("%s; %s instead", error, policy)
+    spec = oiio.ImageSpec(1920, 1080, 4, oiio.FLOAT)
+    if chain.first.spec is not None:
+        spec.copy_dimensions(chain.first.spec)
+        spec.channelnames = chain.first.spec.channelnames
+        spec.alpha_channel, spec.z_channel = chain.first.spec.alpha_channel, chain.first.spec.z_channel
+        spec.set_format(oiio.FLOAT)
+        spec.tile_width = spec.tile_height = 0
+    buffer = oiio.ImageBuf(spec)
+    if policy == "checker":
+        dark, light = (0.0, 0.0, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0)
+        oiio.ImageBufAlgo.checker(buffer, 64, 64, 1, dark, light)
+    return from_buffer(buffer)
+
+
+def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
+    """What is done to an image as soon as it has been read."""
+    if given.get_thumbnail:
+        from ..stack.moves import thumbnail
+
+        thumbnail(chain, given.fail, given.index)
+    if chain.settings.get("--autoorient"):
+        from ...host.turning import Reorient
+
+        chain.apply(Reorient)
+    automatic = chain.session.autocc if given.autocc is None else given.autocc
+    if automatic:
+        _to_linear(chain, path, bool(given.unpremult))
+
+
+def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
+    """Convert to scene linear from the space that the file's name, or else its tag, says (--autocc)."""
+    from ...host.color import ColorConvert
+
+    colors = chain.session.color
+    space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")
+    linear = colors.linear
+    if space and linear and not colors.same(space, linear):
+        chain.apply(ColorConvert, from_space=space, to_space=linear, strict=False, unpremult=unpremult)
+
+
+def missing_file(chain: Chain, policy: str) -> None:
+    """What a file that cannot be read is replaced by."""
+    if policy not in ("error", "black", "checker"):
+        raise ParameterError(f"'{policy}': allowed is error, black or checker")
+    chain.settings["--missingfile"] = policy
+
+
+def input_attribute(chain: Chain, name: str, text: str, type: str | None = None) -> None:
+    """A hint for the reader of the next file.
+
+    Parameters
+    ----------
+    chain : Chain
+    name, text : str
+        The hint and its value; an empty one takes back the hint.
+    type : str, optional
+        int, float, string ...; by the looks of the value when left out.
+    """
+    config = chain.settings.setdefault("--iconfig", oiio.ImageSpec())
+    if text:
+        set_attribute(config, name, text, type)
+    else:
+        config.erase_attribute(name)
+
+
+def test_read(chain: Chain, path: str) -> None:
+    """Read a file and forget it."""
+    image = chain.opened(path)
+    if not chain.acts(*image.parts):
+        return
+    for part in image.parts:
+        for window in part.window.cells(part.spec.width, 64):
+            part.read(window)
+    print(f"OK {path}")
+
+
+def native_types(chain: Chain) -> None:
+    """Ops work on the pixel types of files from here on, of those too that wait on the stack."""
+    chain.settings["--native"] = True
+    for n, image in enumerate(chain.stack):
+        waits = [part.depth == 0 and part.stored is not None for part in image.parts]
+        parts = [dataclasses.replace(p, native=True) if w else p for p, w in zip(image.parts, waits, strict=True)]
+        chain.stack[n] = Image(tuple(parts), image.source)
+
+
+def all_parts(chain: Chain) -> None:
+    """Ops work on all parts from here on."""
+    chain.session.all_parts = True
+
+
+@dataclass(frozen=True)
+class AutoccModifiers:
+    """Of --autocc."""
+
+    unpremult: bool = param(False, help="convert colours undone of alpha")
+
+
+def autocc_on(chain: Chain, unpremult: bool = False) -> None:
+    """Convert from and to the colour spaces that names of files say, from here on."""
+    chain.session.autocc = True
+    chain.settings["--autocc unpremult"] = unpremult
+
+
+def autocc_off(chain: Chain) -> None:
+    """No longer convert by names of files."""
+    chain.session.autocc = False
+
+
+OPTIONS = (
+    Option("-i", ("FILE",), "read an image (as naming it does) and put it on the stack", read_input, ReadModifiers),
+    Option(
+        "--iconfig",
+        ("NAME", "VALUE"),
+        "a hint for the reader of the next file",
+        input_attribute,
+        SetModifiers,
+        state=True,
+    ),
+    Option(
+        "--missingfile", ("POLICY",), "files that cannot be read: error, black or checker", missing_file, state=True
+    ),
+    Option("--testread", ("FILE",), "read a file and forget it", test_read, state=True),
+    Option("-a", (), "ops work on all parts (subimages), not on the first alone", all_parts, state=True),
+    Option("--native", (), "ops work on the pixel type of the file instead of float", native_types, state=True),
+    Option(
+        "--no-autopremult",
+        (),
+        "colours of files with unassociated alpha stay as they are",
+        switch("--no-autopremult"),
+        state=True,
+    ),
+    Option(
+        "--autopremult",
+        (),
+        "colours of files with unassociated alpha are multiplied by it (as is the rule)",
+        switch("--no-autopremult", False),
+        state=True,
+    ),
+    Option(
+        "--autoorient",
+        (),
+        "turn images upright as they are read",
+        switch("--autoorient"),
+        state=True,
+        aliases=("--auto-orient",),
+    ),
+    Option(
+        "--autocc",
+        (),
+        "convert from and to the colour spaces that names of files say, by the config's file rules",
+        autocc_on,
+        AutoccModifiers,
+        state=True,
+    ),
+    Option("--noautocc", (), "no longer convert by names of files", autocc_off, state=True),
+)

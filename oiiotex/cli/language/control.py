@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Control flow and variables: --if --while --for --set, and expressions on and off."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from ...core.attributes import attribute_value
+from ...core.parameters import Numbers, Parameter, param
+from ...deferred import oiio
+from ...errors import ParameterError
+from ..stack.chain import Chain
+from ..stack.output_settings import switch
+from .parse import Option, whole_number
+
+
+@dataclass
+class Block:
+    """An open --if, --while or --for."""
+
+    name: str
+    start: int  # the step that opened it
+    outer: bool  # whether steps around it are skipped
+    holds: bool  # whether its condition does
+    rounds: int = 0  # of --while, so far
+
+
+MOST_ROUNDS = 100_000  # of --while, unless --maxloop says another number
+
+_FALSE = ("", "0", "false", "no", "off", "f", "n")
+
+
+def truth(text: str) -> bool:
+    """What a text means as a condition: nothing, 0, false, no and off do not hold."""
+    bare = text.strip().lower()
+    try:
+        return float(bare) != 0
+    except ValueError:
+        return bare not in _FALSE
+
+
+def _open(chain: Chain, name: str, holds: bool) -> None:
+    chain.loops.append(Block(name, chain.position - 1, chain.skipping, holds))
+    chain.skipping = chain.skipping or not holds
+
+
+def _innermost(chain: Chain, name: str, end: str) -> Block:
+    if not chain.loops or chain.loops[-1].name != name:
+        raise ParameterError(f"{end} without {name}")
+    return chain.loops[-1]
+
+
+def _close(chain: Chain, name: str, end: str) -> Block:
+    block = _innermost(chain, name, end)
+    chain.loops.pop()
+    chain.skipping = block.outer
+    return block
+
+
+def begin_if(chain: Chain, value: str) -> None:
+    """Do the steps up to --else or --endif where the value holds."""
+    _open(chain, "--if", not chain.skipping and truth(chain.expressed(value)))
+
+
+def otherwise(chain: Chain) -> None:
+    """Do the steps up to --endif where the value of --if does not hold."""
+    block = _innermost(chain, "--if", "--else")
+    block.holds = not block.holds
+    chain.skipping = block.outer or not block.holds
+
+
+def end_if(chain: Chain) -> None:
+    """End what --if began."""
+    _close(chain, "--if", "--endif")
+
+
+def begin_while(chain: Chain, value: str) -> None:
+    """Do the steps up to --endwhile as long as the value holds."""
+    holds = not chain.skipping and truth(chain.expressed(value))
+    if not (chain.loops and chain.loops[-1].start == chain.position - 1):
+        return _open(chain, "--while", holds)
+    block = chain.loops[-1]
+    most = chain.settings.get("--maxloop", MOST_ROUNDS)
+    if holds and block.rounds >= most:
+        raise ParameterError(f"{value} still holds after {most} rounds: --maxloop allows more")
+    block.holds = holds
+    chain.skipping = block.outer or not holds
+    return None
+
+
+def end_while(chain: Chain) -> None:
+    """Ask the condition of --while again."""
+    block = _innermost(chain, "--while", "--endwhile")
+    if block.holds and not block.outer:
+        block.rounds += 1
+        chain.position = block.start
+    else:
+        _close(chain, "--while", "--endwhile")
+
+
+def most_rounds(chain: Chain, text: str) -> None:
+    """How many rounds a --while may have."""
+    chain.settings["--maxloop"] = whole_number(text)
+
+
+_RANGE = Parameter("RANGE", (Numbers,), None, "")
+
+
+def begin_for(chain: Chain, variable: str, text: str) -> None:
+    """Do the steps up to --endfor for each value of a variable."""
+    again = bool(chain.loops) and chain.loops[-1].start == chain.position - 1
+    if chain.skipping and not again:
+        return _open(chain, "--for", False)
+    variable, text = chain.expressed(variable), chain.expressed(text)
+    _check_name(variable)
+    value, limit, step = _range(text)
+    if again:
+        block = chain.loops[-1]
+        value = float(chain.user.get(variable, value)) + step
+        block.holds = value < limit if step > 0 else value > limit
+        chain.skipping = block.outer or not block.holds
+    else:
+        _open(chain, "--for", value < limit if step > 0 else value > limit)
+    chain.user[variable] = int(value) if float(value).is_integer() else value
+    return None
+
+
+def _range(text: str) -> tuple[float, float, float]:
+    """'END', 'START,END' or 'START,END,STEP'."""
+    numbers = tuple(_RANGE.parse(text))
+    value, limit = (0.0, numbers[0]) if len(numbers) == 1 else numbers[:2]
+    step = numbers[2] if len(numbers) == 3 else 1.0 if limit >= value else -1.0
+    if len(numbers) > 3 or step == 0 or (limit - value) * step < 0:
+        raise ParameterError(f"'{text}' is no range: allowed is END, START,END or START,END,STEP that leads there")
+    return value, limit, step
+
+
+def end_for(chain: Chain) -> None:
+    """Go back to --for, unless it has come to its end."""
+    block = _innermost(chain, "--for", "--endfor")
+    if block.holds and not block.outer:
+        chain.position = block.start
+    else:
+        _close(chain, "--for", "--endfor")
+
+
+def _check_name(name: str) -> None:
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+        raise ParameterError(f"'{name}' is no name for a variable: allowed are letters, digits and _")
+
+
+@dataclass(frozen=True)
+class SetModifiers:
+    """Of --set."""
+
+    type: str | None = param(None, help="type of the value: int, float, string ...; by its looks when left out")
+
+
+def set_variable(chain: Chain, name: str, text: str, type: str | None = None) -> None:
+    """Give a variable a value for expressions.
+
+    Parameters
+    ----------
+    chain : Chain
+    name : str
+        Letters, digits and _, no digit first.
+    text : str
+        The value.
+    type : str, optional
+        int, float, string ...; by the looks of the value when left out.
+    """
+    _check_name(name)
+    value = attribute_value(text, type)
+    chain.user[name] = value if isinstance(value, (int, float, str)) else text
+
+
+def set_oiio_attribute(chain: Chain, name: str, text: str, type: str | None = None) -> None:
+    """Set an attribute of OpenImageIO itself, for the whole process.
+
+    Parameters
+    ----------
+    chain : Chain
+    name, text : str
+        The attribute and its value.
+    type : str, optional
+        int, float, string ...; default: by the look of the value.
+
+    Raises
+    ------
+    ParameterError
+        OpenImageIO does not have the attribute, or has it with another type.
+    """
+    value = attribute_value(text, type)
+    kind = oiio.TypeDesc(type) if type else oiio.TypeDesc({int: "int", float: "float"}.get(value.__class__, "string"))
+    before = oiio.getattribute(name, kind)
+    if before is None:
+        raise ParameterError(f"{name}: expected an attribute of OpenImageIO of type {kind}")
+    chain.set_global(name, kind, value, before)
+
+
+def evaluation_off(chain: Chain) -> None:
+    """Braces mean themselves."""
+    chain.evaluating = False
+
+
+def evaluation_on(chain: Chain) -> None:
+    """Braces hold expressions."""
+    chain.evaluating = True
+
+
+OPTIONS = (
+    Option("--set", ("NAME", "VALUE"), "set a variable for expressions", set_variable, SetModifiers, state=True),
+    Option(
+        "--if", ("VALUE",), "do what follows, to --else or --endif, if VALUE is not 0 or empty", begin_if, control=True
+    ),
+    Option("--else", (), "do what follows, to --endif, if the VALUE of --if was 0 or empty", otherwise, control=True),
+    Option("--endif", (), "end of --if", end_if, control=True),
+    Option(
+        "--while",
+        ("VALUE",),
+        "do what follows, to --endwhile, while VALUE is not 0 or empty",
+        begin_while,
+        control=True,
+    ),
+    Option("--endwhile", (), "end of --while", end_while, control=True),
+    Option(
+        "--for",
+        ("VARIABLE", "RANGE"),
+        "do what follows, to --endfor, for each value: END, START,END or START,END,STEP (without END itself)",
+        begin_for,
+        control=True,
+    ),
+    Option("--endfor", (), "end of --for", end_for, control=True),
+    Option("--evaloff", (), "from here on, braces mean themselves", evaluation_off, state=True),
+    Option("--evalon", (), "from here on, braces hold expressions", evaluation_on, state=True),
+    Option(
+        "--oiioattrib",
+        ("NAME", "VALUE"),
+        "set an attribute of OpenImageIO",
+        set_oiio_attribute,
+        SetModifiers,
+        state=True,
+    ),
+)
+
+STATES = (
+    Option(
+        "-v",
+        (),
+        "say what is done, and measure the results",
+        switch("-v"),
+        state=True,
+        throughout=True,
+        aliases=("--verbose",),
+    ),
+    Option("--maxloop", ("N",), "rounds after which a --while that has not ended is refused", most_rounds, state=True),
+    Option("--no-error-exit", (), "go on with the next step where one fails", switch("--no-error-exit"), state=True),
+    Option("--metamerge", (), "results have the metadata of all their inputs", switch("--metamerge"), state=True),
+    Option("--sansattrib", (), "--history without --attrib and --sattrib", switch("--sansattrib"), state=True),
+    Option(
+        "--autotile",
+        ("SIZE",),
+        "nothing: images are always read piece by piece here",
+        lambda chain, size: None,
+        state=True,
+    ),
+    Option("--experimental", (), "nothing: no op is experimental here", lambda chain: None, state=True),
+)

@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The {expressions} in words of a command line, as oiiotool 3.2 evaluates them.
+
+Every value is a text, as there: numbers are of single precision and become a text of six digits after each product and
+each sum, so {(1/3)*3} is 0.999999. All operators between summands, comparisons too, have one precedence and go from
+left to right.
+
+Where we depart from oiiotool
+-----------------------------
+1. What it gives up on without a word (text left over behind a value, as in {1 2}; an unknown operator, as in {5--3}; a
+   quote that is not closed; {eq(1+1,2)}; {TOP.}; {getattribute(nosuch)}) is an error, not some text.
+2. // and % by a number between -1 and 1 crash it, and whole numbers beyond 32 bit are not defined: errors.
+3. The negative of a negative number is the number: {-x} of x = -5 is 5, not --5.
+4. It does not see a '-' or '!' before var() and getattribute(): an error.
+5. White space may stand between any two words. A variable may be called TOPS or information; oiiotool reads the first
+   letters as TOP and inf.
+6. format() has neither the presentation types 'a' and '?' nor widths and precisions above four digits.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+from ...core.image import Image
+from ...core.parameters import nearest
+from ...deferred import np, oiio
+from ...errors import ImageError, ParameterError
+from .expression_values import (
+    NUMBER,
+    PRODUCTS,
+    SUMS,
+    Value,
+    filled,
+    integer_in,
+    is_quoted,
+    is_true,
+    negated,
+    number_in,
+    shown,
+)
+
+if TYPE_CHECKING:
+    from ..printing.pixel_statistics import Statistics
+
+
+class ImageAccess(Protocol):
+    """What expressions ask of the image stack and its surroundings."""
+
+    def depth(self) -> int:
+        """How many images are on the stack."""
+
+    def image(self, index: int) -> Image:
+        """An image of the stack, counted from its top: 0 <= index < depth()."""
+
+    def read(self, path: str) -> Image:
+        """The image of a file that exists; raises ImageError where it is none."""
+
+    def labels(self) -> Mapping[str, Image]:
+        """The images of --label."""
+
+    def variables(self) -> Mapping[str, Value]:
+        """The user variables of --set and --for."""
+
+    def frame_number(self) -> int | None:
+        """The frame of the sequence that is worked on, if any."""
+
+    def frame_padding(self) -> int:
+        """Digits of --framepadding; 0 when left out."""
+
+    def pixel_type(self, image: Image, native: bool) -> str:
+        """The type of an image's first part in memory ('float', whatever the file holds), or in its file."""
+
+    def statistics(self, image: Image) -> Statistics:
+        """Per channel of the first part: min, max, avg, nancount, infcount."""
+
+    def constant_colour(self, image: Image) -> Sequence[float] | None:
+        """The colour that all pixels of the first part have, if there is one, as isConstantColor() sees it."""
+
+    def metadata_text(self, image: Image, verbose: bool, native: bool) -> str:
+        """What --printinfo shows: verbose of all parts, else a line on the first; pixel types in memory or native."""
+
+    def statistics_text(self, image: Image) -> str:
+        """The statistics of the first part, as --printstats shows them."""
+
+
+class Expressions:
+    """Evaluates the {expressions} of words against a stack of images."""
+
+    def __init__(self, images: ImageAccess):
+        self._images = images
+
+    def substitute(self, text: str) -> str:
+        """`text` with every {expression} replaced by its value; a brace that is not closed stays as it is.
+
+        Raises
+        ------
+        ParameterError
+            One line that quotes the expression and says what is wrong with it.
+        """
+        result, at = "", 0
+        while (opening := text.find("{", at)) >= 0 and (end := _after_braces(text, opening)):
+            expression = text[opening + 1 : end - 1]
+            try:
+                value = _Evaluation(expression, self._images).value()
+            except (ParameterError, ImageError) as error:
+                raise ParameterError(" ".join(f"{{{expression}}}: {error}".split())) from error
+            result, at = result + text[at:opening] + value, end
+        return result + text[at:]
+
+
+def _after_braces(text: str, opening: int) -> int:
+    """The place behind the brace that closes the one at `opening`, 0 where none does. Quotes do not count, as there."""
+    nesting = 0
+    for brace in re.finditer(r"[{}]", text[opening:]):
+        nesting += 1 if brace[0] == "{" else -1
+        if nesting == 0:
+            return opening + brace.end()
+    return 0
+
+
+# --- images ---
+
+_DIMENSIONS = (
+    "nchannels", "width", "height", "depth", "x", "y", "z", "full_width", "full_height", "full_depth", "full_x",
+    "full_y", "full_z", "tile_width", "tile_height", "tile_depth", "alpha_channel", "z_channel", "geom", "full_geom",
+    "datawindow", "displaywindow",
+)  # fmt: skip
+
+
+def _listed(numbers: Iterable[float]) -> str:
+    return ",".join(shown(number) for number in numbers)
+
+
+def _described(verbose: bool, native: bool) -> Callable[[ImageAccess, Image], str]:
+    return lambda access, image: access.metadata_text(image, verbose, native).removesuffix("\n")
+
+
+def _is_black(access: ImageAccess, image: Image) -> bool:
+    colour = access.constant_colour(image)
+    return colour is not None and bool(colour[0] == 0)  # oiiotool looks at no other channel
+
+
+_PROPERTIES: dict[str, Callable[[ImageAccess, Image], str]] = {
+    "filename": lambda access, image: image.title,
+    "file_extension": lambda access, image: os.path.splitext(image.title)[1],
+    "file_noextension": lambda access, image: os.path.splitext(image.title)[0],
+    "MINCOLOR": lambda access, image: _listed(access.statistics(image).min),
+    "MAXCOLOR": lambda access, image: _listed(access.statistics(image).max),
+    "AVGCOLOR": lambda access, image: _listed(access.statistics(image).avg),
+    "NONFINITE_COUNT": lambda access, image: str(
+        sum(access.statistics(image).nancount) + sum(access.statistics(image).infcount)
+    ),
+    "META": _described(verbose=True, native=False),
+    "METANATIVE": _described(verbose=True, native=True),
+    "METABRIEF": _described(verbose=False, native=False),
+    "METANATIVEBRIEF": _described(verbose=False, native=True),
+    "STATS": lambda access, image: access.statistics_text(image).removesuffix("\n"),
+    "IS_CONSTANT": lambda access, image: str(int(access.constant_colour(image) is not None)),
+    "IS_BLACK": lambda access, image: str(int(_is_black(access, image))),
+    "SUBIMAGES": lambda access, image: str(len(image.parts)),
+}
+
+
+def _attribute(access: ImageAccess, image: Image, name: str) -> str | None:
+    """What an image says under `name`, or None. Metadata come before our own words, and in any case of letters."""
+    if name == "nativeformat":
+        return access.pixel_type(image, native=True)
+    spec = image.first.spec
+    for param in spec.extra_attribs:
+        if param.name.lower() == name.lower():
+            text = spec.metadata_val(param)
+            return text[1:-1] if param.type.basetype == oiio.STRING else text  # it comes in quotes
+    if name.lower() == "format":
+        return access.pixel_type(image, native=False)
+    if name.lower() in _DIMENSIONS:
+        value = spec.getattribute(name)
+        return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    return _PROPERTIES[name](access, image) if name in _PROPERTIES else None
+
+
+def _unknown_attribute(image: Image, name: str) -> ParameterError:
+    metadata = [param.name for param in image.first.spec.extra_attribs]
+    known = [*_DIMENSIONS, "format", "nativeformat", *_PROPERTIES, *metadata]
+    return ParameterError(f"{image.source} has no '{name}'{nearest(name, known)}")
+
+
+def _global_attribute(name: str) -> str:
+    """OpenImageIO's own attribute of that name."""
+    for kind in (oiio.TypeString, oiio.TypeInt, oiio.TypeFloat):
+        value = oiio.getattribute(name, kind)
+        if value is not None:
+            return shown(value) if isinstance(value, float) else str(value)
+    raise ParameterError(f"OpenImageIO has no attribute '{name}'")
+
+
+# --- the grammar ---
+
+_NAME = r"[A-Za-z_][A-Za-z_0-9]*"
+_STRING = r"""(?s:"(?:[^"\\]|\\.)*"|'(?:[^'\\]|\\.)*')"""
+_DEEPEST = 32  # parentheses and functions within each other; Python's own stack ends somewhere above
+_VALUES = ("TOP", "BOTTOM", "IMG", "FRAME_NUMBER", "FRAME_NUMBER_PAD", "NIMAGES")
+
+
+class _Evaluation:
+    """One expression on its way from text to value, by recursive descent."""
+
+    def __init__(self, text: str, images: ImageAccess):
+        self._text = text
+        self._images = images
+        self._at = 0
+        self._nesting = 0
+
+    def value(self) -> str:
+        with np.errstate(all="ignore"):  # 1/0 is inf, as there
+            value = self._sum()
+        if left := self._take(r".+"):
+            raise ParameterError(f"'{left}' is left over behind the value")
+        return value
+
+    def _take(self, pattern: str) -> str:
+        """What stands here and matches `pattern`, behind white space; the reading goes on behind it."""
+        match = re.compile(rf"\s*+({pattern})", re.ASCII).match(self._text, self._at)
+        self._at = match.end() if match else self._at
+        return match[1] if match else ""
+
+    def _want(self, mark: str, of: str) -> None:
+        if not self._take(re.escape(mark)):
+            raise ParameterError(f"missing '{mark}' {of}")
+
+    def _sum(self) -> str:
+        value = self._product()
+        quoted = is_quoted(value)
+        total = None if quoted else number_in(value)
+        if total is None:
+            if self._take(r"[-+<=>!&|*/%]"):
+                raise ParameterError(f"'{value}' is not a number")
+            return value[1:-1] if quoted else value
+        while word := self._take(r"[-+<=>!&|]+"):
+            if word not in SUMS:
+                raise ParameterError(f"no operator '{word}'; if it is two, put a space between them")
+            total = np.float32(SUMS[word](total, self._numeric(self._product())))
+        return shown(total)
+
+    def _product(self) -> str:
+        value = self._atom()
+        total = None if is_quoted(value) else number_in(value)
+        if total is None:
+            return value
+        while word := self._take(r"//|[*/%]"):
+            total = PRODUCTS[word](total, self._numeric(self._atom()))
+        return shown(total)
+
+    def _numeric(self, value: str) -> np.float32:
+        number = number_in(value)
+        if number is None:
+            raise ParameterError(f"'{value}' is not a number")
+        return number
+
+    def _atom(self) -> str:
+        """A value behind any number of signs and !, which count in this order wherever they stand."""
+        self._nesting += 1
+        if self._nesting > _DEEPEST:
+            raise ParameterError(f"nested more than {_DEEPEST} deep")
+        signs = self._take(r"[-+!\s]*")
+        negative, inverted = signs.count("-") % 2 == 1, signs.count("!") % 2 == 1
+        value = self._plain(signed=negative or inverted)
+        value = negated(value) if negative else value
+        self._nesting -= 1
+        return str(int(not is_true(value))) if inverted else value
+
+    def _plain(self, signed: bool) -> str:
+        if self._take(r"\("):
+            value = self._sum()
+            self._want(")", f"behind '{value}'")
+            return value
+        if number := self._take(NUMBER):
+            return shown(self._numeric(number))
+        if quoted := self._take(_STRING):
+            return quoted[1:-1]
+        name = self._take(_NAME)
+        if not name:
+            rest = self._take(r".+")
+            raise ParameterError(f"a value is missing before '{rest}'" if rest else "a value is missing at the end")
+        if self._take(r"\("):
+            return self._function(name, signed)
+        return self._named(name)
+
+    def _named(self, name: str) -> str:
+        if name in ("TOP", "BOTTOM"):
+            if not self._images.depth():
+                raise ParameterError(f"there is no image at {name}")
+            return self._of_image(self._images.image(0 if name == "TOP" else self._images.depth() - 1))
+        if name == "IMG" and self._take(r"\["):
+            which = self._take(r"[^\]]+").strip()
+            self._want("]", "of IMG[...]")
+            return self._of_image(self._image(which))
+        if name == "FRAME_NUMBER":
+            return str(self._images.frame_number() or 0)
+        if name == "FRAME_NUMBER_PAD":
+            digits, frame = self._images.frame_padding(), self._images.frame_number() or 0
+            return f'"{frame:0{digits}d}"' if digits else str(frame)
+        if name == "NIMAGES":
+            return str(self._images.depth())
+        if name in self._images.variables():
+            return self._variable(name)
+        known = [*_VALUES, *_FUNCTIONS, *self._images.variables()]
+        raise ParameterError(f"unknown name '{name}'{nearest(name, known)}")
+
+    def _variable(self, name: str) -> str:
+        """The user variable's text, '' where there is none; var() sees it in any case of letters."""
+        variables = self._images.variables()
+        by_lower = {known.lower(): value for known, value in variables.items()}
+        value = variables.get(name, by_lower.get(name.lower(), ""))
+        return shown(np.float32(value)) if isinstance(value, float) else str(value)
+
+    # images
+
+    def _image(self, which: str) -> Image:
+        """What IMG[which] means: a label, a place in the stack, a file, or an expression for one of the latter."""
+        labels = self._images.labels()
+        if which in labels:
+            return labels[which]
+        if integer_in(which) is None and os.path.exists(which):
+            return self._images.read(which)
+        try:
+            value = _Evaluation(which, self._images).value()
+        except ParameterError as error:
+            known = nearest(which, labels)
+            raise ParameterError(f"IMG[{which}] is no label, file or number{known} ({error})") from error
+        index = integer_in(value)
+        if index is not None:
+            if not 0 <= index < self._images.depth():
+                raise ParameterError(f"no image at IMG[{value}], there are {self._images.depth()}, counted from 0")
+            return self._images.image(index)
+        if os.path.exists(value):
+            return self._images.read(value)
+        raise ParameterError(f"IMG[{value}] is no label, file or number{nearest(value, labels)}")
+
+    def _of_image(self, image: Image) -> str:
+        """The .name or [name] behind an image; names in brackets may be unknown, they are ''."""
+        bracket = self._take(r"[.\[]")
+        if not bracket:
+            raise ParameterError("an image needs .NAME or [NAME] behind it")
+        quoted = self._take(_STRING)
+        name = quoted[1:-1] if quoted else self._take(_NAME)
+        if not name:
+            raise ParameterError(f"no name behind '{bracket}'")
+        if not quoted and self._take(":"):
+            raise ParameterError(f"names with ':' need quotes, as in TOP[\"{name}:{self._take(_NAME)}\"]")
+        if bracket == "[":
+            self._want("]", f"behind '{name}'")
+        value = _attribute(self._images, image, name)
+        if value is None and bracket == ".":
+            raise _unknown_attribute(image, name)
+        return value or ""
+
+    # functions
+
+    def _function(self, name: str, signed: bool) -> str:
+        if name not in _FUNCTIONS:
+            raise ParameterError(f"no function '{name}'{nearest(name, _FUNCTIONS)}; there is {', '.join(_FUNCTIONS)}")
+        if signed and name in ("var", "getattribute"):
+            raise ParameterError(f"'-' and '!' do nothing before {name}() in oiiotool: put it in parentheses")
+        value = _FUNCTIONS[name](self)
+        self._want(")", f"of {name}()")
+        return value
+
+    def _name_argument(self) -> str:
+        quoted = self._take(_STRING)
+        name = quoted[1:-1] if quoted else self._take(r"[^)]*").strip()
+        if not name:
+            raise ParameterError("a name is missing between the parentheses")
+        return name
+
+    def _same(self) -> bool:
+        left = self._atom()
+        self._want(",", "of a comparison: sums need parentheses there")
+        return left == self._atom()
+
+    def _format(self) -> str:
+        template, arguments = self._atom(), list[str]()
+        self._want(",", "of format(): it takes a text and the values for it")
+        while not arguments or self._take(","):
+            arguments.append(self._sum())
+        return f'"{filled(template, arguments)}"'
+
+
+_FUNCTIONS: dict[str, Callable[[_Evaluation], str]] = {
+    "getattribute": lambda self: _global_attribute(self._name_argument()),
+    "var": lambda self: self._variable(self._name_argument()),
+    "eq": lambda self: str(int(self._same())),
+    "neq": lambda self: str(int(not self._same())),
+    "not": lambda self: str(int(not is_true(self._sum()))),
+    "format": lambda self: self._format(),
+}

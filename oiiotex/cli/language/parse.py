@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Words of a command line -> settings of the run, and steps to be done one after the other."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ...core.op import Op
+from ...core.parameters import nearest, parse_modifiers
+from ...deferred import Shelf
+from ...errors import ParameterError
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option that is not an op: what it is called, what follows it, what it does.
+
+    Attributes
+    ----------
+    name : str
+    arguments : tuple of str
+        What follows it, for help.
+    help : str
+    run : callable or None
+        Called with the chain, the arguments as text and the modifiers as keywords. None: a setting that holds for the
+        whole run wherever it stands.
+    modifiers : type or None
+        A frozen dataclass whose `param` fields are its modifiers.
+    needs : int
+        Images that must be on the stack; with fewer it waits for the next ones, as ops do.
+    flat : bool
+        It looks at the pixels of those images, which may not be deep.
+    state : bool
+        It only sets what later options use, so it may stand between an op and the operands that the op waits for.
+    throughout : bool
+        It sets something for the whole run, too, wherever it stands.
+    control : bool
+        It decides what is done: it is seen even where steps are skipped.
+    late : bool
+        It evaluates the expressions in its arguments itself.
+    writes : bool
+        Its last argument names a file that it writes.
+    aliases : tuple of str
+        Other spellings.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    help: str
+    run: Callable[..., None] | None = None
+    modifiers: type | None = None
+    needs: int = 0
+    flat: bool = False
+    state: bool = False
+    throughout: bool = False
+    late: bool = False
+    writes: bool = False
+    control: bool = False
+    aliases: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Refused:
+    """An option of oiiotool that is not here, and why."""
+
+    name: str
+    arguments: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """One thing to do, as the user wrote it: expressions in it are evaluated when its turn comes."""
+
+    word: str  # the option with its modifiers, or a file's name
+    arguments: tuple[str, ...] = ()
+    op: type[Op] | None = None
+    option: Option | None = None
+
+    @property
+    def name(self) -> str:
+        """For messages: the option without modifiers."""
+        return self.word.split(":")[0] if self.word.startswith("-") else self.word
+
+
+@dataclass(frozen=True)
+class Language:
+    """All that a command line may say.
+
+    Attributes
+    ----------
+    shelves : tuple of Shelf
+        Of ops and options, in the order of help. A shelf's module is imported when a line names something of it.
+    refused : tuple of Refused
+    further : callable
+        The ops of other packages, whose names are known once they are imported: where no other has the name.
+    """
+
+    shelves: tuple[Shelf, ...]
+    refused: tuple[Refused, ...] = ()
+    further: Callable[[], tuple[type[Op], ...]] = tuple
+
+    @functools.cached_property
+    def ops(self) -> dict[str, tuple[type[Op], ...]]:
+        """All ops by heading, for help; all of them are imported."""
+        ops = self._by_heading(lambda declaration: not isinstance(declaration, Option))
+        if ops:
+            first = next(iter(ops))
+            ops[first] += self.further()
+        return ops
+
+    @functools.cached_property
+    def groups(self) -> dict[str, tuple[Option, ...]]:
+        """All options that are not ops, by heading."""
+        return self._by_heading(lambda declaration: isinstance(declaration, Option))
+
+    def _by_heading(self, wanted: Callable[[Any], bool]) -> dict[str, tuple[Any, ...]]:
+        headings: dict[str, tuple[Any, ...]] = {}
+        for shelf in self.shelves:
+            declarations = tuple(filter(wanted, shelf.declarations))
+            if declarations:
+                headings[shelf.heading] = (*headings.get(shelf.heading, ()), *declarations)
+        return headings
+
+    @property
+    def options(self) -> tuple[Option, ...]:
+        """All options that are not ops."""
+        return tuple(itertools.chain.from_iterable(self.groups.values()))
+
+    @functools.cached_property
+    def _places(self) -> dict[str, Shelf | Refused]:
+        places: dict[str, Shelf | Refused] = {name: shelf for shelf in self.shelves for name in shelf.names}
+        return places | {refused.name: refused for refused in self.refused}
+
+    def find(self, name: str) -> type[Op] | Option | Refused:
+        """What an option's name means; one dash or two mean the same, as in oiiotool.
+
+        Raises
+        ------
+        ParameterError
+            Nothing; the text names the nearest one.
+        """
+        bare = name.lstrip("-")
+        spellings = (name, f"--{bare}", f"-{bare}")
+        for spelling in spellings:
+            place = self._places.get(spelling)
+            if isinstance(place, Refused):
+                return place
+            if place is not None:
+                return next(one for one in place.declarations if spelling in names_of(one))
+        others = {spelling: op for op in self.further() for spelling in names_of(op)}
+        for spelling in spellings:
+            if spelling in others:
+                return others[spelling]
+        raise ParameterError(f"unknown option '{name}'{nearest(f'--{bare}', [*self._places, *others])}")
+
+    def takes(self, word: str) -> int:
+        """How many words follow an option; 0 for what is no option."""
+        try:
+            declaration = self.find(word.split(":")[0])
+        except ParameterError:
+            return 0
+        if isinstance(declaration, Refused):
+            return declaration.arguments
+        return len(declaration.arguments) if isinstance(declaration, Option) else len(declaration.arguments())
+
+
+def names_of(declaration: type[Op] | Option) -> tuple[str, ...]:
+    """All by which a line may call an op or an option."""
+    return (declaration.name if isinstance(declaration, Option) else declaration.flag(), *declaration.aliases)
+
+
+@dataclass(frozen=True)
+class CommandLine:
+    """A parsed command line."""
+
+    settings: dict[str, tuple[str, ...]]
+    steps: tuple[Step, ...]
+
+    @property
+    def reports(self) -> bool:
+        """Whether it asks to be told of what is done."""
+        return "-v" in self.settings or "--runstats" in self.settings
+
+    def first(self, name: str) -> str | None:
+        """The first word behind a setting; None where it has none, or is not there."""
+        return next(iter(self.settings.get(name, ())), None)
+
+    def whole_number(self, name: str) -> int:
+        """The number behind a setting; 0 where it is not there.
+
+        Raises
+        ------
+        ParameterError
+            It is no whole number from 0 on.
+        """
+        text = self.first(name) or "0"
+        if not (text.isascii() and text.isdigit()):
+            raise ParameterError(f"{name} {text}: allowed is a whole number >= 0")
+        return int(text)
+
+
+def parse(words: list[str], language: Language) -> CommandLine:
+    """Read a command line.
+
+    What can be known to be wrong before any work begins is refused here.
+
+    Raises
+    ------
+    ParameterError
+        An unknown or refused option, a missing argument, a malformed or unknown modifier.
+    """
+    settings: dict[str, tuple[str, ...]] = {}
+    steps: list[Step] = []
+    left = iter(words)
+    for word in left:
+        if not word.startswith("-") or word == "-":
+            steps.append(Step(word))
+            continue
+        name, modifiers = split_modifiers(word)
+        declaration = language.find(name)
+        if isinstance(declaration, Refused):
+            raise ParameterError(f"{name} of oiiotool is not here: {declaration.reason}")
+        if isinstance(declaration, Option) and declaration.name == "--help":
+            settings[declaration.name] = tuple(left)[:1]
+            continue
+        step = _step(word, declaration, left)
+        if step.option is not None and step.option.run is None:
+            if modifiers:
+                raise ParameterError(f"{word}: {name} has no modifiers")
+            settings[step.option.name] = step.arguments
+            continue
+        if step.option is not None and step.option.throughout:
+            settings[step.option.name] = step.arguments
+        _check_early(step, modifiers)
+        steps.append(step)
+    return CommandLine(settings, tuple(steps))
+
+
+def _step(word: str, declaration: type[Op] | Option, left: Iterator[str]) -> Step:
+    if isinstance(declaration, Option):
+        return Step(
+            word,
+            tuple(_argument(left, declaration.name, argument) for argument in declaration.arguments),
+            option=declaration,
+        )
+    names = [parameter.name.upper() for parameter in declaration.arguments()]
+    return Step(word, tuple(_argument(left, declaration.flag(), argument) for argument in names), op=declaration)
+
+
+def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
+    """Refuse modifiers that no expression can make right any more."""
+    plain = {name: text for name, text in modifiers.items() if "{" not in text}
+    try:
+        values_of(step, {**plain, **{name: None for name in modifiers if name not in plain}})
+    except ParameterError as error:
+        raise ParameterError(f"{step.name} : {error}") from None
+
+
+def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
+    """The modifiers' values by name; None stands for a text that is not known yet.
+
+    Raises
+    ------
+    ParameterError
+        An unknown modifier, or a value that is not allowed.
+    """
+    declaring = step.op or (step.option.modifiers if step.option else None)
+    if declaring is None:
+        if modifiers:
+            raise ParameterError(f"unknown modifier '{next(iter(modifiers))}'; there is none")
+        return {}
+    return parse_modifiers(declaring, modifiers)
+
+
+def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
+    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes, or an expression, may hold colons.
+
+    Raises
+    ------
+    ParameterError
+        A modifier without a value, twice the same, or an open quote.
+    """
+    pieces, quote, braces = [""], "", 0
+    for letter in word:
+        if quote:
+            quote = "" if letter == quote else quote
+            pieces[-1] += letter if quote else ""
+        elif letter in "\"'" and pieces[-1].endswith("=") and not braces:
+            quote = letter
+        elif letter == ":" and not braces:
+            pieces.append("")
+        else:
+            braces = max(0, braces + (letter == "{") - (letter == "}"))
+            pieces[-1] += letter
+    if quote:
+        raise ParameterError(f"{word}: the quote {quote} is not closed")
+    modifiers: dict[str, str] = {}
+    for piece in filter(None, pieces[1:]):  # `--op:a=1:` and `--op::a=1` say no more than `--op:a=1`
+        name, equals, value = piece.partition("=")
+        if not equals or not name:
+            raise ParameterError(f"{word}: '{piece}' is not NAME=VALUE")
+        if name in modifiers:
+            raise ParameterError(f"{word}: '{name}' is given twice")
+        modifiers[name] = value
+    return pieces[0], modifiers
+
+
+def _argument(left: Iterator[str], option: str, argument: str) -> str:
+    value = next(left, None)
+    if value is None:
+        raise ParameterError(f"{option} wants {argument} behind it")
+    return value
+
+
+def whole_number(text: str) -> int:
+    """A text that must be a whole number from 0 on."""
+    if not (text.isascii() and text.isdigit()):
+        raise ParameterError(f"'{text}': allowed is a whole number >= 0")
+    return int(text)

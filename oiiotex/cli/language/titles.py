@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What oiiotool calls images that ops have made, where it compares them or is asked for their name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...core.image import Image
+from ...core.op import Op
+
+_OTHERWISE = {
+    "--resize": "resize", "--resample": "resample", "--pixelaspect": "resize", "--colorconvert": "colorconvert",
+    "--tocolorspace": "colorconvert", "--fillholes": "filled", "--cryptomatte-colors": "cryptomatte_colors",
+}  # fmt: skip
+_AS_BEFORE = (
+    "--clamp", "--fixnan", "--ch", "--nchannels", "--chappend", "--chnames", "--iscolorspace", "--attrib", "--sattrib",
+    "--eraseattrib", "--caption", "--keyword", "--clear-keywords", "--orientation", "--orientcw", "--orientccw",
+    "--orient180", "--origin", "--originoffset", "--fullsize", "--fullpixels", "--cicp", "--iccread", "--crop",
+    "--croptofull", "--cut", "--trim", "--paste", "--mosaic", "--reorient", "--fit", "--box", "--line", "--point",
+    "--text", "--fill", "--create", "--pattern",
+)  # fmt: skip
+
+
+def title_of(op: type[Op], operands: Sequence[Image], result: Image) -> str:
+    """The result's name: '' for that of its source.
+
+    Our filters make another image of a photo, not another photo: it is called as before.
+    """
+    unchanged = bool(operands) and result.first is operands[0].first
+    if unchanged or op.prefix == Op.prefix or op.flag() in _AS_BEFORE:
+        return operands[0].first.title if operands and result.source == operands[0].source else ""
+    return _OTHERWISE.get(op.flag(), op.flag()[1:])

@@ -1,0 +1,344 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options that compare two images: --diff, --pdiff, --flipdiff, and their thresholds.
+
+--diff reads both images band by band. The perceptual ones look at all pixels at once and need the memory for it.
+
+Where we depart from oiiotool
+-----------------------------
+1. A NaN or infinity that has no partner in the other image makes the largest error infinite and its pixel count as one
+   over the thresholds, and never enters the means. oiiotool does not count the first of them, lets the others make the
+   means NaN, and forgets the largest error when it has met two.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...core.demand import stream
+from ...core.image import Image, Part, cropped, in_memory
+from ...core.parameters import param
+from ...core.window import Window
+from ...deferred import np, oiio
+from ...errors import ImageError, ParameterError, one_line
+from ..language.parse import Option
+from ..stack.chain import Chain
+from .metadata import shortest
+from .pixel_statistics import as_floats, floats, full_rows, over_channels
+
+# bytes of a pixel at most, as measured with images of 1 to 3 megapixels
+_YEE_BYTES = 100
+_FLIP_BYTES = 160
+_LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
+
+
+def _threshold(value: float) -> Any:
+    return field(default_factory=lambda: np.float32(value))
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What --fail, --warn and their kin have set. Percentages are of pixels, all else is a difference of values."""
+
+    fail: np.float32 = _threshold(1e-6)
+    failpercent: np.float32 = _threshold(0)
+    hardfail: np.float32 = _threshold(_LARGEST)
+    warn: np.float32 = _threshold(1e-6)
+    warnpercent: np.float32 = _threshold(0)
+    hardwarn: np.float32 = _threshold(_LARGEST)
+
+
+@dataclass
+class Comparison:
+    """How two images differ: largest error and its place, means, pixels over the thresholds."""
+
+    max_error: float = 0.0
+    x: int = 0
+    y: int = 0
+    channel: int = 0
+    mean: float = 0.0
+    rms: float = 0.0
+    psnr: float = math.inf
+    warned: int = 0
+    failed: int = 0
+
+
+def compare(a: Part, b: Part, thresholds: Thresholds) -> Comparison:
+    """Compare two parts over their data windows together, band by band; what one lacks is black there."""
+    whole = a.window | b.window
+    channels = max(a.spec.nchannels, b.spec.nchannels)
+    comparison, total, squares, peak = Comparison(), 0.0, 0.0, np.float32(1)
+    bands = [stream(cropped(part, whole), full_rows(whole), buffers=True) for part in (a, b)]
+    for (window, left), (_, right) in zip(*bands, strict=True):
+        x, y = _as_wide(as_floats(left, window), channels), _as_wide(as_floats(right, window), channels)
+        with np.errstate(invalid="ignore", over="ignore"):
+            error = np.abs(x - y)
+        odd = ~(np.isfinite(x) & np.isfinite(y))
+        if odd.any():
+            same = (np.isnan(x) == np.isnan(y)) & (np.isinf(x) == np.isinf(y))
+            error[odd] = np.where(same[odd], np.float32(0), np.float32(np.inf))
+            x, y = np.where(odd, np.float32(0), x), np.where(odd, np.float32(0), y)
+        peak = max(peak, np.abs(x).max(), np.abs(y).max())
+        largest = int(error.argmax())
+        if error.flat[largest] > comparison.max_error:
+            comparison.max_error = float(error.flat[largest])
+            row, column, comparison.channel = map(int, np.unravel_index(largest, error.shape))
+            comparison.x, comparison.y = window.left + column, window.top + row
+        worst = over_channels(np.maximum, error)
+        comparison.warned += int((worst > thresholds.warn).sum())
+        comparison.failed += int((worst > thresholds.fail).sum())
+        plain = error.astype(np.float64)
+        plain[odd] = 0
+        total += float(plain.sum())
+        squares += float(np.square(plain, out=plain).sum())
+    values = max(1, whole.width * whole.height * channels)
+    comparison.mean, comparison.rms = total / values, float(np.sqrt(squares / values))
+    comparison.psnr = float(20 * np.log10(float(peak) / comparison.rms)) if comparison.rms > 0 else np.inf
+    return comparison
+
+
+def _as_wide(pixels: np.ndarray, channels: int) -> np.ndarray:
+    lacking = channels - pixels.shape[2]
+    return np.pad(pixels, ((0, 0), (0, 0), (0, lacking))) if lacking else pixels
+
+
+# --- --diff and --pdiff ---
+
+_ORDER = ("PASS", "WARNING", "FAILURE")
+
+
+def difference(chain: Chain) -> None:
+    """Print how the two top images differ; the exit code is 1 where they do."""
+    _difference(chain, perceptual=False)
+
+
+def perceptual_difference(chain: Chain) -> None:
+    """Print how visibly the two top images differ (Yee's metric); the exit code is 1 where they do."""
+    _difference(chain, perceptual=True)
+
+
+def _difference(chain: Chain, perceptual: bool) -> None:
+    first, second = chain.image(1), chain.image(0)
+    everything = chain.session.all_parts
+    if perceptual:
+        for a, b in list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]:
+            _require(chain, a, b, _YEE_BYTES, "--pdiff")
+    if not chain.acts(*first.parts, *second.parts):
+        return
+    kind = "perceptual " if perceptual else ""
+    print(f'Computing {kind}diff of "{first.title}" vs "{second.title}"')
+    verdict = 0
+    for number, (a, b) in enumerate(zip(first.parts, second.parts, strict=False)):
+        if number and not everything:
+            break
+        pairs = [(a, b), *zip(a.levels, b.levels, strict=False)] if everything else [(a, b)]
+        for level, pair in enumerate(pairs):
+            if level and len(a.levels) != len(b.levels):
+                break
+            title = _title(first, number, level) if everything else ""
+            verdict = max(verdict, _compared(chain, *pair, title, perceptual, verdict))
+        if everything and a.levels and len(a.levels) != len(b.levels):
+            print("Files do not match in their number of MIPmap levels")
+            verdict = 2
+    counts = len(first.parts), len(second.parts)
+    if everything and counts[0] != counts[1]:
+        print(f"Images had differing numbers of subimages ({counts[0]} vs {counts[1]})")
+        verdict = 2
+    if not everything and max(counts) > 1:
+        print(f"Only compared the first subimage (of {counts[0]} and {counts[1]}, respectively)")
+    print(_ORDER[verdict])
+    sys.stdout.flush()
+    if verdict == 2:
+        chain.status = 1
+
+
+def _title(image: Image, number: int, level: int) -> str:
+    part = image.parts[number]
+    words = f"Subimage {number} " if len(image.parts) > 1 else ""
+    words += f" MIP level {level} " if part.levels else ""
+    return f"{words}{': ' if words else ''}{part.spec.width} x {part.spec.height}, {part.spec.nchannels} channel\n"
+
+
+def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, before: int) -> int:
+    """Compare two parts and report, if there is something to report or was before: 0 same, 1 warning, 2 failure."""
+    limits = Thresholds(**{name: chain.settings[f"--{name}"] for name in _NAMES if f"--{name}" in chain.settings})
+    pixels = max(1, a.spec.width * a.spec.height)
+    with chain.session.stats.time("diff"):
+        comparison = _yee(a, b) if perceptual else compare(a, b, limits)
+    verdict = 0
+    if comparison.failed > limits.failpercent / 100 * pixels or comparison.max_error > limits.hardfail:
+        verdict = 2
+    elif comparison.warned > limits.warnpercent / 100 * pixels or comparison.max_error > limits.hardwarn:
+        verdict = 1
+    if max(verdict, before) or chain.settings.get("-v"):
+        print(title, end="")
+        print("\n".join(_report(a, b, comparison, limits, pixels, perceptual)))
+    return verdict
+
+
+def _report(a: Part, b: Part, comparison: Comparison, limits: Thresholds, pixels: int, perceptual: bool) -> list[str]:
+    lines = []
+    if not perceptual:
+        lines += [
+            f"  Mean error = {comparison.mean:.6g}",
+            f"  RMS error = {comparison.rms:.6g}",
+            f"  Peak SNR = {comparison.psnr:.6g}",
+        ]
+    line = f"  Max error  = {shortest(comparison.max_error)}"
+    if comparison.max_error != 0:
+        names = a.spec.channelnames if comparison.channel < a.spec.nchannels else b.spec.channelnames
+        values = " vs ".join(_values_at(part, comparison.x, comparison.y) for part in (a, b))
+        line += f" @ ({comparison.x}, {comparison.y}, {names[comparison.channel]})  values are {values}"
+    lines.append(line)
+
+    def over(count: int, limit: str) -> str:
+        return f"  {count} pixels ({100 * count / pixels:.3g}%) {limit}"
+
+    if perceptual:
+        return [*lines, over(comparison.failed, "failed the perceptual test")]
+    return [
+        *lines,
+        over(comparison.warned, f"over {shortest(limits.warn)}"),
+        over(comparison.failed, f"over {shortest(limits.fail)}"),
+    ]
+
+
+def _values_at(part: Part, x: int, y: int) -> str:
+    window = Window.sized(x, y, 1, 1)
+    values = floats(cropped(part, window), window)[0, 0]
+    return ", ".join(map(shortest, values))
+
+
+def _yee(a: Part, b: Part) -> Comparison:
+    result = oiio.CompareResults()
+    oiio.ImageBufAlgo.compare_Yee(a.buffer(a.window), b.buffer(b.window), result)
+    # its places count from the corner of the window, and so they are printed
+    return Comparison(result.maxerror, result.maxx, result.maxy, 0, failed=result.nfail)
+
+
+def _require(chain: Chain, a: Part, b: Part, pixel_bytes: int, option: str) -> None:
+    whole = a.window | b.window
+    inputs = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in (a, b))
+    chain.session.require(inputs + whole.width * whole.height * pixel_bytes, option)
+
+
+# --- --flipdiff ---
+
+
+@dataclass(frozen=True)
+class FlipModifiers:
+    """Of --flipdiff."""
+
+    hdr: bool = param(True, help="HDR-FLIP, over several exposures; else LDR-FLIP")
+    maxluminance: float = param(2.0, ge=0, help="luminance to which the brightest pixels are exposed")
+    medianluminance: float = param(0.18, ge=0, help="luminance to which the median is exposed")
+    ppd: float = param(0.0, ge=0, help="pixels per degree of the viewer's eye; 0: those of a desk")
+    tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="how exposures are shown")
+    colormap: str = param("", help="show the map in colours: inferno, viridis, magma, turbo ...")
+    fail: float = param(10.0, ge=0, help="fail if the largest error is above this")
+    print: bool = param(True, help="print the errors")
+
+
+def flip_difference(chain: Chain, **modifiers: Any) -> None:
+    """Replace two images by the map of their visible differences (FLIP), and print its mean and largest value."""
+    given = FlipModifiers(**modifiers)
+    test, reference = chain.image(0), chain.image(1)
+    a, b = reference.first, test.first
+    _require(chain, a, b, _FLIP_BYTES, "--flipdiff")
+    options = {name: getattr(given, name) for name in ("maxluminance", "medianluminance", "ppd", "tonemapper")}
+    with chain.session.stats.time("--flipdiff"):
+        error = oiio.ImageBufAlgo.FLIP_diff(a.buffer(a.window), b.buffer(b.window), hdr=int(given.hdr), **options)
+    if error.has_error:
+        raise ImageError(one_line(error.geterror()))
+    spec = error.spec()
+    facts = {p.name: p.value for p in spec.extra_attribs if p.name.startswith("FLIP:")}
+    if given.colormap:
+        error = _in_colours(error, given.colormap, facts)
+    del chain.stack[-2:]
+    chain.push(Image((in_memory(a.name, error),), "flipdiff"))
+    chain.unwritten = True
+    _print_flip(chain, reference, test, facts, given)
+
+
+def _in_colours(error: oiio.ImageBuf, colormap: str, facts: dict[str, Any]) -> oiio.ImageBuf:
+    coloured = oiio.ImageBufAlgo.color_map(error, 0, colormap)
+    if coloured.has_error:
+        raise ImageError(one_line(coloured.geterror()))
+    for name, value in facts.items():
+        coloured.specmod().attribute(name, value)
+    return coloured
+
+
+def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, Any], given: FlipModifiers) -> None:
+    largest = float(facts.get("FLIP:maxerror", 0.0))
+    judges = given.fail < 10
+    fails = judges and largest > np.float32(given.fail)
+    if not (given.print or judges):
+        return
+    chain.acts()
+    print(f'FLIP diff of "{reference.title}" vs "{test.title}"')
+    if given.print or fails:
+        print(f"  Mean FLIP error  = {facts.get('FLIP:meanerror', 0.0):.4g}")
+        line = f"  Max FLIP error   = {largest:.4g}"
+        if largest != 0:
+            x, y = facts["FLIP:maxx"], facts["FLIP:maxy"]
+            values = " vs ".join(_values_at(image.first, x, y) for image in (reference, test))
+            line += f"  @ ({x}, {y})  values are {values}"
+        print(line)
+        stops = facts.get("FLIP:numExposures", 0)
+        if stops > 0:
+            low, high = facts["FLIP:startExposure"], facts["FLIP:stopExposure"]
+            print(f"  Exposure range   = [{low:.3g}, {high:.3g}] ({stops} stops)")
+    if judges:
+        print("FAILURE" if fails else "PASS")
+        chain.status = 1 if fails else chain.status
+
+
+# --- thresholds ---
+
+_NAMES = ("fail", "failpercent", "hardfail", "warn", "warnpercent", "hardwarn")
+
+
+def _setting(name: str) -> Any:
+    def run(chain: Chain, text: str) -> None:
+        try:
+            value = np.float32(float(text))
+        except ValueError:
+            raise ParameterError(f"'{text}': allowed is a number") from None
+        chain.settings[f"--{name}"] = value
+
+    return run
+
+
+def _limit(name: str, argument: str, help: str) -> Option:
+    return Option(f"--{name}", (argument,), help, _setting(name), state=True)
+
+
+OPTIONS = (
+    Option("--diff", (), "print how two images differ; exits 1 where they do", difference, needs=2, flat=True),
+    Option(
+        "--pdiff",
+        (),
+        "the same by Yee's perceptual metric; holds both images",
+        perceptual_difference,
+        needs=2,
+        flat=True,
+    ),
+    Option(
+        "--flipdiff",
+        (),
+        "replace two images by the map of their visible differences (FLIP)",
+        flip_difference,
+        FlipModifiers,
+        needs=2,
+        flat=True,
+    ),
+    _limit("fail", "THRESHOLD", "difference above which a pixel fails --diff (1e-6)"),
+    _limit("failpercent", "PERCENT", "pixels that may fail (0)"),
+    _limit("hardfail", "THRESHOLD", "difference that no pixel may exceed"),
+    _limit("warn", "THRESHOLD", "difference above which --diff warns of a pixel (1e-6)"),
+    _limit("warnpercent", "PERCENT", "pixels that may warn (0)"),
+    _limit("hardwarn", "THRESHOLD", "difference in any one pixel that --diff warns of"),
+)

@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What --info and --printinfo say of an image: the words of its spec, its hash, its statistics, its pixels."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ...core.hash import sha1
+from ...core.image import Image, Part, dtype_of
+from ...core.window import Window
+from ...deferred import np, oiio
+from ...errors import ParameterError
+from .pixel_statistics import as_floats, full_rows, part_statistics_text
+
+_NAME_WIDTH = 20
+_LEADING = "resolution, width, height, depth, channels"  # what --metamatch is held against for the first line
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dump:
+    """How --dumpdata prints pixels: those that are black too, and as an array of C where it has a name."""
+
+    empty: bool = True
+    array: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What is to be said of an image.
+
+    Attributes
+    ----------
+    verbose : bool
+        All metadata, not only the size.
+    all_parts : bool
+        All parts and levels, not only the first.
+    native : bool
+        Pixel types as they are in the file, not as ops see them.
+    xml : bool
+    match, no_match : str
+        Regular expressions: metadata whose names are printed, and not printed.
+    hash, statistics : bool
+    window, channels
+        Of the statistics, as `part_statistics` takes them.
+    dump : Dump or None
+        Print the pixels.
+    """
+
+    verbose: bool = False
+    all_parts: bool = False
+    native: bool = False
+    xml: bool = False
+    match: str = ""
+    no_match: str = ""
+    hash: bool = False
+    statistics: bool = False
+    window: Window | None = None
+    channels: int | None = None
+    dump: Dump | None = None
+
+    @property
+    def prefix(self) -> str:
+        """What makes a line a comment where pixels are printed as C."""
+        return "// " if self.dump and self.dump.array else ""
+
+
+def metadata_text(image: Image, verbose: bool, native: bool) -> str:
+    """What --printinfo prints: verbose of all parts, else a line on the first; pixel types in memory or native."""
+    return "".join(description(image, Asked(verbose=verbose, all_parts=verbose, native=native)))
+
+
+def description(image: Image, asked: Asked, filename: str = "") -> Iterator[str]:
+    """The text on an image, piece by piece.
+
+    Parameters
+    ----------
+    image : Image
+    asked : Asked
+    filename : str
+        The image is that of a file which has just been read: its name leads the text, and what is said is that which
+        the file says.
+
+    Raises
+    ------
+    ParameterError
+        A regular expression is none.
+    ImageError
+        Pixels cannot be read.
+    """
+    wanted, unwanted = _pattern(asked.match), _pattern(asked.no_match)
+    for number, part in enumerate(image.parts if asked.all_parts else image.parts[:1]):
+        yield _metadata(image, number, asked, filename, wanted, unwanted)
+        if filename and asked.dump:
+            yield from dumped(part, asked.dump)
+        if asked.statistics and (wanted is None or wanted.search("stats")):
+            yield from _statistics(part, asked)
+
+
+def _pattern(text: str) -> re.Pattern[str] | None:
+    """A POSIX extended regular expression that ignores case; None of none."""
+    if not text:
+        return None
+    classes = {"alpha": "a-zA-Z", "digit": "0-9", "alnum": "a-zA-Z0-9", "space": r"\s", "upper": "A-Z", "lower": "a-z"}
+    translated = re.sub(r"\[:(\w+):\]", lambda match: classes.get(match[1], match[0]), text)
+    try:
+        return re.compile(translated, re.IGNORECASE)
+    except re.error as error:
+        raise ParameterError(f"'{text}' is no regular expression: {error}") from None
+
+
+def _metadata(
+    image: Image,
+    number: int,
+    asked: Asked,
+    filename: str,
+    wanted: re.Pattern[str] | None,
+    unwanted: re.Pattern[str] | None,
+) -> str:
+    part = image.parts[number]
+    leading = wanted is None or bool(wanted.search(_LEADING))
+    spec = part.spec if filename else _shown_spec(image, part, asked.native)
+    kind = file_format(image, part)
+    verbosity = "detailedhuman" if asked.verbose else "brief"
+    first, *rest = spec.serialize("xml" if asked.xml else "text", verbosity).split("\n")
+    inserted: list[str] = []
+    head = [first]
+    if not asked.xml:
+        inserted += _overview(image, asked) if number == 0 else []
+        head = _heading(image, number, asked, filename, first, kind) if leading else []
+        inserted, head = (inserted + head[1:], head[:1])
+    else:
+        inserted += [f"<subimages>{len(image.parts)}</subimages>"] if len(image.parts) > 1 else []
+        inserted += [f"<miplevels>{1 + len(part.levels)}</miplevels>"] if part.levels else []
+    if asked.verbose and leading and part.levels:
+        sizes = " ".join(f"{level.spec.width}x{level.spec.height}" for level in (part, *part.levels))
+        inserted.append(f"    MIP-map levels: {sizes}")
+    if filename and asked.hash and (wanted is None or wanted.search("sha-1")):
+        inserted.append(f"<SHA1>{sha1(part)}</SHA1>" if asked.xml else f"    SHA-1: {sha1(part)}")
+    lines = [*head, *inserted, *rest]
+    if wanted or unwanted:
+        stays = not asked.xml and asked.verbose and leading
+        lines = [line for n, line in enumerate(lines) if (n == 0 and stays) or _passes(line, wanted, unwanted)]
+    text = "\n".join([*lines[:1], *map(unescaped, lines[1:])])
+    return text if text.endswith("\n") else f"{text}\n"
+
+
+def _passes(line: str, wanted: re.Pattern[str] | None, unwanted: re.Pattern[str] | None) -> bool:
+    name = line.partition(": ")[0]
+    return not (unwanted and unwanted.search(name)) and (wanted is None or bool(wanted.search(name)))
+
+
+def _shown_spec(image: Image, part: Part, native: bool) -> oiio.ImageSpec:
+    """The spec as the host's ops see it, which note where an image came from."""
+    spec = oiio.ImageSpec(part.spec)
+    if not native:
+        if not spec.deep:  # its samples stay of the file's types
+            spec.set_format(part.working_type)
+        spec.erase_attribute("oiio:SHA-1")  # of other pixels, soon
+        text = spec.get_string_attribute("ImageDescription")
+        if "oiio:SHA-1=" in text:
+            spec.attribute("ImageDescription", re.sub(r"oiio:SHA-1=\S*\s*", "", text, count=1))
+    if os.path.isfile(image.source):
+        spec.attribute("oiio:SourceFileFormat", file_format(image))
+        spec.attribute("oiio:SourcePath", image.source)
+    return spec
+
+
+def file_format(image: Image, part: Part | None = None) -> str:
+    """The name of the format of an image's file; '' where `part` is not as it was read from it."""
+    if (part is not None and part.stored is None) or not os.path.isfile(image.source):
+        return ""
+    opened = oiio.ImageInput.open(image.source)
+    if opened is None:
+        oiio.geterror()
+        return ""
+    return opened.format_name()
+
+
+def _heading(image: Image, number: int, asked: Asked, filename: str, first: str, kind: str) -> list[str]:
+    """The first line, and with several parts the one that repeats it as that of a part."""
+    count, many_levels = len(image.parts), bool(image.parts[number].levels)
+    if number:
+        line = f" subimage {number:2}: {first} {kind}"
+    else:
+        named = f"{asked.prefix}{filename.ljust(_NAME_WIDTH)} : " if filename else ""
+        line = f"{named}{first} {kind}"
+    if not asked.verbose and count > 1:
+        line += f" ({count} subimages{' +mipmap)' if many_levels else ''})"
+    elif not asked.verbose and many_levels:
+        line += " (+mipmap)"
+    repeated = count > 1 and number == 0 and asked.all_parts
+    return [line, *([f" subimage  0: {first} {kind}"] if repeated else [])]
+
+
+def _overview(image: Image, asked: Asked) -> list[str]:
+    """The line on sizes and pixel types of all parts."""
+    if not asked.verbose or len(image.parts) == 1:
+        return []
+    parts = image.parts[:1] if image.first.spec.get_int_attribute("oiio:Movie") else image.parts
+    kinds = ", ".join(f"{part.spec.width}x{part.spec.height} [{_channel_types(part.spec)}]" for part in parts)
+    return [f"    {len(image.parts)} subimages: {kinds}"]
+
+
+def _channel_types(spec: oiio.ImageSpec) -> str:
+    bits = spec.get_int_attribute("oiio:BitsPerSample") or spec.format.size() * 8
+    names = {"float": "f", "half": "h", "double": f"f{bits}"}
+    kinds = (str(spec.channelformat(channel)) for channel in range(spec.nchannels))
+    return ",".join(names.get(kind, f"{kind[0]}{bits}") for kind in kinds)  # uint16 and int16 begin with u and i
+
+
+_ESCAPES = {"n": "\n", "t": "\t", "v": "\v", "b": "\b", "r": "\r", "f": "\f", "a": "\a", "\\": "\\", '"': '"'}
+
+
+def unescaped(text: str) -> str:
+    """The text with what is written as \\n, \\" or \\033 as such."""
+    pattern = r'\\(?:([ntvbrfa\\"])|([0-7]{1,3}))'
+    return re.sub(pattern, lambda match: _ESCAPES[match[1]] if match[1] else chr(int(match[2], 8) & 255), text)
+
+
+def _statistics(part: Part, asked: Asked) -> Iterator[str]:
+    levels = (part, *part.levels)
+    indent = "      " if part.levels else "    "
+    for number, level in enumerate(levels if asked.all_parts else levels[:1]):
+        if part.levels and asked.all_parts:
+            size = f"{level.spec.width} x {level.spec.height}"
+            yield f"{asked.prefix}    MIP {number} of {len(levels)} ({size}):\n"
+        yield part_statistics_text(level, indent, asked.window, asked.channels)
+
+
+# --- pixels ---
+
+
+def dumped(part: Part, how: Dump) -> Iterator[str]:
+    """The values of all pixels, as --dumpdata prints them."""
+    kind = np.dtype(dtype_of(part.spec))
+    whole_numbers = kind.kind in "ui"
+    if how.array:
+        size = f"[{part.spec.height}][{part.spec.width}][{part.spec.nchannels}]"
+        yield f"{part.spec.format}{'_t' if whole_numbers else ''} {how.array}{size} =\n{{\n"
+    separator = ", " if how.array else " "
+    for window in full_rows(part.window):
+        pixels = part.read(window)
+        scaled = as_floats(part.buffer(window), window) if whole_numbers else pixels
+        for y in range(window.height):
+            lines = []
+            for x in range(window.width):
+                values = pixels[y, x]
+                if not how.empty and not values.any():
+                    continue
+                text = _values(values, scaled[y, x] if whole_numbers else None, separator, bool(how.array))
+                place = f"({x + window.left}, {y + window.top}): "
+                if how.array:
+                    ends = " }" if x == window.width - 1 else ""
+                    lines.append(f"  {'{ ' if x == 0 else '  '}/* {place}*/ {{ {text}{ends} }},\n")
+                else:
+                    lines.append(f"    Pixel {place}{text}\n")
+            yield "".join(lines)
+    if how.array:
+        yield "};\n"
+
+
+def _values(values: np.ndarray, scaled: np.ndarray | None, separator: str, as_c: bool) -> str:
+    if scaled is None:
+        return separator.join(map(_nine_digits, values.tolist()))
+    numbers = separator.join(map(str, values.tolist()))
+    fractions = separator.join(map(shortest, scaled))
+    return f"{numbers} /* ({fractions}) */" if as_c else f"{numbers} ({fractions})"
+
+
+def _nine_digits(value: float) -> str:
+    if math.isfinite(value):
+        return f"{value:.9f}"
+    return "nan" if math.isnan(value) else "inf"
+
+
+def shortest(value: float | np.floating) -> str:
+    """The fewest digits that mean this number of its precision, as the fmt library writes them."""
+    if not np.isfinite(value):
+        return ("-" if np.signbit(value) else "") + ("nan" if np.isnan(value) else "inf")
+    single = isinstance(value, np.float32)
+    digits = np.format_float_scientific(value if single else np.float64(value), trim="-")
+    mantissa, _, exponent = digits.partition("e")
+    if -5 < int(exponent) < (7 if single else 16):
+        return np.format_float_positional(value if single else np.float64(value), trim="-")
+    return f"{mantissa}e{int(exponent):+03d}"

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pixel statistics of images, streamed in bands of a fixed height and order: no digit depends on memory."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from ...core.demand import stream
+from ...core.image import Image, Part, cropped, dtype_of, pixels_of
+from ...core.window import Window
+from ...deferred import np, oiio
+
+ROWS = 64  # of a band; OpenImageIO sums up as many rows before it merges them
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What OpenImageIO's PixelStats says, per channel, of finite values; channels without any have zeros."""
+
+    min: tuple[float, ...]
+    max: tuple[float, ...]
+    avg: tuple[float, ...]
+    stddev: tuple[float, ...]
+    nancount: tuple[int, ...]
+    infcount: tuple[int, ...]
+    finitecount: tuple[int, ...]
+
+
+def full_rows(window: Window) -> Iterator[Window]:
+    """The window from top to bottom in bands."""
+    return window.cells(window.width, ROWS)
+
+
+def floats(part: Part, window: Window) -> np.ndarray:
+    """(height, width, channels) float32 of a window as ops of the host see it."""
+    return as_floats(part.buffer(window), window)
+
+
+def as_floats(buffer: oiio.ImageBuf, window: Window) -> np.ndarray:
+    """(height, width, channels) float32 of a buffer's window."""
+    return pixels_of(buffer, oiio.FLOAT, window.roi(buffer.nchannels))
+
+
+def over_channels(combine: Callable[..., np.ndarray], values: np.ndarray) -> np.ndarray:
+    """(height, width) of what `combine` makes of the channels; numpy is slow along so short an axis."""
+    return functools.reduce(combine, np.moveaxis(values, 2, 0))
+
+
+def part_statistics(part: Part, window: Window | None = None, channels: int | None = None) -> Statistics:
+    """The statistics of a part.
+
+    Parameters
+    ----------
+    part : Part
+    window : Window, optional
+        The data window when left out. It may reach beyond: what lies there is black.
+    channels : int, optional
+        How many channels are looked at; all when left out.
+    """
+    window = part.window if window is None else window
+    seen = part if window & part.window == window else cropped(part, window)
+    count = part.spec.nchannels
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    sums, squares = np.zeros(count), np.zeros(count)
+    counts = np.zeros((3, count), np.int64)
+    for _, buffer in stream(seen, full_rows(window), buffers=True):
+        band = oiio.ImageBufAlgo.computePixelStats(buffer)
+        low, high = np.minimum(low, band.min), np.maximum(high, band.max)
+        sums += band.sum
+        squares += band.sum2
+        counts += np.array([band.nancount, band.infcount, band.finitecount], np.int64)
+    counts[:, channels if channels is not None else count :] = 0
+    some = counts[2] > 0
+    finite = np.maximum(counts[2], 1)
+    mean = np.where(some, sums / finite, 0)
+    spread = np.sqrt(np.maximum(0, np.where(some, squares / finite - mean * mean, 0)))
+    least, most, middle, about = (_numbers(np.where(some, values, 0)) for values in (low, high, mean, spread))
+    nans, infs, finites = (tuple(map(int, row)) for row in counts)
+    return Statistics(least, most, middle, about, nans, infs, finites)
+
+
+def _numbers(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(map(float, values.astype(np.float32)))
+
+
+def part_colour(part: Part) -> tuple[float, ...] | None:
+    """The colour that all pixels of a part have, if there is one."""
+    corner = Window.sized(part.window.left, part.window.top, 1, 1)
+    first = part.read(corner)
+    if part.spec.width * part.spec.height > 1:  # a single NaN is a colour too
+        for _, pixels in stream(part, full_rows(part.window)):
+            if not (pixels == first).all():
+                return None
+    return tuple(map(float, floats(part, corner)[0, 0]))
+
+
+def is_monochrome(part: Part) -> bool:
+    """Whether the channels of every pixel are equal."""
+    if part.spec.nchannels < 2:
+        return True
+    return all(bool((pixels == pixels[..., :1]).all()) for _, pixels in stream(part, full_rows(part.window)))
+
+
+def statistics(image: Image) -> Statistics:
+    """The statistics of the first part."""
+    return part_statistics(image.first)
+
+
+def constant_colour(image: Image) -> Sequence[float] | None:
+    """The colour that all pixels of the first part have, if there is one."""
+    return part_colour(image.first)
+
+
+# --- text ---
+
+
+def statistics_text(image: Image) -> str:
+    """The statistics of the first part, as --printstats prints them."""
+    return part_statistics_text(image.first)
+
+
+def part_statistics_text(
+    part: Part, indent: str = "", window: Window | None = None, channels: int | None = None
+) -> str:
+    """The statistics of a part as oiiotool prints them: in whole numbers where its file has such.
+
+    Parameters
+    ----------
+    part : Part
+    indent : str
+        In front of every line.
+    window, channels
+        As `part_statistics` takes them. Whether it has one colour is always said of the whole part.
+    """
+    stats = part_statistics(part, window, channels)
+    scale = largest_value(part.spec)
+    footer = f"(of {scale})" if scale else "(float)"
+    lines = [
+        f"Stats {name}: {''.join(f'{_number(value, scale, whole)} ' for value in values)}{footer}"
+        for name, values, whole in (
+            ("Min", stats.min, True),
+            ("Max", stats.max, True),
+            ("Avg", stats.avg, False),
+            ("StdDev", stats.stddev, False),
+        )
+    ]
+    lines += [
+        f"Stats {name}: {''.join(f'{value} ' for value in values)}"
+        for name, values in (
+            ("NanCount", stats.nancount),
+            ("InfCount", stats.infcount),
+            ("FiniteCount", stats.finitecount),
+        )
+    ]
+    colour = part_colour(part)
+    lines.append(f"Constant: {'No' if colour is None else 'Yes'}")
+    if colour is not None:
+        lines.append(f"Constant Color: {''.join(f'{_number(value, scale, False)} ' for value in colour)}{footer}")
+    lines.append(f"Monochrome: {'Yes' if is_monochrome(part) else 'No'}")
+    return "".join(f"{indent}{line}\n" for line in lines)
+
+
+def largest_value(spec: oiio.ImageSpec) -> int:
+    """The whole number that stands for 1 in pixels of that kind; 0 where they are no whole numbers."""
+    kind = np.dtype(dtype_of(spec))
+    if kind.kind not in "ui":
+        return 0
+    bits = spec.get_int_attribute("oiio:BitsPerSample") or kind.itemsize * 8
+    return (1 << (bits - (kind.kind == "i"))) - 1
+
+
+def _number(value: float, scale: int, whole: bool) -> str:
+    if not math.isfinite(value):
+        return "nan" if math.isnan(value) else "inf"
+    if scale == 0:
+        return f"{value:f}"
+    scaled = float(np.float32(value) * np.float32(scale))
+    if whole:
+        return str(int(math.copysign(math.floor(abs(scaled) + 0.5), scaled)))
+    return f"{scaled:.2f}"
+
+
+# --- counting ---
+
+
+def colour_counts(part: Part, colours: np.ndarray, tolerance: np.ndarray) -> list[int]:
+    """How many pixels have each of some colours (colours x channels), to a tolerance per channel; NaN is any colour."""
+    counts = [0] * len(colours)
+    for window, buffer in stream(part, full_rows(part.window), buffers=True):
+        pixels = as_floats(buffer, window)
+        for n, colour in enumerate(colours):
+            other = over_channels(np.logical_or, np.abs(pixels - colour) > tolerance)
+            counts[n] += other.size - int(other.sum())
+    return counts
+
+
+def range_counts(part: Part, low: np.ndarray, high: np.ndarray) -> tuple[int, int, int]:
+    """How many pixels have a value below `low`, how many one above `high`, how many neither."""
+    below = above = within = 0
+    for window, buffer in stream(part, full_rows(part.window), buffers=True):
+        pixels = as_floats(buffer, window)
+        under, over = (over_channels(np.logical_or, far) for far in (pixels < low, pixels > high))
+        below += int(under.sum())
+        above += int(over.sum())
+        within += int((~(under | over)).sum())
+    return below, above, within

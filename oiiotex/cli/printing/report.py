@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a user sees of a run: help, versions, where the time went."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import MISSING
+
+from ... import __version__
+from ...core.op import Op
+from ...core.parameters import Parameter, declared, nearest
+from ...errors import ParameterError
+from ...stats import Stats
+from ..language.parse import Option, Refused
+from ..vocabulary import LANGUAGE
+
+_USAGE = """\
+oiiotex: texture filters in an oiiotool-style chain
+usage: oiiotex photo.exr --iscolorspace ACEScg --texstationarize:sigma=32:size=1024x1024 -o tile.exr
+"""
+
+
+_SHORT = """\
+oiiotex {version}: texture filters in an oiiotool-style chain
+usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
+
+  oiiotex photo.jpg --texstationarize:size=1024x1024 -o tile.png    a tile without visible repetition
+  oiiotex photo.jpg --texlabel:keep=1 -o labels.exr                 what it consists of
+  oiiotex in.exr --resize 50% --texflatten -o out.exr               with oiiotool's ops before and behind
+
+  oiiotex --help                    all ops and options         oiiotex --devices    what computes
+  oiiotex --help texstationarize    one of them                 oiiotex --version    of what there is
+  oiiotex --help texstationarize:sigma    one modifier          docs/differences.md  where oiiotool differs"""
+
+
+def greeting() -> str:
+    """What is printed where nothing is asked."""
+    return _SHORT.format(version=__version__)
+
+
+def overview() -> str:
+    """The text of --help: our filters first."""
+    lines = [_USAGE]
+    for heading, ops in LANGUAGE.ops.items():
+        lines += [f"{heading}:", *(_row(call(op), summary(op)) for op in ops), ""]
+    for heading, options in LANGUAGE.groups.items():
+        lines += [f"{heading}:", *(_row(" ".join((o.name, *o.arguments)), o.help) for o in options), ""]
+    return "\n".join(lines).rstrip()
+
+
+def call(op: type[Op]) -> str:
+    """An op with the arguments that follow it."""
+    return " ".join((op.flag(), *(p.name.upper() for p in op.arguments())))
+
+
+def _row(name: str, text: str) -> str:
+    return f"  {name:28s} {text}" if len(name) <= 28 else f"  {name}\n{' ' * 31}{text}"
+
+
+def page(name: str) -> str:
+    """The page of an op or an option, or with `:NAME` behind it what one modifier means.
+
+    Raises
+    ------
+    ParameterError
+        There is none of that name.
+    """
+    name, colon, modifier = name.partition(":")
+    try:  # a bare name means the filter first: there is a --warp of the host, and a --texwarp
+        declaration = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
+    except ParameterError:
+        declaration = LANGUAGE.find(name if name.startswith("-") else f"--{name}")
+    if colon:
+        return _modifier_page(declaration, modifier)
+    if isinstance(declaration, Refused):
+        return f"{declaration.name} of oiiotool is not here: {declaration.reason}"
+    if isinstance(declaration, Option):
+        lines = [" ".join((declaration.name, *declaration.arguments)), "", declaration.help]
+        if declaration.modifiers is not None:
+            lines += ["", "Modifiers:", *map(_modifier, declared(declaration.modifiers)[1])]
+        return "\n".join(lines)
+    return _op_page(declaration)
+
+
+def _modifier_page(declaration: type[Op] | Option | Refused, name: str) -> str:
+    parameters: tuple[Parameter, ...] = ()
+    if isinstance(declaration, Option):
+        flag, parameters = declaration.name, declared(declaration.modifiers)[1] if declaration.modifiers else ()
+    elif isinstance(declaration, Refused):
+        flag = declaration.name
+    else:
+        flag, parameters = declaration.flag(), declaration.modifiers()
+    known = {parameter.name: parameter for parameter in parameters}
+    if name not in known:
+        raise ParameterError(
+            f"{flag} has no modifier '{name}'{nearest(name, known)}; it has {', '.join(known) or 'none'}"
+        )
+    one = known[name]
+    default = "" if one.default in (None, MISSING, "") else f"; {_word(one.default)} when left out"
+    return f"{flag}:{name}=\n\n{textwrap.fill(one.help, 110)}\n\nAllowed: {one.allowed()}{default}"
+
+
+def _op_page(op: type[Op]) -> str:
+    images = " ".join(i.name for i in op.images())
+    further = op.further_images()
+    images += f" {further.name}" if further else ""
+    lines = [f"{call(op)}  ({images} -> {op.main().name})", "", description(op)]
+    if op.arguments():
+        lines += ["", "Arguments:", *(f"  {p.name.upper():13s}{p.help}; {p.allowed()}" for p in op.arguments())]
+    lines += ["", "Modifiers:", *([_modifier(p) for p in op.modifiers()] or ["  none"])]
+    if len(op.outputs) > 1 or op.prefix == Op.prefix:
+        lines += ["", "Outputs:", *(f"  {o.name:12s} {o.text}" for o in op.outputs)]
+    lines += ["", f"Works in {op.space.value}; {op.reach}."]
+    return "\n".join(lines)
+
+
+def summary(op: type[Op]) -> str:
+    """The first line of an op's docstring."""
+    return description(op).splitlines()[0].rstrip(".")
+
+
+def description(op: type[Op]) -> str:
+    """An op's docstring."""
+    head, _, rest = (op.__doc__ or "").partition("\n")
+    return f"{head}\n{textwrap.dedent(rest)}".strip()
+
+
+def _modifier(p: Parameter) -> str:
+    default = "" if p.default is None else f" [{_word(p.default)}]"
+    text = textwrap.fill(f"{p.help}; {p.allowed()}{default}", 110, initial_indent=" " * 15, subsequent_indent=" " * 15)
+    return f"  :{p.name:12s}{text[15:]}"
+
+
+def _word(value: object) -> str:
+    return str(int(value)) if isinstance(value, bool) else str(value)
+
+
+def time_table(stats: Stats, wall: float) -> str:
+    """The text of --runstats."""
+    rows = [f"  {name:28s} {seconds:8.3f} s {stats.calls[name]:6d} x" for name, seconds in stats.seconds.items()]
+    return "\n".join([f"time: {wall:.3f} s", *rows])

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--farm: a line's frames, or shares of what it writes, on machines that a scheduler has."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import as_completed
+
+from ...core.access import InBands, Whole
+from ...errors import Error, ParameterError
+from ...session import Session
+from ..language.parse import CommandLine
+from ..language.sequences import frame_numbers
+from .parallel import worker_processes
+from .progress import Display
+from .shares import Shares, line_of
+from .tasks import Job, Task, run_task, work
+
+_SHARES_A_WORKER = 4  # so that who is slow holds nobody up
+_LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
+
+
+def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
+    """Do a line on a farm, or write what a farm does it by; returns the exit code.
+
+    Parameters
+    ----------
+    command : CommandLine
+    words : sequence of str
+        The line.
+    tasks : list of Task
+        Its frames.
+    session : Session
+    display : Display
+
+    Raises
+    ------
+    Error
+        The engine is none, the line cannot be spread, or a job has failed.
+    """
+    engine, _, place = command.settings["--farm"][0].partition("=")
+    if engine not in ("dask", "openjd") or not place:
+        raise ParameterError(
+            f"--farm {command.settings['--farm'][0]}: expected dask=tcp://HOST:PORT, dask=local:WORKERS or openjd=FILE"
+        )
+    if len(tasks) == 1:
+        _require_shares(command)
+    if engine == "dask":
+        return _on_dask(place, words, tasks, session, display)
+    _write_template(place, command, words, tasks, session)
+    return 0
+
+
+def _require_shares(command: CommandLine) -> None:
+    """Refuse a line of which every share would be as much work as all of it."""
+    for step in command.steps:
+        if step.op is not None and issubclass(step.op, (Whole, InBands)):
+            raise ParameterError(f"--farm: {step.name} {step.op.reach}: such lines are spread by --frames")
+
+
+def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
+    from ...farm import dask_cluster
+
+    line = line_of(words)
+    workers = dask_cluster.local_workers(address)
+    one = Job(tasks[0], session.budget // workers if workers else 0, int(workers > 0), folder=os.getcwd())
+
+    def jobs(count: int) -> list[Job]:
+        if len(tasks) > 1:
+            return [one._replace(task=task) for task in tasks]
+        count *= _SHARES_A_WORKER
+        return [one._replace(shares=Shares.of(line, n, count)) for n in range(1, count + 1)]
+
+    with contextlib.ExitStack() as stack:
+        if workers:
+            pool = stack.enter_context(worker_processes(workers, debugging=False))
+            todo = jobs(workers)
+            futures = [pool.submit(work, job, dask_cluster.RETRIES) for job in todo]
+            answers: Iterator[tuple[str, str, int]] = (future.result() for future in as_completed(futures))
+        else:
+            client, workers = stack.enter_context(dask_cluster.cluster(address))
+            todo = jobs(workers)
+            answers = dask_cluster.results(client, work, todo)
+        status = 0
+        for done, (printed, error, own) in enumerate(answers, 1):
+            display.advance(done, len(todo))
+            display.clear()
+            sys.stdout.write(printed if len(tasks) > 1 else "")
+            status = max(status, own)
+            if error:
+                raise Error(error)
+    return status if len(tasks) > 1 else run_task(tasks[0], session, Shares.of(line))
+
+
+def _write_template(
+    place: str, command: CommandLine, words: Sequence[str], tasks: Sequence[Task], session: Session
+) -> None:
+    from ...farm.openjd import frame_template, place_of, share_template, write_template
+
+    path, shares = place_of(place)
+    line = list(line_of(words))
+    own = {word for task in tasks for word in line_of(task.frame.words)}
+    memory = session.budget >> 20 if "--cache" in command.settings else _LEAST_MEMORY
+    if "--frames" in command.settings:
+        at = line.index("--frames")
+        del line[at : at + 2]
+        template = frame_template(path.stem, line, frame_numbers(command.settings["--frames"][0]), memory)
+    else:
+        template = share_template(path.stem, line, shares, memory)
+    write_template(path, template, own)

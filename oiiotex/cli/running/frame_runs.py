@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The frames that a command line stands for: looked through, then done one after the other, or handed on."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Iterator
+
+from ...core.machine import usable_threads
+from ...errors import Error
+from ...session import Session
+from ..language.parse import CommandLine, parse
+from ..language.sequences import Frame, frames
+from ..stack.rehearsal import Rehearsals
+from ..vocabulary import LANGUAGE
+from .progress import Display
+from .tasks import Task, run_task, session_for, skip
+
+log = logging.getLogger("oiiotex")
+
+
+def run_frames(command: CommandLine, words: list[str]) -> int:
+    """Do what the words say, which are `command`; returns the exit code.
+
+    Raises
+    ------
+    Error
+        Something is wrong.
+    """
+    todo = frames(words, LANGUAGE.takes)
+    for warning in dict.fromkeys(frame.warning for frame in todo if frame.warning):
+        log.warning("%s", warning)
+    start = time.perf_counter()
+    session = session_for(command, words)
+    workers = min(len(todo), session.threads or usable_threads()) if "--parallel-frames" in command.settings else 1
+    if workers > 1:
+        session.budget //= workers
+    tasks, status = _looked_through(todo, session, command)
+    if "--farm" in command.settings:
+        from .farming import spread
+
+        with _progress(session, command) as display:
+            return max(status, spread(command, words, tasks, session, display))
+    with _progress(session, command) as display:
+        if workers > 1:
+            from .parallel import run_in_parallel
+
+            return max(status, run_in_parallel(tasks, workers, session, display, command))
+        for number, task in enumerate(tasks, 1):
+            display.frame(number, len(tasks))
+            try:
+                status = max(status, run_task(task, session))
+            except Error as error:
+                skip(error, command)
+                status = max(status, 1)
+    if "--runstats" in command.settings:
+        from ..printing.report import time_table
+
+        print(time_table(session.stats, time.perf_counter() - start))
+    return status
+
+
+@contextlib.contextmanager
+def _progress(session: Session, command: CommandLine) -> Iterator[Display]:
+    """What shows how far the session is, unless nobody wants to know."""
+    display = Display()
+    if "--openjd" in command.settings:
+        session.progress = _tell_runner
+        yield display
+        return
+    if "-q" in command.settings or "--noprogress" in command.settings:
+        yield display
+        return
+    session.progress, session.say, session.stats.watch = display.advance, display.print, display.stage
+    with display.shown():
+        yield display
+
+
+def _tell_runner(done: int, total: int) -> None:
+    """Progress as a runner of Open Job Description reads it from what is printed."""
+    print(f"openjd_progress: {100 * done / max(total, 1):.1f}", flush=True)
+
+
+def _looked_through(todo: list[Frame], session: Session, command: CommandLine) -> tuple[list[Task], int]:
+    """What is to be done, and the exit code so far: all frames are looked through before the first is worked on."""
+    if "--device" in command.settings:
+        from ...opencl import device
+
+        device.require_named(session.device_name, session.threads)
+    rehearsals = Rehearsals(session)
+    tasks, notes, status = [], dict[tuple[int, str], None](), 0
+    for frame in todo:
+        try:
+            steps = parse(list(frame.words), LANGUAGE).steps
+            seen = rehearsals.foresight(steps, frame)
+        except Error as error:
+            skip(error, command)
+            status = 1
+            continue
+        notes |= dict.fromkeys(seen.notes)
+        if seen.steps:
+            tasks.append(Task(frame, seen.steps, seen.files))
+    for level, text in notes:
+        log.log(level, "%s", text)
+    return tasks, status

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a line writes, computed in shares: each lies in FILE.parts, until a run with --join makes FILE of them.
+
+A share is some rows of every part, in cells as high as the bands that are written. Cells bear a hash of the line, of
+the program's version and of the files that were read, so that another line's are not taken, and those of a run that
+was cut off are made anew.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ... import __version__
+from ...core.demand import assembled, cells_of, rows_for, stream
+from ...core.image import Image, Part
+from ...core.window import Window
+from ...deferred import np
+from ...errors import ParameterError
+from ...io.checkpoint import Checkpoint
+from ...session import Session
+from ..language.parse import Option
+
+OPTIONS = (
+    Option("--share", ("I/N",), "compute share I of N of what is written, into FILE.parts; --join makes FILE of them"),
+    Option("--join", (), "write what shares of the same line have left in FILE.parts; what is missing is computed"),
+    Option("--farm", ("ENGINE",), "spread the line: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
+    Option("--openjd", (), "tell progress and failure as Open Job Description's runners read it"),
+)
+_SPREAD = {"share": 1, "join": 0, "farm": 1, "openjd": 0}  # options, and how many words are behind each
+_HOW = _SPREAD | {  # what says how a line is run and not what it makes
+    "device": 1, "threads": 1, "cache": 1, "v": 0, "verbose": 0, "q": 0, "noprogress": 0, "runstats": 0, "debug": 0,
+}  # fmt: skip
+_MULTIPLE = 64  # rows; of cells, as of bands
+_SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """How a run goes about what its line writes.
+
+    Attributes
+    ----------
+    words : tuple of str
+        What the line makes.
+    number, count : int
+        The share that is computed; 0: all are put together.
+    """
+
+    words: tuple[str, ...]
+    number: int = 0
+    count: int = 0
+
+    @classmethod
+    def of(cls, words: Sequence[str], number: int = 0, count: int = 0) -> Shares:
+        """Of a line, with all it says."""
+        return cls(_without(words, _HOW), number, count)
+
+    def compute(self, session: Session, image: Image, path: str, inputs: Sequence[str]) -> None:
+        """Keep this share of an image beside the file that it will be; what is there already stays."""
+        keeper, session.resources.keeper = session.resources.keeper, Checkpoint(Path(path))
+        try:
+            for number, part in enumerate(image.parts):
+                key, cells = self._key(number, part, inputs), _cells(part)
+                mine = cells[len(cells) * (self.number - 1) // self.count : len(cells) * self.number // self.count]
+                for cell, pixels in stream(part, [c for c in mine if not session.resources.keeper.holds(key, c)]):
+                    session.resources.keeper.piece(key, cell, lambda: pixels)  # noqa: B023 - called at once
+                    session.advance(mine.index(cell) + 1, len(mine))
+        finally:
+            session.resources.keeper = keeper
+
+    def joined(self, session: Session, image: Image, inputs: Sequence[str]) -> Image:
+        """The image, read from what is kept of it; for who writes it, with `session.checkpoints`."""
+        parts = [self._joined(session, part, self._key(n, part, inputs)) for n, part in enumerate(image.parts)]
+        return Image(tuple(parts), image.source)
+
+    def _joined(self, session: Session, part: Part, key: str) -> Part:
+        whole, size = part.window, (part.spec.width, _cell_rows(part))
+
+        def cell(place: Window) -> np.ndarray:
+            def piece() -> np.ndarray:
+                keeper = session.resources.keeper
+                return part.read(place) if keeper is None else keeper.piece(key, place, lambda: part.read(place))
+
+            return session.cache.get((key, place), piece)
+
+        return replace(part, fetch=lambda window: assembled(window, size, whole, cell), ready=False)
+
+    def _key(self, number: int, part: Part, inputs: Sequence[str]) -> str:
+        from ...io.disk_cache import hash_of  # only where there are shares
+
+        files = [(name, *_facts(name)) for name in sorted(inputs) if os.path.isfile(name)]
+        return hash_of(
+            __version__, self.words, files, number, part.window, part.spec.channelnames, str(part.spec.format)
+        )
+
+
+def shares_of(settings: dict[str, tuple[str, ...]], words: Sequence[str]) -> Shares | None:
+    """What a line's --share or --join says; None where it says neither.
+
+    Raises
+    ------
+    ParameterError
+        --share is none, or both are there.
+    """
+    if "--join" in settings:
+        if "--share" in settings:
+            raise ParameterError("--share and --join: a run does one of them")
+        return Shares.of(words)
+    if "--share" not in settings:
+        return None
+    match = _SHARE.fullmatch(settings["--share"][0])
+    if not match or int(match[1]) > int(match[2]):
+        raise ParameterError(f"--share {settings['--share'][0]}: allowed is I/N, I from 1 to N, N to 999999")
+    return Shares.of(words, int(match[1]), int(match[2]))
+
+
+def line_of(words: Sequence[str]) -> tuple[str, ...]:
+    """The line as it would be run in one piece: what a file says of how it was made."""
+    return _without(words, _SPREAD)
+
+
+def _without(words: Sequence[str], options: Mapping[str, int]) -> tuple[str, ...]:
+    """Words less some options with the words behind them."""
+    rest: list[str] = []
+    skip = 0
+    for word in words:
+        if skip:
+            skip -= 1
+        elif word.startswith("-") and word.lstrip("-") in options:
+            skip = options[word.lstrip("-")]
+        else:
+            rest.append(word)
+    return tuple(rest)
+
+
+def _cells(part: Part) -> list[Window]:
+    return cells_of(part.window, (part.spec.width, _cell_rows(part)), part.window)
+
+
+def _cell_rows(part: Part) -> int:
+    return rows_for(part, multiple=_MULTIPLE)
+
+
+def _facts(path: str) -> tuple[int, int]:
+    """By what a file is known again on every machine that sees it: bytes, and ns of its last change."""
+    status = os.stat(path)
+    return status.st_size, status.st_mtime_ns

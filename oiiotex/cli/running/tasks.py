@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One frame of a command line, done: here, in another process, or on another machine."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import os
+import threading
+from typing import NamedTuple, cast
+
+from ... import __version__
+from ...core.machine import forget_current_folder, usable_threads
+from ...deferred import oiio
+from ...errors import Error
+from ...session import Session
+from ..files.reading import read_input
+from ..language.parse import CommandLine, parse
+from ..language.sequences import Frame
+from ..stack.chain import Chain
+from ..vocabulary import LANGUAGE
+from .shares import Shares, line_of, shares_of
+
+log = logging.getLogger("oiiotex")
+_resident: dict[tuple[object, ...], Session] = {}  # the session that this process did its last job with
+_at_work = threading.Lock()  # a line has a current folder and OpenImageIO's threads to itself
+
+
+class Task(NamedTuple):
+    """A frame, how many of its steps there is reason to do, and of each use of an op the file written next."""
+
+    frame: Frame
+    steps: int
+    files: tuple[str, ...] = ()
+
+
+class Job(NamedTuple):
+    """A task for another process.
+
+    Attributes
+    ----------
+    task : Task
+    budget : int
+        Bytes of memory that it may hold; 0: as its line and its machine say.
+    threads : int
+        0: as its line says.
+    shares : Shares or None
+        What is made of what the line writes; None: all.
+    folder : str
+        Where the line's names lie; '': the current one.
+    version : str
+        Of the program that asks.
+    """
+
+    task: Task
+    budget: int = 0
+    threads: int = 0
+    shares: Shares | None = None
+    folder: str = ""
+    version: str = __version__
+
+
+def run_task(task: Task, session: Session, shares: Shares | None = None) -> int:
+    """Do a task; returns its exit code.
+
+    Raises
+    ------
+    Error
+        Something is wrong.
+    """
+    return session.on_a_device(lambda: _run_chain(task, session, shares))
+
+
+def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
+    command = parse(list(task.frame.words), LANGUAGE)
+    session.all_parts = session.autocc = False  # options of the line set them anew for each frame
+    chain = Chain(session, read_input, task.frame)
+    chain.written_next = iter(task.files)
+    chain.shares = shares or shares_of(command.settings, task.frame.words)
+    chain.run(command.steps[: task.steps])
+    return chain.status
+
+
+def work(job: Job) -> tuple[str, str, int]:
+    """Do a job: (what it printed, its error, its exit code)."""
+    if job.version != __version__:
+        return "", f"a worker has oiiotex {__version__}, the line is from {job.version}: they must be the same", 1
+    if job.folder and not os.path.isdir(job.folder):
+        return "", f"a worker does not see the folder {job.folder}", 1
+    printed = io.StringIO()
+    try:
+        with _at_work, contextlib.chdir(job.folder or os.curdir), contextlib.redirect_stdout(printed):
+            status = run_task(job.task, _session_of(job), job.shares)
+        return printed.getvalue(), "", status
+    except Error as error:
+        return printed.getvalue(), str(error), 1
+
+
+def _session_of(job: Job) -> Session:
+    """A session with the device and the colours of the last one, where that was opened alike."""
+    words = list(job.task.frame.words)
+    session = session_for(parse(words, LANGUAGE), words)
+    session.threads, session.budget = job.threads or session.threads, job.budget or session.budget
+    limit_threads(session.threads or usable_threads())
+    key = session.device_name, session.threads, session.colorconfig, session.interchange, session.profile
+    if key in _resident:
+        session.resources.inherit(_resident[key].resources)
+    _resident.clear()
+    _resident[key] = session
+    return session
+
+
+# --- settings ---
+
+
+def session_for(command: CommandLine, words: list[str]) -> Session:
+    """The session of a line."""
+    forget_current_folder()
+    threads = command.whole_number("--threads")
+    limit_threads(threads or usable_threads())
+    session = Session(
+        device_name=command.first("--device"),
+        threads=threads,
+        colorconfig=command.first("--colorconfig"),
+        interchange=cast("tuple[str, str] | None", command.settings.get("--interchange")),
+        say=print,
+        measure=command.reports,
+        profile="--runstats" in command.settings,
+        words=line_of(words),
+    )
+    if "--cache" in command.settings:
+        session.budget = command.whole_number("--cache") << 20
+    return session
+
+
+def limit_threads(count: int) -> None:
+    """Limit OpenImageIO's own threads: it counts the machine's, not those that the process may use."""
+    oiio.attribute("threads", count)
+    oiio.attribute("exr_threads", count)
+
+
+def skip(error: Error, command: CommandLine) -> None:
+    """Go on with the next frame, where that is wanted."""
+    if "--skip-bad-frames" not in command.settings:
+        raise error
+    log.error("oiiotex ERROR: %s", error)

@@ -1,0 +1,396 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The image stack: does the steps of a command line one after the other."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import logging
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from ...core.attributes import require_utf8
+from ...core.demand import materialized
+from ...core.image import Image, Part
+from ...core.op import Op
+from ...core.parameters import Parameter
+from ...deferred import oiio
+from ...errors import Error, ImageError, ParameterError
+from ...io.formats import Format
+from ...io.reading import read
+from ...run import run
+from ...session import Session
+from ..language.parse import Option, Step, split_modifiers, values_of
+from ..language.sequences import Frame
+from ..language.titles import title_of
+from .first_image import First
+
+if TYPE_CHECKING:
+    from ..language.expressions import Expressions
+    from ..running.shares import Shares
+    from .access import ChainAccess
+
+log = logging.getLogger("oiiotex")
+
+_DEEPEST = 40  # ops that wait for each other's pixels: each takes up to a dozen calls, and Python has 1000
+_BEYOND_A_LIMIT = 3  # the exit code where all is written, and a measure is beyond its limit
+
+
+class StepError(Error):
+    """An error together with the step that raised it."""
+
+    def __init__(self, step: Step, cause: Error):
+        super().__init__(f"{step.name} : {cause}" if step.word.startswith("-") else str(cause))
+
+
+class Chain:
+    """A stack of images, what is set for what follows, and what waits.
+
+    Attributes
+    ----------
+    session : Session
+    stack : list of Image
+        The last is the top.
+    labelled : dict of str to Image
+        By the names of --label.
+    user : dict
+        The user's variables, for expressions.
+    first : First
+    read_input : callable
+        What is done with a file's name.
+    inputs : set of str
+        The files that were read, and names that computed images have.
+    written : set of str
+        Real paths of files that ops wrote beside their images: nothing that follows may overwrite them.
+    settings : dict
+        What options have set for later ones, by the option's name.
+    status : int
+        Exit code of the run so far.
+    position : int
+        The step that comes next; control flow moves it.
+    skipping : bool
+        Steps are passed over: the condition around them does not hold.
+    loops : list
+        The open --if, --while and --for.
+    unwritten, used : bool
+        An image has been made and not written; something was written or printed.
+    shares : Shares or None
+        What is made of what the line writes; None: all, here and now.
+    written_next : iterator of str
+        Of each use of an op the file that the line writes next, '' where it is not known.
+    """
+
+    dry = False  # the line is only looked through: see `rehearsal`
+
+    def __init__(self, session: Session, read_input: Callable[[Chain, str], None], frame: Frame | None = None):
+        self.read_input = read_input
+        self.session = session
+        self.frame = frame
+        self.inputs: set[str] = set()
+        self.written: set[str] = set()
+        self.stack: list[Image] = []
+        self.labelled: dict[str, Image] = {}
+        self.user: dict[str, int | float | str] = {}
+        self.first = First()
+        self.settings: dict[str, Any] = {}
+        self.status = 0
+        self.evaluating = True
+        self.position = 0
+        self.skipping = False
+        self.loops: list[Any] = []
+        self.unwritten = False
+        self.used = False
+        self.shares: Shares | None = None
+        self.written_next: Iterator[str] = iter(())
+        self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
+
+    # --- the stack ---
+
+    @property
+    def top(self) -> Image:
+        """The current image."""
+        if not self.stack:
+            raise ParameterError("there is no image to work on")
+        return self.stack[-1]
+
+    def push(self, image: Image) -> None:
+        """Put an image on the stack."""
+        self.stack.append(image)
+
+    def pop(self) -> Image:
+        """Take the top image."""
+        image = self.top
+        self.stack.pop()
+        return image
+
+    # --- running ---
+
+    def run(self, steps: Sequence[Step]) -> None:
+        """Do all steps.
+
+        Raises
+        ------
+        StepError
+            One failed; its text names it.
+        """
+        self.position = 0
+        while self.position < len(steps):
+            step = steps[self.position]
+            self.position += 1
+            if self.skipping and not (step.option and step.option.control):
+                continue
+            try:
+                self._do(step)
+            except Error as error:
+                failed = error if isinstance(error, StepError) else StepError(step, error)
+                if not self.settings.get("--no-error-exit"):
+                    if failed is error:
+                        raise
+                    raise failed from error
+                log.error("oiiotex ERROR: %s", failed)
+        self._nothing_waits()
+        if self.loops:
+            raise ParameterError(f"{self.loops[-1].name} has no end")
+
+    def _do(self, step: Step) -> None:
+        word = self.expressed(step.word) if not (self.skipping and step.option) else step.word
+        if step.op is None and step.option is None:
+            self.read_input(self, word)
+            return self._run_waiting()
+        raw = step.option is not None and (step.option.control or step.option.late)
+        texts = step.arguments if raw else tuple(map(self.expressed, step.arguments))
+        values = values_of(step, split_modifiers(word)[1])
+        if step.op is not None:
+            require_utf8(word, *texts)
+            values |= {p.name: p.parse(text) for p, text in zip(step.op.arguments(), texts, strict=True)}
+            self._waiting.append((step, (), values))
+            return self._run_waiting()
+        option = step.option
+        assert option is not None
+        if option.needs > len(self.stack):
+            self._waiting.append((step, texts, values))
+            return None
+        if not (option.state or option.control or option.name == "-i"):
+            self._nothing_waits()
+        self._run_option(option, texts, values)
+        return self._run_waiting()
+
+    def _run_option(self, option: Option, texts: tuple[str, ...], values: dict[str, Any]) -> None:
+        if option.flat:
+            require_flat(self.stack[-option.needs :])
+        assert option.run is not None
+        option.run(self, *texts, **values)
+
+    @functools.cached_property
+    def _expressions(self) -> Expressions:
+        from ..language.expressions import Expressions  # few lines have any
+
+        return Expressions(self._access())
+
+    def _access(self) -> ChainAccess:
+        """What expressions see of the stack."""
+        from .access import ChainAccess
+
+        return ChainAccess(self)
+
+    def expressed(self, text: str) -> str:
+        """The text with its expressions evaluated."""
+        return self._expressions.substitute(text) if self.evaluating and "{" in text else text
+
+    def _nothing_waits(self) -> None:
+        """Refuse to go on past an op that still lacks operands: what follows would happen to the wrong image."""
+        if self._waiting:
+            step, _, values = self._waiting[0]
+            need = self._need(step, values)
+            raise StepError(step, ParameterError(f"takes {need} image(s), there are {len(self.stack)}"))
+
+    def _need(self, step: Step, values: dict[str, Any]) -> int:
+        if step.op is not None:
+            return step.op.arity(values, len(self.stack))
+        assert step.option is not None
+        return step.option.needs
+
+    def _run_waiting(self) -> None:
+        while self._waiting and len(self.stack) >= self._need(self._waiting[0][0], self._waiting[0][2]):
+            step, texts, values = self._waiting.pop(0)
+            try:
+                if step.op is not None:
+                    self.apply(step.op, **values)
+                else:
+                    assert step.option is not None
+                    self._run_option(step.option, texts, values)
+            except Error as error:
+                if isinstance(error, StepError):
+                    raise
+                raise StepError(step, error) from error
+
+    def apply(self, op: type[Op], **values: Any) -> None:
+        """Replace the op's operands on the stack by its result."""
+        values = self._of_frame(op) | values
+        count = op.arity(values, len(self.stack))
+        operands = self.stack[len(self.stack) - count :]
+        log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
+        share = f" share {values['tiles']}" if values.get("tiles") else ""
+        with self.session.stats.time(f"{op.flag()}{share}"):
+            bound = op(**self._bound(op, operands, values))
+            if not op.deep:
+                require_flat(bound.operands())
+            self.inputs |= {image.source for image in bound.operands()} | set(map(str, bound.paths_read()))
+            images = self.images_of(bound)
+        del self.stack[len(self.stack) - count :]
+        for image in (self._entitled(op, operands, image) for image in images):
+            self.push(_with_metadata_of(operands, image) if self.settings.get("--metamerge") else image)
+        self.user |= bound.facts()
+        self._rename(bound.renamed())
+        self.unwritten = True
+
+    def _rename(self, names: dict[str, str]) -> None:
+        """Let `-d CHANNEL=TYPE` follow a channel to its new name, where the type of the first file no longer holds."""
+        if names:
+            types = self.settings.get("-d channels", {})
+            self.settings["-d channels"] = types | {new: types.get(old) for new, old in names.items()}
+
+    def _entitled(self, op: type[Op], operands: list[Image], image: Image) -> Image:
+        """The image under its title; computed now where too many ops would wait for each other's pixels."""
+        before = max((part.depth for operand in operands for part in operand.parts), default=-1)
+        title = title_of(op, operands, image)
+        parts = [dataclasses.replace(part, depth=before + 1, title=title) for part in image.parts]
+        if before + 1 >= _DEEPEST and not self.dry:
+            parts = [dataclasses.replace(materialized(part, self.session.budget), depth=0) for part in parts]
+        return Image(tuple(parts), image.source)
+
+    def images_of(self, op: Op) -> Sequence[Image]:
+        """The images that an op makes, its files written, its lines printed, and measures beyond a limit said."""
+        beside = next(self.written_next, "")
+        with self.session.keeping(beside) if beside else contextlib.nullcontext():
+            uses = run(op, self.session, self.written, not self.settings.get("--nosoftwareattrib"))
+        for text in (text for use in uses for text in use.failed):
+            log.error("oiiotex FAIL: %s : %s", op.flag(), text)
+            self.status = _BEYOND_A_LIMIT
+        return [use.image for use in uses]
+
+    def acts(self, *parts: Part) -> bool:
+        """Ask for leave to print or to write: a line that is only looked through has none, and notes where it would.
+
+        `parts`: whose pixels that takes; refused as `Session.require_streamable` says.
+        """
+        self.session.require_streamable(*parts)
+        self.used, self.unwritten = True, False
+        return True
+
+    def note(self, level: int, text: str) -> None:
+        """Log what is left undone; where a line is only looked through, perhaps later."""
+        log.log(level, "%s", text)
+
+    def set_global(self, name: str, kind: oiio.TypeDesc, value: object, before: object) -> None:
+        """Set an attribute of OpenImageIO, which had the value `before`."""
+        oiio.attribute(name, kind, value)
+
+    def tell(self, text: str) -> None:
+        """Print a line that -v asks for."""
+        if self.settings.get("-v"):
+            print(text, flush=True)
+
+    def will_write(self, image: Image, path: str, how: Format) -> None:
+        """Look at what is about to be written; of a line that is only looked through, check that it could be."""
+
+    def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
+        """The image of a file.
+
+        Raises
+        ------
+        ImageError
+            It is none that can be read.
+        """
+        return read(path, self.session.cache, native=native, config=config)
+
+    def require_free(self, path: str) -> None:
+        """Refuse a name under which a filter has just written.
+
+        Raises
+        ------
+        ParameterError
+            It has.
+        """
+        if os.path.realpath(path) in self.written:
+            raise ParameterError(f"{path} has just been written by an op's modifier")
+
+    def changed(self, path: str) -> float:
+        """When a file was last changed, in seconds; 0 where there is none."""
+        return os.path.getmtime(path) if os.path.exists(path) else 0.0
+
+    def has_file(self, path: str) -> bool:
+        """Whether there is such a file."""
+        return os.path.exists(path)
+
+    def _of_frame(self, op: type[Op]) -> dict[str, Any]:
+        """The frame's number for the op's parameters that are the number of a frame."""
+        number = self.frame.number if self.frame else None
+        return {p.attribute: number for p in op.parameters() if p.frame and number is not None}
+
+    def image(self, index: int) -> Image:
+        """The image at that depth, 0 the top."""
+        if not 0 <= index < len(self.stack):
+            raise ParameterError(f"there is no image {index}: the stack holds {len(self.stack)}")
+        return self.stack[-1 - index]
+
+    def _bound(self, op: type[Op], operands: list[Image], values: dict[str, Any]) -> dict[str, Any]:
+        """The values, with the operands by the names under which the op declares them.
+
+        From the bottom up: what it always takes, those behind the first that a count asks for, then each image that a
+        modifier asks for.
+        """
+        declared = op.images()
+        if len(declared) == 1 and declared[0].many:
+            return {declared[0].name: tuple(operands), **values}
+        waiting = iter(operands)
+        taken = op.taken(values)
+        bound = values | {parameter.name: next(waiting) if parameter in taken else None for parameter in declared}
+        further = op.further_images()
+        if further is not None:
+            bound[further.attribute] = tuple(next(waiting) for _ in range((values.get(further.count) or 1) - 1))
+        for parameter in op.optional_images():
+            asked = values.get(parameter.attribute)
+            if asked is not None:
+                bound[parameter.attribute] = next(waiting) if asked is True else self._named(parameter, asked, operands)
+        return bound
+
+    def _named(self, parameter: Parameter, name: str, operands: list[Image]) -> Image:
+        """The part of the first operand of that name, else the file.
+
+        Raises
+        ------
+        ParameterError
+            There is neither.
+        """
+        part = operands[0].part(name) if operands else None
+        if part is not None:
+            return Image((part,), name)
+        if self.has_file(name):
+            return self.opened(name)
+        parts = ", ".join(part.name for part in operands[0].parts) if operands else ""
+        has = f"the image has {parts}" if parts else "there is no image"
+        raise ParameterError(
+            f"{parameter.name}={name}: neither a part ({has}) nor a file; allowed is {parameter.allowed()}"
+        )
+
+
+def require_flat(images: Iterable[Image]) -> None:
+    """Raise an ImageError where one has a deep part."""
+    for image in images:
+        if any(part.spec.deep for part in image.parts):
+            raise ImageError(f"{image.title} is deep: expected a flat image; put --flatten before it")
+
+
+def _with_metadata_of(operands: list[Image], result: Image) -> Image:
+    """The result, with what else is in the metadata of the operands (--metamerge)."""
+
+    def merge(spec: oiio.ImageSpec) -> None:
+        for operand in operands:
+            for attribute in operand.first.spec.extra_attribs:
+                if spec.getattribute(attribute.name) is None:
+                    spec.attribute(attribute.name, attribute.type, attribute.value)
+
+    return Image(tuple(part.respecced(merge) for part in result.parts), result.source)

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Options that move images on the stack, and parts between images."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from dataclasses import dataclass
+
+from ...core.demand import cached
+from ...core.image import Image, Part, derived_spec, in_memory
+from ...core.parameters import param
+from ...core.window import Window
+from ...deferred import oiio
+from ...errors import ImageError, ParameterError
+from ..language.parse import Option, whole_number
+from .chain import Chain
+
+
+def label(chain: Chain, name: str) -> None:
+    """Name the top image: it can be put on the stack again by that name."""
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
+        raise ParameterError(f"'{name}' is no label: allowed are letters, digits and _")
+    chain.labelled[name] = chain.stack[-1] = _cached(chain, chain.top)
+
+
+def duplicate(chain: Chain) -> None:
+    """Put the top image on the stack once more."""
+    chain.stack[-1] = _cached(chain, chain.top)
+    chain.push(chain.top)
+
+
+def _cached(chain: Chain, image: Image) -> Image:
+    """The image, whose computed pixels are kept for a while: they will be asked for more than once."""
+    return Image(tuple(cached(part, chain.session.cache) for part in image.parts), image.source)
+
+
+def swap(chain: Chain) -> None:
+    """Exchange the two top images."""
+    chain.stack[-2:] = chain.stack[:-3:-1]
+
+
+def drop(chain: Chain) -> None:
+    """Forget the top image."""
+    chain.pop()
+
+
+def drop_bottom(chain: Chain) -> None:
+    """Forget the bottom image."""
+    chain.stack.pop(0)
+
+
+def reverse(chain: Chain) -> None:
+    """Turn the stack over."""
+    chain.stack.reverse()
+
+
+def extract(chain: Chain, text: str) -> None:
+    """Bring the image of that depth to the top."""
+    index = whole_number(text)
+    chain.image(index)
+    chain.push(chain.stack.pop(len(chain.stack) - 1 - index))
+
+
+def clear(chain: Chain) -> None:
+    """Forget all images."""
+    chain.stack.clear()
+
+
+# --- parts and levels ---
+
+
+@dataclass(frozen=True)
+class SubimageModifiers:
+    """Of --subimage."""
+
+    delete: bool = param(False, help="drop that part and keep the others")
+
+
+def subimage(chain: Chain, which: str, delete: bool = False) -> None:
+    """Keep one part, by number or name."""
+    image = chain.top
+    names = [part.spec.get_string_attribute("oiio:subimagename") for part in image.parts]
+    if re.fullmatch(r"\d+", which) and int(which) < len(names):
+        index = int(which)
+    elif which in names:
+        index = names.index(which)
+    else:
+        has = ", ".join(f"{n} {name}".strip() for n, name in enumerate(names))
+        raise ParameterError(f"{image.source} has no part '{which}'; it has {has}")
+    if len(names) == 1:
+        if delete:
+            raise ParameterError(f"{image.source} has only one part")
+        return
+    kept = image.parts[:index] + image.parts[index + 1 :] if delete else (image.parts[index],)
+    chain.stack[-1] = Image(kept, image.source)
+
+
+def split_parts(chain: Chain) -> None:
+    """Replace an image by one image for each part."""
+    image = chain.pop()
+    for part in image.parts:
+        chain.push(Image((part,), image.source))
+
+
+@dataclass(frozen=True)
+class AppendModifiers:
+    """Of --siappend."""
+
+    n: int = param(2, ge=2, le=1 << 20, help="how many images")
+
+
+def append_parts(chain: Chain, n: int = 2) -> None:
+    """Make the last n images the parts of one."""
+    if n > len(chain.stack):
+        raise ParameterError(f"n={n}: there are {len(chain.stack)} images")
+    images = chain.stack[-n:]
+    parts = [part for image in images for part in image.parts]
+    del chain.stack[-n:]
+    chain.push(Image(_distinct(parts), images[0].source))
+
+
+def _distinct(parts: list[Part]) -> tuple[Part, ...]:
+    """The parts under names that differ."""
+    taken: set[str] = set()
+    named = []
+    for n, part in enumerate(parts):
+        name = part.spec.get_string_attribute("oiio:subimagename") or part.name
+        if name in taken or (re.fullmatch(r"part\d+", name) and name != f"part{n}"):
+            name = f"part{n}"
+        taken.add(name)
+        named.append(dataclasses.replace(part, name=name))
+    return tuple(named)
+
+
+def append_all(chain: Chain) -> None:
+    """Make all images the parts of one."""
+    if len(chain.stack) > 1:
+        append_parts(chain, len(chain.stack))
+
+
+def split_layers(chain: Chain) -> None:
+    """Replace an image by one image for each layer: channels whose names begin alike, up to a dot."""
+    image = chain.pop()
+    names = list(image.first.spec.channelnames)
+    layers = [
+        name.rpartition(".")[0] if name.count(".") == 1 else name.partition(".")[0] * ("." in name) for name in names
+    ]
+    begin = 0
+    for end in range(1, len(names) + 1):
+        if end == len(names) or layers[end] != layers[begin]:
+            chain.push(Image((_layer(image.first, begin, end, layers[begin]),), image.source))
+            begin = end
+
+
+def _layer(part: Part, begin: int, end: int, name: str) -> Part:
+    """Some channels of a part, without the layer's name before theirs."""
+    bare = [channel.removeprefix(f"{name}.") if name else channel for channel in part.spec.channelnames[begin:end]]
+
+    def narrow(spec: oiio.ImageSpec) -> None:
+        spec.nchannels = end - begin
+        spec.channelnames = tuple(bare)
+        spec.alpha_channel = next((n for n, c in enumerate(bare) if c.lower() in ("a", "alpha")), -1)
+        spec.z_channel = next((n for n, c in enumerate(bare) if c.lower() in ("z", "depth")), -1)
+        spec.attribute("oiio:subimagename", name)
+
+    changed = part.respecced(narrow)
+    return dataclasses.replace(
+        changed, name=name or part.name, fetch=lambda window: part.read(window)[..., begin:end], stored=None
+    )
+
+
+def without_levels(chain: Chain) -> None:
+    """Keep the largest version of a MIP-mapped image."""
+    image = chain.top
+    if any(part.levels for part in image.parts):
+        parts = tuple(_copied(dataclasses.replace(part, levels=())) for part in image.parts)
+        chain.stack[-1] = Image(parts, image.source)
+
+
+def _copied(part: Part) -> Part:
+    """The part as if an op had made it: as floats, and of no file any more."""
+    spec = oiio.ImageSpec(part.spec)
+    spec.set_format(part.working_type)
+    for name in ("oiio:miplevels", "oiio:subimages"):
+        spec.erase_attribute(name)
+    return Part(part.name, spec, part.buffer, ready=part.ready, depth=part.depth, title=part.title)
+
+
+def select_level(chain: Chain, text: str) -> None:
+    """Keep one version of a MIP-mapped image, 0 the largest."""
+    image, level = chain.top, whole_number(text)
+    if not any(part.levels for part in image.parts):
+        return
+    parts = []
+    for part in image.parts:
+        levels = (part, *part.levels)
+        if level >= len(levels):
+            raise ParameterError(f"{image.source} has no MIP level {level}; it has {len(levels)}")
+        parts.append(dataclasses.replace(levels[level], levels=()))
+    chain.stack[-1] = Image(tuple(parts), image.source)
+
+
+# --- thumbnails ---
+
+
+@dataclass(frozen=True)
+class ThumbnailModifiers:
+    """Of --thumbnail-get."""
+
+    fail: bool = param(True, help="an image without a thumbnail is an error; 0: a small version is made of it")
+    index: int = param(0, ge=0, le=0, help="which thumbnail; OpenImageIO gives only the first")
+
+
+def thumbnail(chain: Chain, fail: bool = True, index: int = 0) -> None:
+    """Replace an image by the thumbnail in its file."""
+    image = chain.top
+    part = image.first
+    if part.thumbnail is not None:
+        chain.stack[-1] = Image((in_memory("part0", part.thumbnail()),), image.source)
+    elif fail:
+        raise ImageError(f"{image.source}: expected an image with a thumbnail; add fail=0 to make one")
+    else:
+        chain.stack[-1] = Image((_thumbnail_of(chain, part),), image.source)
+
+
+def _thumbnail_of(chain: Chain, part: Part) -> Part:
+    """A version of the display window that fits into 256 x 256 pixels."""
+    from ...host.kinds import checked, once
+
+    spec = oiio.ImageSpec(part.spec)
+    chain.session.require(4 * spec.width * spec.height * spec.nchannels, "--thumbnail-get:fail=0")
+    scale = min(1.0, 256 / max(spec.full_width, spec.full_height))
+    spec.full_width, spec.full_height = (max(1, int(s * scale + 0.5)) for s in (spec.full_width, spec.full_height))
+    whole = Window.sized(0, 0, spec.full_width, spec.full_height)
+    spec.full_x = spec.full_y = 0
+
+    def resized(_: Part) -> Part:
+        buffer = oiio.ImageBufAlgo.resize(part.buffer(part.window), roi=whole.roi(spec.nchannels))
+        return in_memory(part.name, checked(buffer))
+
+    small = derived_spec(whole.apply_to(spec))
+    small.set_format(part.working_type)
+    return once(Part(part.name, small, part.fetch), resized)
+
+
+def attach_thumbnail(chain: Chain) -> None:
+    """Make the top image the thumbnail of the image below it."""
+    small, image = chain.pop(), chain.pop()
+
+    def describe(spec: oiio.ImageSpec) -> None:
+        for name, value in zip(("width", "height", "nchannels"), _shape(small.first.spec), strict=True):
+            spec.attribute(f"thumbnail_{name}", value)
+
+    part = small.first
+    first = dataclasses.replace(image.first.respecced(describe), thumbnail=lambda: part.buffer(part.window))
+    chain.push(Image((first, *image.parts[1:]), image.source))
+    chain.unwritten = True
+
+
+def _shape(spec: oiio.ImageSpec) -> tuple[int, int, int]:
+    return spec.width, spec.height, spec.nchannels
+
+
+OPTIONS = (
+    Option("--label", ("NAME",), "name the top image: naming it puts it on the stack again", label, needs=1),
+    Option("--dup", (), "put the top image on the stack once more", duplicate, needs=1),
+    Option("--swap", (), "exchange the two top images", swap, needs=2),
+    Option("--pop", (), "forget the top image", drop, needs=1),
+    Option("--popbottom", (), "forget the bottom image", drop_bottom, needs=1),
+    Option("--stackreverse", (), "turn the stack over", reverse, needs=1),
+    Option("--stackextract", ("INDEX",), "bring the image of that depth to the top, 0 the top", extract, needs=1),
+    Option("--stackclear", (), "forget all images", clear),
+    Option("--subimage", ("PART",), "keep one part, by number or name", subimage, SubimageModifiers, needs=1),
+    Option("--sisplit", (), "replace an image by one for each of its parts", split_parts, needs=1),
+    Option("--siappend", (), "make the last two images the parts of one", append_parts, AppendModifiers, needs=2),
+    Option("--siappendall", (), "make all images the parts of one", append_all, needs=1),
+    Option("--layersplit", (), "replace an image by one for each layer of channels", split_layers, needs=1, flat=True),
+    Option("--unmip", (), "keep the largest version of a MIP-mapped image", without_levels, needs=1),
+    Option("--selectmip", ("LEVEL",), "keep one version of a MIP-mapped image, 0 the largest", select_level, needs=1),
+    Option(
+        "--thumbnail-get", (), "replace an image by the thumbnail in its file", thumbnail, ThumbnailModifiers, needs=1
+    ),
+    Option("--thumbnail-set", (), "make the top image the thumbnail of the image below it", attach_thumbnail, needs=2),
+)

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What ops of multiscale synthesis share: their exemplars, and how these are matched."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..core.access import AnyWindow
+from ..core.image import Image
+from ..core.op import Space
+from ..core.parameters import Parameter, Words, image, param
+from ..core.source_map import SourceMap, tile_spec
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..errors import ParameterError
+from ..quality.report import FAIL_HELP, REPORT_HELP, Look, Quality
+from ..session import Session
+from .graph import Graph
+from .infinite_plane import Plane, analysis_folder, graph_images, opened
+from .synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
+
+log = logging.getLogger("oiiotex")
+
+FARTHEST = 1 << 60  # px; places on the plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multiscale(AnyWindow):
+    """A texture without end, of one exemplar or of a graph of them."""
+
+    space: ClassVar[Space] = Space.LAB
+
+    exemplar: Image | None = image(help="the one exemplar; none is taken where graph says them")
+    graph: Path | None = param(None, help="an exemplar graph, JSON or YAML")
+    lock: bool | int = param(
+        False,
+        ge=0,
+        le=MOST_LEVEL,
+        help="1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level",
+    )
+    correct: bool = param(True, help="bring exemplars that do not agree in colour together (HRRG08 section 5)")
+    dims: int = param(16, ge=1, le=16, help="of projected neighbourhoods; 6 are the paper's, 16 repeat less")
+    side: int = param(
+        256, choices=(16, 32, 64, 128, 256, 512, 1024), unit="px", help="of an exemplar's square, at most"
+    )
+    paper: bool = param(
+        False,
+        help="HRRG08 by the letter: dims=6, and zooms without end turn anywhere, to anything, and lose their contrast",
+    )
+    seed: int | None = param(None, ge=0, le=2**32 - 1, help="same seed, same pixels; the graph's, or 0, when left out")
+    data: bool = param(False, help="the channels are no colours: compare them as they are")
+    report: Path | None = param(None, help=REPORT_HELP)
+    fail: Words | None = param(None, help=FAIL_HELP)
+
+    PAPER: ClassVar[dict[str, Any]] = {"dims": 6, "correct": True}
+
+    @classmethod
+    def taken(cls, values: dict[str, Any]) -> tuple[Parameter, ...]:
+        """No image where a graph says which."""
+        return () if values.get("graph") else cls.images()
+
+    def single(self, name: str) -> Graph:
+        """The graph of the one exemplar."""
+        raise NotImplementedError
+
+    @property
+    def source(self) -> str:
+        """What it is made from, for messages and as the result's name."""
+        return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
+
+    def opened(self, session: Session) -> Plane:
+        """The plane, its exemplars read and analysed."""
+        if self.graph is not None:
+            graph, images = graph_images(self.graph, session)
+        elif self.exemplar is not None:
+            graph, images = self.single(self.exemplar.source), (self.exemplar,)
+        else:
+            raise ParameterError(f"{self.name}: takes an image, or graph=FILE")
+        if self.lock:  # the root comes out as it is only where its neighbourhoods go around, as its plane does
+            graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
+        for given in images:
+            for part in given.parts[1:]:
+                log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, given.source)
+        how: dict[str, Any] = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
+        parts = tuple(image.first for image in images)
+        read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
+        return session.resources.remembered(
+            ("plane", graph, read, *how.values(), self.working_space),
+            lambda: opened(session, graph, images, self.source, space=self.working_space, **how),
+            parts,
+        )
+
+    def maker(self, plane: Plane, settings: PlaneSettings, session: Session) -> Synthesizer:
+        """What makes windows of the plane."""
+        maker = session.resources.remembered(
+            ("maker", id(plane.analysis), settings),
+            lambda: _made(plane, settings, session),
+            plane.analysis,
+        )
+        session.device.collect(session.stats)
+        return maker
+
+
+def _made(plane: Plane, settings: PlaneSettings, session: Session) -> Synthesizer:
+    maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
+    if settings.kept == 1.0:
+        return maker
+    from .contrast import with_contrast  # not loaded where nothing is zoomed into without end
+
+    plain = replace(settings, seed=0, around=None)
+    with session.stats.time("contrast"):
+        return with_contrast(maker, plane.analysis, analysis_folder(), plane.key(plain, 0))
+
+
+def _changed(path: Path) -> tuple[int, int] | None:
+    """When and to what size a file was last changed."""
+    try:
+        status = os.stat(path)
+    except OSError:  # whoever reads it says so
+        return None
+    return status.st_mtime_ns, status.st_size
+
+
+def with_report(
+    quality: Quality, plane: Plane, results: dict[str, Any], source: Callable[[Window], SourceMap] | None = None
+) -> dict[str, Any]:
+    """The op's results with the measures of its image beside the root.
+
+    Parameters
+    ----------
+    quality : Quality
+    plane : Plane
+    results : dict
+        As the op's `compute` gives them, its main image among them.
+    source : callable, optional
+        window -> the pixels of the root that are shown there, where all are copies of these.
+    """
+    main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
+    size = root.side**2, main.spec.width * main.spec.height
+
+    def seen() -> tuple[np.ndarray, list[Look]]:
+        lab = plane.lens.values(main.pixels())[0][..., :3]
+        return root.values[..., :3], [Look(main.name, lab, None if source is None else source(main.window))]
+
+    return replace(quality, size=size, copies=source is not None).add_to(results, seen)
+
+
+def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool = False) -> oiio.ImageSpec:
+    """The spec of a window of a texture.
+
+    Parameters
+    ----------
+    spec : ImageSpec
+        Of the root exemplar.
+    display, place : Window
+        Display and data window on the plane, px.
+    toroidal : bool
+        The display window goes on in itself along both axes.
+    """
+    new = tile_spec(spec, "xy" if toroidal else "none", (display.width, display.height))
+    new.full_x, new.full_y = display.left, display.top
+    new.x, new.y, new.width, new.height = place.left, place.top, place.width, place.height
+    return new

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a result still looks like its photo: what it keeps of the photo's scales, shapes and colors.
+
+Crushed structure has less energy in its coarse bands, broken shapes have another autocorrelation, and objects that
+were lost take their colors with them. Each part is 1 for a result that cannot be told from another piece of the same
+texture, and the fidelity is the root of their product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..core.demand import MadeRows, SomeRows
+from ..core.image import resized
+from ..deferred import np
+from ..regularity.autocorrelation import Autocorrelation, autocorrelation, blurred, high_passed, wrapped_autocorrelation
+
+SIDE = 256  # px; longer side that a photo is looked at with; its result at the same scale
+LEAST = 48  # px; shorter sides say nothing
+SCALES = 96, 48, 24  # sigmas of the bands are the longer side over these
+ENOUGH = 0.8  # of a band's energy, or its inverse: another piece of one texture has as little
+ALIKE = 0.7  # the same of two autocorrelations
+GOOD = 0.8  # a result below is tried again, warned about, or sent to review
+_NEAR, _FAR = 1 / 6, 0.4  # of the longer side: up to there shapes are compared, and long lines from there to here
+_ORDER = 1.5  # times what chance gives a texture of such shapes: with more, the photo has long lines or a lattice
+_MOST = 2 * SIDE  # px of a result that is looked at, in its middle
+_COLORS = 8  # quantiles of a channel
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """What a result keeps of its photo.
+
+    Attributes
+    ----------
+    bands : tuple of float
+        Energy over the photo's, of what a Gaussian of the longer side / 96, 48 and 24 leaves. Below 1 structure is
+        crushed, above 1 there are blotches.
+    shapes : float
+        1 less the difference of the autocorrelations, as a share of the photo's.
+    lines : float
+        Share of the photo's correlation over long distances (lines, courses, lattices) that the result has; 1 where
+        the photo has no more of it than chance gives.
+    missing : float
+        Share of the photo's colors that the result lacks, 0 to 1.
+    """
+
+    bands: tuple[float, ...]
+    shapes: float
+    lines: float
+    missing: float
+
+    @property
+    def texture(self) -> float:
+        """The bands as one number, 0 to 1."""
+        return sum(min(1.0, min(band, 1.0 / max(band, 1e-9)) / ENOUGH) for band in self.bands) / len(self.bands)
+
+    @property
+    def value(self) -> float:
+        """The fidelity, 0 to 1, to three digits: last bits decide nothing."""
+        shapes, lines = (min(1.0, max(0.0, part) / ALIKE) for part in (self.shapes, self.lines))
+        return round(float(np.sqrt(self.texture * shapes * lines * (1.0 - self.missing))), 3)
+
+    def measures(self) -> dict[str, float]:
+        """By name, as a report has them."""
+        bands = {f"band_{scale}": band for scale, band in zip(SCALES, self.bands, strict=True)}
+        return {"fidelity": self.value, **bands, "shapes": self.shapes, "lines": self.lines, "missing": self.missing}
+
+    @classmethod
+    def of_measures(cls, measures: Mapping[str, float]) -> Fidelity:
+        """The inverse of `measures`."""
+        bands = tuple(measures[f"band_{scale}"] for scale in SCALES)
+        return cls(bands, measures["shapes"], measures["lines"], measures["missing"])
+
+    def __str__(self) -> str:
+        """One sentence for people."""
+        coarse = sum(self.bands) / len(self.bands)
+        said = "texture kept"
+        if self.texture < 0.9:
+            said = (
+                f"{100 * (1 - coarse):.0f} % of the coarse structure is lost" if coarse < 1 else "blotches were added"
+            )
+        if self.shapes < GOOD * ALIKE:
+            said += ", shapes are broken"
+        if self.lines < ALIKE:
+            said += ", long lines are broken"
+        return f"fidelity {self.value:.2f}: {said}; {100 * self.missing:.0f} % of the colors are missing"
+
+
+def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps: tuple[bool, bool]) -> Fidelity | None:
+    """How much a result keeps of its photo; None where either is too small to say.
+
+    Parameters
+    ----------
+    photo : (height, width, 3) float32
+        CIE Lab, without drift where that was to be removed.
+    usable : (height, width) bool or None
+        Pixels that count; None: all.
+    result : (height, width, 3) float32
+        CIE Lab.
+    wraps : (bool, bool)
+        The result is a torus along y, along x.
+    """
+    factor = min(1.0, SIDE / max(photo.shape[:2]))
+    own, seen = _reduced(photo, usable, factor)
+    lab, everywhere = _reduced(result, None, factor)
+    if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
+        return None
+    if max(lab.shape[:2]) > _MOST:
+        middle = tuple(slice(max(0, (n - _MOST) // 2), max(0, (n - _MOST) // 2) + _MOST) for n in lab.shape[:2])
+        lab, everywhere, wraps = lab[middle], everywhere[middle], (False, False)
+    longer = max(own.shape[:2])
+    before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps)
+    bands = tuple(
+        _energy(after, everywhere, longer / k, wraps) / max(_energy(before, seen, longer / k), 1e-6) for k in SCALES
+    )
+    of_photo = autocorrelation(before, seen)
+    of_result = wrapped_autocorrelation(lab) if all(wraps) else autocorrelation(after, everywhere)
+    shapes, lines = _compared(of_photo, of_result, longer)
+    return Fidelity(bands, shapes, lines, _missing(own[seen], lab[everywhere]))
+
+
+def _reduced(values: SomeRows, usable: np.ndarray | None, factor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels at a scale, (h, w, 3) float64, and which of them count."""
+    height, width = values.shape[:2]
+    size = max(1, round(width * factor)), max(1, round(height * factor))
+    counted = np.ones(size[::-1], bool)
+    if usable is not None:
+        mask = MadeRows((height, width, 1), np.float32, lambda first, last: usable[first:last, :, None])
+        counted = resized(mask, *size)[..., 0] > 0.99
+    return resized(values, *size).astype(np.float64), counted
+
+
+def _energy(texture: np.ndarray, seen: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False, False)) -> float:
+    """Standard deviation of what a Gaussian leaves of a high-passed texture, channels added up."""
+    return float(np.sqrt((blurred(texture, sigma, wraps)[seen] ** 2).sum(-1).mean()))
+
+
+def _compared(photo: Autocorrelation, result: Autocorrelation, longer: int) -> tuple[float, float]:
+    """How alike shapes are, and how much of the correlation over long distances is kept."""
+    x, y = (min(pair) for pair in zip(photo.reach, result.reach, strict=True))
+    a, b, weight = (
+        plane[one.reach[1] - y : one.reach[1] + y + 1, one.reach[0] - x : one.reach[0] + x + 1]
+        for plane, one in ((photo.ncc, photo), (result.ncc, result), (photo.weight, photo))
+    )
+    distance = np.hypot(*np.meshgrid(np.arange(-x, x + 1), np.arange(-y, y + 1)))
+    near = (distance > 0) & (distance <= _NEAR * longer)
+    far = (distance > _NEAR * longer) & (distance <= _FAR * longer) & (weight > 0)
+    energy = float((a[near] ** 2).sum())
+    shapes = 1.0 - float(np.sqrt(((a - b)[near] ** 2).sum() / max(energy, 1e-12)))
+    if not far.any():
+        return shapes, 1.0
+    own = float((a[far] ** 2).mean())
+    # two independent pieces of a texture correlate by chance as its correlation length allows
+    if own <= _ORDER * (1.0 + energy) / float(weight[far].mean()):
+        return shapes, 1.0
+    return shapes, float((a * b)[far].mean()) / own
+
+
+def _missing(photo: np.ndarray, result: np.ndarray) -> float:
+    """Share of the photo's pixels (n, 3) whose color, among joint quantiles of its channels, the result has not."""
+    cuts = [np.quantile(photo[:, c], np.arange(1, _COLORS) / _COLORS) for c in range(3)]
+    shares = []
+    for pixels in (photo, result):
+        place = sum(np.searchsorted(cuts[c], pixels[:, c]) * _COLORS**c for c in range(3))
+        shares.append(np.bincount(place, minlength=_COLORS**3) / len(pixels))
+    return float(np.maximum(0.0, shares[0] - shares[1]).sum())
