@@ -157,7 +157,7 @@ WRITES = re.compile(
     r"|make_texture\(|os\.link\(|copyfile|\.symlink_to\(|mkstemp|NamedTemporaryFile"
 )
 # Rooms that no line of a recipe reaches, or that keep what is the user's cache; of modules: standard streams, scratch.
-ELSEWHERE = ("library/", "recipes/", "farm/", "live/", "service/", "opencl/", "cli/streams.py", "core/demand.py")
+ELSEWHERE = ("library/", "recipes/", "farm/", "live/", "service/", "opencl/", "cli/running/streams.py", "core/demand.py")
 
 
 def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():
@@ -168,7 +168,7 @@ def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():
         if WRITES.search(text) and not name.startswith(ELSEWHERE):
             found.add(name)
             assert name == "io/atomic.py" or re.search(r"from \.+(io\.)?atomic import", text), name
-    assert {"io/atomic.py", "io/checkpoint.py", "cli/output.py", "run.py"} <= found
+    assert {"io/atomic.py", "io/checkpoint.py", "cli/files/output.py", "run.py"} <= found
 
 
 # --- all that leads there ---

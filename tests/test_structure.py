@@ -41,9 +41,9 @@ python_types plugin installed_filters
 python_api
 filters host
 service
-live
-farm
 cli
+api
+live farm
 recipes
 library
 """.strip().splitlines()
@@ -72,6 +72,20 @@ def test_imports_run_one_way(path):
         return
     for other in imported_rooms(path) - {room}:
         assert RANK[other] < RANK[room], f"{room} imports {other}"
+
+
+STUDIO = {"live", "library", "farm", "recipes"}
+SURFACE = {"api", "deferred", "errors"} | STUDIO
+
+
+@pytest.mark.parametrize("room", sorted(STUDIO))
+def test_the_studio_layer_stands_on_the_public_surface(room):
+    """So that it could be a distribution of its own."""
+    for path in (PACKAGE / room).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):  # imports inside functions, too
+            if isinstance(node, ast.ImportFrom) and node.level > 1:
+                names = [node.module.split(".")[0]] if node.module else [alias.name for alias in node.names]
+                assert set(names) <= SURFACE | {"__version__"}, path.name
 
 
 def test_rooms_stay_small_and_say_what_they_are():

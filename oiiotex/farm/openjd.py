@@ -14,8 +14,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..api.files import temporary_beside
 from ..errors import ParameterError
-from ..io.atomic import temporary_beside
 
 _VERSION = "jobtemplate-2023-09"
 _PLACE = re.compile(r"((?:.*/)?[^/,]+)(?:,([1-9][0-9]{0,4}))?", re.DOTALL)

@@ -20,24 +20,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .. import __version__
-from ..cli.language.parse import parse
-from ..cli.language.sequences import Frame
-from ..cli.running.tasks import Job as LineJob
-from ..cli.running.tasks import Task, work
-from ..cli.vocabulary import LANGUAGE
-from ..core.attributes import TAG
-from ..core.image import Image
+from ..api import materials
+from ..api.files import hash_of, writing_only_below
+from ..api.images import SHORT_OF_MEMORY, TAG, Image, Session, read
+from ..api.lines import LANGUAGE, Frame, Task, parse, work
+from ..api.lines import Job as LineJob
+from ..api.materials import label_colours
 from ..deferred import np, oiio
 from ..errors import Error, one_line
-from ..io.atomic import writing_only_below
-from ..io.disk_cache import hash_of
-from ..io.reading import read
-from ..materials import documents, preview
-from ..materials.label_colours import label_colours
 from ..recipes.found import Material, extract, link_or_copy
 from ..recipes.lines import SOURCE, Step, source_name, steps_of
 from ..recipes.recipe import Recipe
-from ..session import SHORT_OF_MEMORY, Session
 from .catalogue import SIDECAR
 
 SCHEMA = "oiiotex.asset/2"
@@ -209,18 +202,18 @@ class _Making:
             measures["labels"] = len(labels)
         metres = self._metres_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
-        looks = preview.Looks.of(maps, _session(job), hand)
+        looks = materials.Looks.of(maps, _session(job), hand)
         for name, picture in looks.pictures(recipe.deliver.shape, lattice).items():
-            preview.save(picture, self.folder / name)
+            materials.save(picture, self.folder / name)
         if recipe.deliver.tx:
             (self.folder / "tx").mkdir()
             for role, path in tile.outputs.items():
                 _write_texture(self.folder / path, self.folder / "tx" / f"{role}.tx")
-        described = documents.Described(material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice)
+        described = materials.Described(material.name, dict(tile.outputs), self._space(maps["color"]), hand, lattice)
         if recipe.deliver.materialx:
-            documents.write_materialx(described, self.folder)
+            materials.write_materialx(described, self.folder)
         if recipe.deliver.usd:
-            documents.write_usd(described, self.folder)
+            materials.write_usd(described, self.folder)
         reasons += [
             f"{limit}: {measures[limit.measure]:.4g}"
             for limit in recipe.limits
@@ -316,10 +309,10 @@ class _Making:
             result = json.loads(report.read_text())["results"][0]
             measures, lattice = result["measures"], result.get("lattice", [])
         if "normal" in maps:
-            lengths = np.linalg.norm(preview.vectors(maps["normal"]), axis=-1)
+            lengths = np.linalg.norm(materials.vectors(maps["normal"]), axis=-1)
             measures["normal_length"] = float(np.abs(lengths - 1).mean())
         if "height" in maps:
-            measures["height_steps"] = _steps(preview.values(maps["height"])[..., 0])
+            measures["height_steps"] = _steps(materials.values(maps["height"])[..., 0])
         return measures, lattice
 
     def _labels(self, steps: Sequence[Step], colour: Image) -> list[tuple[str, float, list[float]]]:

@@ -17,7 +17,7 @@ from .. import __version__
 from ..errors import Error, ParameterError, one_line
 
 if TYPE_CHECKING:
-    from ..cli.running.progress import Display
+    from ..api.lines import Display
     from .catalogue import Catalogue
     from .search import Search
 
@@ -122,7 +122,7 @@ def _recipe(given: argparse.Namespace, words: list[str]) -> int:
 
 
 def _ingest(given: argparse.Namespace, words: list[str]) -> int:
-    from ..core.machine import forget_current_folder
+    from ..api.lines import forget_current_folder
     from ..recipes.lines import require_lines
     from ..recipes.recipe import load_recipe
 
@@ -177,7 +177,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
 
 @contextlib.contextmanager
 def _display(given: argparse.Namespace) -> Iterator[Display]:
-    from ..cli.running.progress import Display
+    from ..api.lines import Display
 
     display = Display()
     if given.openjd:

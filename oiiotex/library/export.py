@@ -10,9 +10,9 @@ import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..api import materials
+from ..api.files import temporary_beside
 from ..errors import Error, ParameterError
-from ..io.atomic import temporary_beside
-from ..materials import documents
 from .asset import SCHEMA, read_sidecar
 from .catalogue import SIDECAR, Asset, Catalogue
 
@@ -58,7 +58,7 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
             done(asset.name)
     except OSError as error:
         raise Error(f"{target}: {error.strerror or error}") from error
-    _write(target / documents.BLENDER, blender)
+    _write(target / materials.BLENDER, blender)
     _write(target / INDEX, json.dumps({"schema": EXPORT_SCHEMA, "assets": index}, indent=1) + "\n")
     return count
 
@@ -71,7 +71,7 @@ def write_blender(catalogue: Catalogue, folder: Path) -> None:
     Error
         As `blender_list`.
     """
-    _write(folder / documents.BLENDER, _blender_text(catalogue, folder))
+    _write(folder / materials.BLENDER, _blender_text(catalogue, folder))
 
 
 def blender_list(folder: Path) -> str:
@@ -82,7 +82,7 @@ def blender_list(folder: Path) -> str:
     Error
         There is something of its name that is no such list.
     """
-    path = folder / documents.BLENDER
+    path = folder / materials.BLENDER
     if not os.path.lexists(path):
         return ""
     with contextlib.suppress(OSError, UnicodeDecodeError):
@@ -94,7 +94,7 @@ def blender_list(folder: Path) -> str:
 
 def _blender_text(catalogue: Catalogue, folder: Path) -> str:
     paths = {f"Materials/{next(iter(tags))}" for tags in catalogue.tags().values()} | {"Materials"}
-    return documents.blender_catalogue(paths, blender_list(folder))
+    return materials.blender_catalogue(paths, blender_list(folder))
 
 
 def _write(path: Path, text: str) -> None:

@@ -20,9 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..cli.running.parallel import WorkerDied, worker_processes
-from ..cli.running.progress import Display
-from ..core.machine import memory, usable_threads
+from ..api.lines import Display, WorkerDied, memory, usable_threads, worker_processes
 from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines

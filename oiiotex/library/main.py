@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 
-from ..cli.main import exit_with
+from ..api.lines import exit_with
 
 
 def main(words: list[str] | None = None) -> None:

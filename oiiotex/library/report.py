@@ -13,7 +13,7 @@ import html
 import time
 from pathlib import Path
 
-from ..io.atomic import temporary_beside
+from ..api.files import temporary_beside
 from .catalogue import Asset, Catalogue
 
 FILE = "report.html"

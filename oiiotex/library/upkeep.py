@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ..api import materials
 from ..errors import Error
-from ..materials import documents
 from .asset import faults, read_sidecar
 from .catalogue import PLACES, SIDECAR, Catalogue
 from .runs import WORK
@@ -22,7 +22,7 @@ def check(catalogue: Catalogue) -> Iterator[str]:
     Folders that the catalogue does not name are no fault: a run was killed, or a newer asset took their place.
     """
     yield from catalogue.faults()
-    materialx = documents.has_materialx()
+    materialx = materials.has_materialx()
     for asset in catalogue.assets().values():
         if not asset.folder:
             continue
@@ -38,10 +38,10 @@ def check(catalogue: Catalogue) -> Iterator[str]:
             yield f"{folder / SIDECAR}: says something else than the catalogue"
         document = folder / f"{asset.name}.mtlx"
         if materialx and document.is_file():
-            yield from dict.fromkeys(documents.materialx_faults(document))
+            yield from dict.fromkeys(materials.materialx_faults(document))
         stage = folder / f"{asset.name}.usda"
         if stage.is_file():
-            yield from dict.fromkeys(documents.usd_faults(stage))
+            yield from dict.fromkeys(materials.usd_faults(stage))
 
 
 def orphans(catalogue: Catalogue) -> list[Path]:

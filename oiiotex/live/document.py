@@ -9,11 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..api.files import read_document, written
+from ..api.painting import MEASURES, PRESETS
 from ..errors import Error, ImageError, ParameterError
-from ..filters.presets import PRESETS
-from ..io.atomic import written
-from ..io.documents import read_document
-from ..stationarity.measures import MEASURES
 
 VERSION = 1
 MOST_VARIANTS = 64

@@ -17,18 +17,11 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from ..color.display import Shown, shown_by, views
-from ..core.image import Image, Part, channels_of
-from ..core.window import Window
+from ..api.files import require_plain
+from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
+from ..api.service import BRUSH, EXPORT, Client, LinkError, Settings, connect, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError, one_line
-from ..io.documents import require_plain
-from ..io.writing import write
-from ..service.client import BRUSH, EXPORT, Client, connect
-from ..service.messages import LinkError
-from ..service.pictures import spec_of
-from ..service.settings import Settings
-from ..session import Session
 from .document import Document
 
 SAVE_EVERY = 0.5  # s, at most, that are lost

@@ -15,13 +15,11 @@ from collections.abc import Coroutine, Iterable
 from pathlib import Path
 from typing import Any
 
-from ..color.config import as_float
-from ..core.window import Window
+from ..api.images import Window, as_float
+from ..api.painting import changed_box
+from ..api.service import BRUSH, LinkError
 from ..deferred import np
 from ..errors import Error, ImageError, ParameterError
-from ..quilting.painted_plans import changed_box
-from ..service.client import BRUSH
-from ..service.messages import LinkError
 from .document import KEPT
 from .history import Steps, fine_of, paintings_in
 from .hub import Hub, Page

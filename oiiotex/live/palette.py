@@ -11,18 +11,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..color.config import as_float
-from ..core.demand import PieceCache
-from ..core.image import Image, channels_of
+from ..api.files import read_document, written
+from ..api.images import Image, PieceCache, as_float, channels_of, read, write_indexed
+from ..api.painting import Meaning, Strays, code_of
+from ..api.service import BRUSH, Client
 from ..deferred import np
 from ..errors import Error, ImageError
-from ..io.atomic import written
-from ..io.documents import read_document
-from ..io.paint_palette import write_indexed
-from ..io.reading import read
-from ..labels.legend import code_of
-from ..quilting.guide_map import Meaning, Strays
-from ..service.client import BRUSH, Client
 from .document import LEAST_PAINTED, MOST_PAINTED
 from .hub import Hub, labels_of
 

@@ -15,14 +15,10 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..color.display import usual_view, views
-from ..core.attributes import TAG
-from ..core.image import Image
+from ..api.images import TAG, Image, Session, read, usual_view, views
+from ..api.painting import read_graph
+from ..api.service import reserved_folder
 from ..errors import Error, one_line
-from ..io.reading import read
-from ..multiscale.graph import read_graph
-from ..service.settings import reserved_folder
-from ..session import Session
 from .document import Document, default_state
 from .guard import LOOPBACK, Guard, token_for
 

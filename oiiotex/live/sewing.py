@@ -9,8 +9,8 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
-from ..io.reading import read
-from ..service.client import BRUSH, EXPORT, Client, Request
+from ..api.images import read
+from ..api.service import BRUSH, EXPORT, Client, Request
 from .history import Steps
 from .hub import Hub
 from .palette import COARSE, FINE

@@ -6,15 +6,11 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from ..color.config import as_float
-from ..core.image import Image, from_array, resized
+from ..api.images import Image, as_float, from_array, read, resized, write
+from ..api.painting import codes_of, colour_of
+from ..api.service import BRUSH, LOOKS, LinkError, Request
 from ..deferred import np, oiio
 from ..errors import Error, ImageError
-from ..io.reading import read
-from ..io.writing import write
-from ..labels.legend import codes_of, colour_of
-from ..service.client import BRUSH, LOOKS, Request
-from ..service.messages import LinkError
 from .hub import Hub, Page, labels_of
 from .lines import line, output_name, word_of
 

@@ -9,12 +9,11 @@ from collections import OrderedDict
 from fractions import Fraction
 from typing import Any
 
-from ..color.config import as_float
+from ..api.images import as_float
+from ..api.painting import MOST_LEVEL
+from ..api.service import TILES, LinkError, Request
 from ..deferred import np
 from ..errors import Error, ParameterError
-from ..multiscale.synthesizer import MOST_LEVEL
-from ..service.client import TILES, Request
-from ..service.messages import LinkError
 from .document import PLACE_BITS
 from .hub import Hub, Page
 from .lines import line, output_name, text_of, word_of

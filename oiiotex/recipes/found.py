@@ -15,9 +15,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
-from ..core.parameters import nearest
+from ..api.lines import nearest
+from ..api.materials import PACKED, PACKED_ROLES, Name, read_name
 from ..errors import Error, ParameterError
-from ..materials.naming import PACKED, PACKED_ROLES, Name, read_name
 from .recipe import Facts, Recipe, facts_beside
 
 LIBRARY = "library.sqlite"  # the file by which a library is known

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from ..cli.language.parse import Step as WrittenStep
-from ..cli.language.parse import parse, split_modifiers
-from ..cli.vocabulary import LANGUAGE
-from ..core.image import from_array
+from ..api.files import OUTSIDE, OutsideError, writing_only_below
+from ..api.images import from_array
+from ..api.lines import LANGUAGE, parse, split_modifiers
+from ..api.lines import Step as WrittenStep
+from ..api.materials import COLOURS, ROLES
 from ..deferred import np
 from ..errors import Error, ParameterError
-from ..io.atomic import OUTSIDE, OutsideError, writing_only_below
-from ..materials.naming import COLOURS, ROLES
 from .found import MapFile
 from .recipe import Deliver, Recipe
 
@@ -118,10 +117,7 @@ def require_confined(recipe: Recipe) -> None:
     """
     import tempfile
 
-    from ..cli.language.sequences import Frame
-    from ..cli.running.tasks import session_for
-    from ..cli.stack.rehearsal import Rehearsals
-    from ..run import as_foreseen
+    from ..api.lines import Frame, Rehearsals, as_foreseen, session_for
 
     some = as_foreseen(from_array(np.zeros((1, 1, 3), np.float16)))
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):

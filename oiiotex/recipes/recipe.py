@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..core.parameters import nearest
+from ..api.lines import nearest
+from ..api.materials import COLOURS, ROLES
 from ..errors import Error, ParameterError
-from ..materials.naming import COLOURS, ROLES
 
 SCHEMA = 1
 _MOST_BYTES = 4 << 20

@@ -1,0 +1,17 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Files that are written whole or not at all, within a folder, and documents that strangers write."""
+
+from ..io.atomic import OUTSIDE, OutsideError, temporary_beside, writing_only_below, written
+from ..io.disk_cache import hash_of
+from ..io.documents import read_document, require_plain
+
+__all__ = [
+    "OUTSIDE",
+    "OutsideError",
+    "hash_of",
+    "read_document",
+    "require_plain",
+    "temporary_beside",
+    "writing_only_below",
+    "written",
+]

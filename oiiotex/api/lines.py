@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Command lines: read, looked through before they run, and run here or in processes of their own."""
+
+from ..cli.language.parse import Step, parse, split_modifiers
+from ..cli.language.sequences import Frame
+from ..cli.main import exit_with
+from ..cli.running.parallel import WorkerDied, worker_processes
+from ..cli.running.progress import Display
+from ..cli.running.tasks import Job, Task, session_for, work
+from ..cli.stack.rehearsal import Rehearsals
+from ..cli.vocabulary import LANGUAGE
+from ..core.machine import forget_current_folder, memory, usable_threads
+from ..core.parameters import nearest
+from ..run import as_foreseen
+
+__all__ = [
+    "LANGUAGE",
+    "Display",
+    "Frame",
+    "Job",
+    "Rehearsals",
+    "Step",
+    "Task",
+    "WorkerDied",
+    "as_foreseen",
+    "exit_with",
+    "forget_current_folder",
+    "memory",
+    "nearest",
+    "parse",
+    "session_for",
+    "split_modifiers",
+    "usable_threads",
+    "work",
+    "worker_processes",
+]

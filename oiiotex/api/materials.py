@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Materials: what file names say of maps, documents of MaterialX, USD and Blender, renders of a preview."""
+
+from ..materials.documents import (
+    BLENDER,
+    Described,
+    blender_catalogue,
+    has_materialx,
+    materialx_faults,
+    usd_faults,
+    write_materialx,
+    write_usd,
+)
+from ..materials.label_colours import label_colours
+from ..materials.naming import COLOURS, PACKED, PACKED_ROLES, ROLES, Name, read_name
+from ..materials.preview import Looks, lab_of_srgb, save, values, vectors
+
+__all__ = [
+    "BLENDER",
+    "COLOURS",
+    "PACKED",
+    "PACKED_ROLES",
+    "ROLES",
+    "Described",
+    "Looks",
+    "Name",
+    "blender_catalogue",
+    "has_materialx",
+    "lab_of_srgb",
+    "label_colours",
+    "materialx_faults",
+    "read_name",
+    "save",
+    "usd_faults",
+    "values",
+    "vectors",
+    "write_materialx",
+    "write_usd",
+]

@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a page needs beside the filters: label codes, painted plans, levels of zoom."""
+
+from ..filters.presets import PRESETS
+from ..labels.legend import code_of, codes_of, colour_of
+from ..multiscale.graph import read_graph
+from ..multiscale.synthesizer import MOST_LEVEL
+from ..quilting.guide_map import Meaning, Strays
+from ..quilting.painted_plans import changed_box, regridded
+from ..stationarity.measures import MEASURES
+
+__all__ = [
+    "MEASURES",
+    "MOST_LEVEL",
+    "PRESETS",
+    "Meaning",
+    "Strays",
+    "changed_box",
+    "code_of",
+    "codes_of",
+    "colour_of",
+    "read_graph",
+    "regridded",
+]

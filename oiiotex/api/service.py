@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The resident process: its client, requests and their order, settings."""
+
+from ..service.client import BRUSH, EXPORT, LOOKS, TILES, Client, Request, connect
+from ..service.messages import LinkError
+from ..service.pictures import spec_of
+from ..service.settings import Settings, reserved_folder
+
+__all__ = [
+    "BRUSH",
+    "EXPORT",
+    "LOOKS",
+    "TILES",
+    "Client",
+    "LinkError",
+    "Request",
+    "Settings",
+    "connect",
+    "reserved_folder",
+    "spec_of",
+]
