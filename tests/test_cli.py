@@ -163,7 +163,12 @@ BAD = {
     ),
     "floats in a PNG": (["photo.png", "-d", "float"], "png cannot hold part 'part0' as float"),
     "a pixel type that is none": (["photo.png", "-d", "uint31"], "no pixel type 'uint31'"),
-    "a word for threads": (["photo.png", "--threads", "two"], "--threads two: allowed is a whole number"),
+    "a word for threads": (["photo.png", "--threads", "two"], "--threads two: expected an integer from 0"),
+    "threads that no machine has": (["photo.png", "--threads", "40000"], "expected an integer from 0 to 4096"),
+    "an attribute of a billion values": (
+        ["photo.png", "--attrib:type=int[1000000000]", "foo", "1"],
+        "expected at most 65536 values",
+    ),
     "a broken config": (["photo.png", "--colorconfig", "photo.png", "--texstationarize"], "not a colour config"),
     "a truncated file": (["half.exr", "--iscolorspace", "ACEScg", "--texstationarize"], "cannot be read"),
     "all transparent": (["clear.exr", "--iscolorspace", "ACEScg", "--texstationarize"], "free of transparent pixels"),

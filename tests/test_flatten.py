@@ -11,10 +11,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from oiiotex import errors, filters
+from oiiotex.cli.running.line_run import run
 from oiiotex.color.config import ColorConfig
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
+from tests.conftest import save
 from tests.reference import drift as reference
 
 
@@ -96,6 +98,14 @@ def test_the_correction_is_written_out():
     assert made["drift"].spec().channelnames == tuple(f"{k}.{c}" for k in ("gain", "offset") for c in "Lab")
     wanted = lab_of(pixels(photo)) * field[..., :3] + field[..., 3:]
     np.testing.assert_allclose(lab_of(pixels(made["flat"])), wanted, atol=2e-3)
+
+
+def test_a_tile_of_another_size_and_its_drift_lie_in_one_file(tmp_path):
+    save(pictures.stained(pictures.bricks(80, 96, seed=1)), tmp_path / "photo.png")
+    run(["photo.png", "--texstationarize:size=64x48:drift=1:iterations=1", "-o", "t.exr"], tmp_path)
+    tile, drift = (oiio.ImageBuf(str(tmp_path / "t.exr"), n, 0).spec() for n in (0, 1))
+    assert (tile.width, tile.height) == (64, 48) == (drift.full_width, drift.full_height)
+    assert (drift.width, drift.height) == (96, 80)  # the photo's
 
 
 def test_only_pixels_of_the_mask_say_what_the_drift_is():

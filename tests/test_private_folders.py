@@ -130,6 +130,19 @@ def test_the_temporary_folder_is_private_and_goes_with_the_process(tmp_path):
     assert not Path(path).exists()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+def test_no_room_for_compiled_kernels_is_one_line(tmp_path):
+    """PoCL aborts without a word where it cannot write one; a limit on files is seen as a full disk is."""
+    save(np.random.default_rng(0).random((24, 24, 3)), tmp_path / "a.exr", "float", "lin_rec709_scene")
+    limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20));"
+    limited += "from oiiotex.cli.main import main; main(sys.argv[1:])"
+    words = [sys.executable, "-c", limited, "a.exr", "--texsuperpixel", "-q", "-o", "o.exr"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.count("\n") == 1 and "no room for compiled kernels" in done.stderr
+    assert not (tmp_path / "o.exr").exists()
+
+
 # --- simulators ---
 
 

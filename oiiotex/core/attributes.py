@@ -23,6 +23,7 @@ HEIGHT_PX = "oiiotex:heightpx"  # of a height map: how many px a height of 1 ris
 WINDOW = "oiiotex:window"  # of a plane without end, of which the image is a part
 
 _OF_COLOURS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # nothing of data
+_MOST_VALUES = 65536  # of an attribute
 _INT = re.compile(r"\s*[+-]?\d+\s*")
 _FLOAT = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 
@@ -63,6 +64,8 @@ def attribute_value(text: str, type_name: str | None = None) -> int | float | st
         return text
     if str(described) == "timecode" and ":" in text:
         return _timecode(text)
+    if count > _MOST_VALUES:
+        raise ParameterError(f"type={type_name}: expected at most {_MOST_VALUES} values")
     words = re.split(r"[,/]" if str(described).endswith("rational") else ",", text)
     pattern, kind = (_FLOAT, np.float32) if base in (oiio.FLOAT, oiio.HALF, oiio.DOUBLE) else (_INT, _whole)
     if len(words) > count or not all(pattern.fullmatch(word) for word in words):

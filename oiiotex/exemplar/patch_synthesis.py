@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ..color.config import as_float
 from ..color.lab import working_values
@@ -18,7 +18,8 @@ from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
 from ..core.parameters import Size, SizeRule, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
-from ..deferred import np
+from ..core.window import Window
+from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
@@ -183,7 +184,7 @@ class PatchSynthesis(MaterialOp, InBands):
 
         if self.variants > 1:
             first, *others = self._variants(parts, recipe, constraints, run, session, quality, lab, own)
-            return first | drift, *others
+            return _beside_drift(first, drift), *others
         kept = None
         if marked is not None:
             if not marked.any():
@@ -214,7 +215,7 @@ class PatchSynthesis(MaterialOp, InBands):
         def looked_at() -> tuple[np.ndarray, list[Look]]:
             return own(), [Look.of_copies(first["tile"].name, lab(), source)]
 
-        first = quality.add_to(first, looked_at, **more) | drift
+        first = _beside_drift(quality.add_to(first, looked_at, **more), drift)
         return (first, *others) if others else first
 
     def second_choice(self, recipe: Recipe) -> Recipe | None:
@@ -381,3 +382,15 @@ class PatchSynthesis(MaterialOp, InBands):
             return own(), looks
 
         return (quality.add_to(tiles[0], looked_at), *tiles[1:])
+
+
+def _beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
+    """A tile and the photo's drift, with the tile's display window: parts of one file have the same."""
+    display = Window.display(tile["tile"].spec)
+    names = ("full_x", "full_y", "full_width", "full_height")
+
+    def describe(spec: oiio.ImageSpec) -> None:
+        for name, value in zip(names, (display.left, display.top, *display.size), strict=True):
+            setattr(spec, name, value)
+
+    return tile | {name: part.respecced(describe) for name, part in drift.items()}

@@ -14,6 +14,7 @@ from ..errors import Error
 log = logging.getLogger("oiiotex")
 
 _notices: list[tuple[int, str]] = []  # what there is to log of caches
+_ROOM = 16 << 20  # bytes that compiled kernels of a run take at most; PoCL aborts where a disk is full
 _CACHES = ("oiiotex", "pocl", "pyopencl", "pytools")  # below the user's cache folder: code is run from each
 
 
@@ -93,6 +94,13 @@ def settled_caches(*environment: str | None) -> None:
             _require_writable(folder)
     except (OSError, Error) as error:
         temporary = _temporary_folder()
+        try:
+            _require_writable(Path(temporary))
+        except OSError as full:
+            raise Error(
+                f"{own} and {temporary} have no room for compiled kernels ({full.strerror}): expected {_ROOM >> 20} MB"
+                " in one of them; free some, or set XDG_CACHE_HOME"
+            ) from None
         os.environ["XDG_CACHE_HOME"] = temporary
         os.environ["POCL_CACHE_DIR"] = os.path.join(temporary, "pocl")
         os.mkdir(os.path.join(temporary, "oiiotex"), 0o700)
@@ -102,10 +110,15 @@ def settled_caches(*environment: str | None) -> None:
 
 
 def _require_writable(folder: Path) -> None:
+    """Raise an OSError where compiled kernels cannot be written: permissions, a full disk, a quota, a size limit."""
     import tempfile
 
-    with tempfile.TemporaryFile(dir=folder):
-        pass
+    with tempfile.TemporaryFile(dir=folder) as file:
+        try:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(file.fileno(), 0, _ROOM)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(folder)) from None
 
 
 def _temporary_folder() -> str:

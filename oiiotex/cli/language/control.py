@@ -26,7 +26,7 @@ class Block:
     rounds: int = 0  # of --while, so far
 
 
-MOST_ROUNDS = 100_000  # of --while, unless --maxloop says another number
+MOST_ROUNDS = 100_000  # of a loop, unless --maxloop says another number
 
 _FALSE = ("", "0", "false", "no", "off", "f", "n")
 
@@ -121,6 +121,9 @@ def begin_for(chain: Chain, variable: str, text: str) -> None:
         block.holds = value < limit if step > 0 else value > limit
         chain.skipping = block.outer or not block.holds
     else:
+        most = chain.settings.get("--maxloop", MOST_ROUNDS)
+        if abs(limit - value) > most * abs(step):
+            raise ParameterError(f"'{text}': expected at most {most} rounds; --maxloop allows more")
         _open(chain, "--for", value < limit if step > 0 else value > limit)
     chain.user[variable] = int(value) if float(value).is_integer() else value
     return None
@@ -254,7 +257,13 @@ STATES = (
         throughout=True,
         aliases=("--verbose",),
     ),
-    Option("--maxloop", ("N",), "rounds after which a --while that has not ended is refused", most_rounds, state=True),
+    Option(
+        "--maxloop",
+        ("N",),
+        f"Largest number of rounds of --while and --for. Default: {MOST_ROUNDS}.",
+        most_rounds,
+        state=True,
+    ),
     Option("--no-error-exit", (), "go on with the next step where one fails", switch("--no-error-exit"), state=True),
     Option("--metamerge", (), "results have the metadata of all their inputs", switch("--metamerge"), state=True),
     Option("--sansattrib", (), "--history without --attrib and --sattrib", switch("--sansattrib"), state=True),

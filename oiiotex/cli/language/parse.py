@@ -14,6 +14,8 @@ from ...core.parameters import nearest, parse_modifiers
 from ...deferred import Shelf
 from ...errors import ParameterError
 
+MOST_THREADS, MOST_MB = 4096, 1 << 40
+
 
 @dataclass(frozen=True)
 class Option:
@@ -190,17 +192,17 @@ class CommandLine:
         """The first word behind a setting; None where it has none, or is not there."""
         return next(iter(self.settings.get(name, ())), None)
 
-    def whole_number(self, name: str) -> int:
-        """The number behind a setting; 0 where it is not there.
+    def whole_number(self, name: str, most: int) -> int:
+        """The number after a setting; 0 where it is not there.
 
         Raises
         ------
         ParameterError
-            It is no whole number from 0 on.
+            It is no integer from 0 to `most`.
         """
         text = self.first(name) or "0"
-        if not (text.isascii() and text.isdigit()):
-            raise ParameterError(f"{name} {text}: allowed is a whole number >= 0")
+        if not (text.isascii() and text.isdigit()) or int(text) > most:
+            raise ParameterError(f"{name} {text}: expected an integer from 0 to {most}")
         return int(text)
 
 

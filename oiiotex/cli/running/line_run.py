@@ -8,7 +8,7 @@ import logging
 import os
 
 from ...errors import one_line
-from ..language.parse import CommandLine, parse
+from ..language.parse import MOST_THREADS, CommandLine, parse
 from ..vocabulary import LANGUAGE
 
 log = logging.getLogger("oiiotex")
@@ -75,7 +75,7 @@ def _printed(command: CommandLine) -> str | None:
     if "--devices" in settings:
         from ..printing.devices import device_list
 
-        return device_list(command.first("--device"), command.whole_number("--threads"), "-v" in settings)
+        return device_list(command.first("--device"), command.whole_number("--threads", MOST_THREADS), "-v" in settings)
     if "--completion" in settings:
         from ..printing.shells import completion
 

@@ -8,7 +8,7 @@ from ..language.parse import Option
 OPTIONS = (
     Option("--device", ("DEVICE",), "OpenCL device: number, gpu, cpu or part of its name; else $OIIOTEX_DEVICE"),
     Option("--devices", (), "list the OpenCL devices and whether they work; with -v what was tried and why"),
-    Option("--threads", ("N",), "CPU threads; 0: as many as the process may use"),
+    Option("--threads", ("N",), "Number of CPU threads, 0 to 4096. Default: 0, as many as the process may use."),
     Option("--cache", ("MB",), "memory budget; a quarter of the machine's when left out"),
     Option("--colorconfig", ("FILE",), "OCIO config; else $OCIO, else a built-in one"),
     Option(

@@ -16,7 +16,7 @@ from ...deferred import oiio
 from ...errors import Error
 from ...session import Session
 from ..files.reading import read_input
-from ..language.parse import CommandLine, parse
+from ..language.parse import MOST_MB, MOST_THREADS, CommandLine, parse
 from ..language.sequences import Frame
 from ..stack.chain import Chain
 from ..vocabulary import LANGUAGE
@@ -117,7 +117,7 @@ def _session_of(job: Job) -> Session:
 def session_for(command: CommandLine, words: list[str]) -> Session:
     """The session of a line."""
     forget_current_folder()
-    threads = command.whole_number("--threads")
+    threads = command.whole_number("--threads", MOST_THREADS)
     limit_threads(threads or usable_threads())
     session = Session(
         device_name=command.first("--device"),
@@ -130,7 +130,7 @@ def session_for(command: CommandLine, words: list[str]) -> Session:
         words=line_of(words),
     )
     if "--cache" in command.settings:
-        session.budget = command.whole_number("--cache") << 20
+        session.budget = command.whole_number("--cache", MOST_MB) << 20
     return session
 
 

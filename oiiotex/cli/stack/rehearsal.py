@@ -167,6 +167,19 @@ class _Access(ChainAccess):
         return {name: _known(image) for name, image in super().labels().items()}
 
 
+class _Unknown(Image):
+    """An image of which nothing is known, not even what an op declares."""
+
+    def __init__(self) -> None:
+        pass
+
+    def __getattribute__(self, name: str) -> Any:
+        """What has `Image` as its class."""
+        if name.startswith("__"):
+            return super().__getattribute__(name)
+        raise Unseen
+
+
 def _known(image: Image) -> Image:
     if is_foreseen(image):
         raise Unseen
@@ -212,13 +225,16 @@ class _Rehearsal(Chain):
             raise Unseen
         if step.option in output_settings.OPTIONS:
             self._idle.append(" ".join((step.word, *step.arguments)))
+        before = list(self.stack)
         try:
             super()._do(step)
         except Error:
-            looked_at = self.stack[-max(1, step.option.needs) :] if step.option else self.stack
-            if self._certain or not any(map(is_foreseen, looked_at)):
-                raise
-            raise Unseen from None
+            looked_at = before[-max(1, step.option.needs) :] if step.option else before
+            if not self._certain and any(map(is_foreseen, looked_at)):
+                self.stack = [_Unknown() if is_foreseen(image) else image for image in before]
+                super()._do(step)  # what fails whatever the image is, fails again
+                raise Unseen from None
+            raise
 
     def images_of(self, op: Op) -> Sequence[Image]:
         """What is known of the op's images."""
