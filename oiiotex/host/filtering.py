@@ -6,23 +6,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from ..core.access import Whole
 from ..core.image import Image, Part, in_memory
-from ..core.op import Op
 from ..core.parameters import Numbers, argument, image, nearest, param
 from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ImageError, ParameterError
 from ..session import Session
 from .geometry_text import parse_size
-from .kinds import Area, AtOnce, Hosted, checked, remapped, require_kernel, with_edges
-from .turning import moved
+from .kinds import AtOnce, Hosted, checked, op, window_of
+from .placing import moved
+from .remapping import Area, remapped, require_kernel, with_edges
 from .warping import FILTERS
 
 KERNELS = (*FILTERS, "binomial", "laplacian")
 _STACK = 1 << 20  # bytes; OpenImageIO keeps what a median sorts on a thread's stack, and dies where it is too much
+_PERIOD = 12  # of all patterns of mosaics
 
 
 def kernel_of(name: str, width: float, height: float) -> oiio.ImageBuf:
@@ -34,10 +35,7 @@ def kernel_of(name: str, width: float, height: float) -> oiio.ImageBuf:
 def kernel_size(name: str, width: float, height: float) -> tuple[int, int]:
     """Columns and rows of the kernel that `kernel_of` would make, odd numbers; 0 stands for the filter's own width.
 
-    Raises
-    ------
-    ParameterError
-        No such kernel, or a size that it cannot have.
+    Raises ParameterError for a kernel that there is not, or a size that it cannot have.
     """
     if name not in KERNELS:
         raise ParameterError(f"kernel {name}: no such kernel{nearest(name, KERNELS)}; there is {', '.join(KERNELS)}")
@@ -59,25 +57,10 @@ def _reach(kernel: Part) -> tuple[int, int]:
     return max(abs(window.left), abs(window.right - 1)), max(abs(window.top), abs(window.bottom - 1))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Blur(Area):
-    """Blur with a kernel."""
-
-    name: ClassVar[str] = "blur"
-
-    source: Image = image(help="the image")
-    size: str = argument(help="width x height of the kernel: 5x5, 3.5x1")
-    kernel: str = param("gaussian", help="name of the kernel: gaussian, box, triangle, binomial, disk ...")
-
-    def halo(self) -> tuple[int, int]:
-        """Half the kernel."""
-        columns, rows = kernel_size(self.kernel, *parse_size(self.size))
-        return columns // 2, rows // 2
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Convolved."""
-        kernel = kernel_of(self.kernel, *parse_size(self.size))
-        return oiio.ImageBufAlgo.convolve(buffers[0], kernel, True, Window.data(target).roi(target.nchannels))
+def _blur_halo(use: Any) -> tuple[int, int]:
+    """Half the kernel."""
+    columns, rows = kernel_size(use.kernel, *parse_size(use.size))
+    return columns // 2, rows // 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +69,6 @@ class Convolve(Area):
 
     name: ClassVar[str] = "convolve"
 
-    source: Image = image(help="the image")
     kernel: Image = image(help="the kernel; its first channel counts")
 
     def halo(self) -> tuple[int, int]:
@@ -111,11 +93,10 @@ class Convolve(Area):
 class Ranked(Area):
     """A pixel becomes one of those around it."""
 
-    source: Image = image(help="the image")
     size: str = argument(help="width x height in whole pixels")
 
-    def sizes(self) -> tuple[int, int]:
-        """Width and height."""
+    def operands_after(self, *given: Any) -> Sequence[Any]:
+        """Width and height, before the region."""
         width, height = parse_size(self.size)
         if width % 1 or height % 1 or width < 1 or height < 0:
             raise ParameterError(f"size={self.size}: whole pixels are wanted, 1x1 or more")
@@ -123,48 +104,20 @@ class Ranked(Area):
 
     def halo(self) -> tuple[int, int]:
         """Half the size."""
-        width, height = self.sizes()
+        width, height = self.operands_after()
         return max(1, width // 2), max(1, height // 2)
 
-    def roi(self, target: oiio.ImageSpec) -> oiio.ROI:
-        """Of the window wanted."""
-        return Window.data(target).roi(target.nchannels)
+
+def _median(source: oiio.ImageBuf, roi: oiio.ROI, width: int, height: int) -> oiio.ImageBuf:
+    """Median filtered."""
+    _require_stack(f"size={width}x{height}", width * height, roi)
+    return oiio.ImageBufAlgo.median_filter(source, width, height, roi)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Median(Ranked):
-    """Each channel becomes the median of the pixels around it."""
-
-    name: ClassVar[str] = "median"
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Median filtered."""
-        width, height = self.sizes()
-        if width * height * target.nchannels * 4 > _STACK:
-            raise ParameterError(f"size={self.size}: too large for {target.nchannels} channels")
-        return oiio.ImageBufAlgo.median_filter(buffers[0], width, height, self.roi(target))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Dilate(Ranked):
-    """Each channel becomes the greatest value around it."""
-
-    name: ClassVar[str] = "dilate"
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Dilated."""
-        return oiio.ImageBufAlgo.dilate(buffers[0], *self.sizes(), self.roi(target))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Erode(Ranked):
-    """Each channel becomes the least value around it."""
-
-    name: ClassVar[str] = "erode"
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Eroded."""
-        return oiio.ImageBufAlgo.erode(buffers[0], *self.sizes(), self.roi(target))
+def _require_stack(given: str, neighbours: int, roi: oiio.ROI) -> None:
+    """Refuse what a median would keep on its stack."""
+    if neighbours * roi.nchannels * 4 > _STACK:
+        raise ParameterError(f"{given}: too large for {roi.nchannels} channels")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,7 +126,6 @@ class Unsharp(Area):
 
     name: ClassVar[str] = "unsharp"
 
-    source: Image = image(help="the image")
     kernel: str = param("gaussian", help="name of the blur's kernel, or median")
     width: float = param(3.0, ge=0, unit="px", help="of the kernel")
     contrast: float = param(1.0, help="how much of the difference is added")
@@ -200,32 +152,12 @@ class Unsharp(Area):
         half = self.half()
         return [with_edges(window.grown(half), specs[0]).grown(half)]
 
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+    def called(self, source: oiio.ImageBuf, roi: oiio.ROI) -> oiio.ImageBuf:
         """Sharpened, over all that there is: the second blur looks at what the first left beside the window."""
-        width = math.ceil(self.width)
-        if self.kernel == "median" and width * width * target.nchannels * 4 > _STACK:
-            raise ParameterError(f"width={self.width:g}: too large for {target.nchannels} channels")
-        result = checked(
-            oiio.ImageBufAlgo.unsharp_mask(buffers[0], self.kernel, self.width, self.contrast, self.threshold)
-        )
-        return oiio.ImageBufAlgo.crop(result, roi=Window.data(target).roi(target.nchannels))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Laplacian(Area):
-    """The second derivative, by a 3x3 kernel."""
-
-    name: ClassVar[str] = "laplacian"
-
-    source: Image = image(help="the image")
-
-    def halo(self) -> tuple[int, int]:
-        """One pixel."""
-        return 1, 1
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Laplacian."""
-        return oiio.ImageBufAlgo.laplacian(buffers[0], Window.data(target).roi(target.nchannels))
+        if self.kernel == "median":
+            _require_stack(f"width={self.width:g}", math.ceil(self.width) ** 2, roi)
+        values = (self.kernel, self.width, self.contrast, self.threshold)
+        return oiio.ImageBufAlgo.crop(checked(oiio.ImageBufAlgo.unsharp_mask(source, *values)), roi=roi)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,10 +182,8 @@ class FillHoles(Hosted, Whole):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FFT(AtOnce):
-    """Fourier transform of the first channel, to real and imaginary."""
-
-    name: ClassVar[str] = "fft"
+class Fourier(AtOnce):
+    """A Fourier transform."""
 
     source: Image = image(help="the image")
 
@@ -262,91 +192,65 @@ class FFT(AtOnce):
         whole = parts[0].window | Window.display(parts[0].spec)
         return whole.width * whole.height * 2 * 4 * 4
 
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Transformed."""
-        return oiio.ImageBufAlgo.fft(buffers[0])
+
+def _ifft(source: oiio.ImageBuf) -> oiio.ImageBuf:
+    """Transformed back."""
+    spec = source.spec()
+    if spec.nchannels != 2 or Window.data(spec) != Window(0, 0, spec.full_width, spec.full_height):
+        # with other windows ImageBufAlgo::ifft ends the program
+        raise ImageError("an image as --fft leaves it is wanted: two channels, data and display window the same")
+    is_float = spec.format == oiio.TypeDesc(oiio.FLOAT)
+    return oiio.ImageBufAlgo.ifft(source if is_float else oiio.ImageBufAlgo.copy(source, oiio.FLOAT))
 
 
-@dataclass(frozen=True, kw_only=True)
-class IFFT(FFT):
-    """Inverse Fourier transform of real and imaginary, to one channel."""
-
-    name: ClassVar[str] = "ifft"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Transformed back."""
-        spec = buffers[0].spec()
-        if spec.nchannels != 2 or Window.data(spec) != Window(0, 0, spec.full_width, spec.full_height):
-            # with other windows ImageBufAlgo::ifft ends the program
-            raise ImageError("an image as --fft leaves it is wanted: two channels, data and display window the same")
-        if spec.format != oiio.TypeDesc(oiio.FLOAT):
-            return oiio.ImageBufAlgo.ifft(oiio.ImageBufAlgo.copy(buffers[0], oiio.FLOAT))
-        return oiio.ImageBufAlgo.ifft(buffers[0])
+def _demosaic(
+    source: oiio.ImageBuf, roi: oiio.ROI, pattern: str, algorithm: str, layout: str, mode: str, white: Numbers | None
+) -> oiio.ImageBuf:
+    """In colour."""
+    if white is not None and len(white) not in (3, 4):
+        raise ParameterError(f"white_balance={white}: three or four values are wanted")
+    # ImageBufAlgo takes the remainder of coordinates, which fails for negative ones
+    x, y = (-(min(0, edge) // _PERIOD) * _PERIOD for edge in (source.spec().x, source.spec().y))
+    there = window_of(roi).shifted(x, y).roi(3)
+    balance: Any = white  # None is the function's default, which the stub does not say
+    values = (pattern, algorithm, layout, mode, balance)
+    return moved(checked(oiio.ImageBufAlgo.demosaic(moved(source, x, y), *values, there)), -x, -y)
 
 
-@dataclass(frozen=True, kw_only=True)
-class DecorrStretch(AtOnce):
-    """Stretch colours along their principal axes, so that slight differences show."""
-
-    name: ClassVar[str] = "decorrstretch"
-
-    source: Image = image(help="the image")
-    firstchannel: int = param(0, ge=0, help="first channel")
-    nchannels: int = param(0, ge=0, help="how many channels; 0: three, without alpha and depth")
-    scale: float = param(1.0, help="multiplies the stretch")
-    sigma: float = param(0.0, help="standard deviation of each result channel; 0: as it was")
-    mean: float | None = param(None, help="mean of each result channel; as it was when left out")
-    percentile: float = param(0.0, ge=0, le=49.9999, unit="%", help="map what lies this far from both ends on 0 and 1")
-    mode: str = param("covariance", choices=("covariance", "correlation"), help="which matrix gives the axes")
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """Stretched; in one thread, as sums depend on their order."""
-        return oiio.ImageBufAlgo.decorr_stretch(
-            buffers[0], self.firstchannel, self.nchannels, self.scale, self.sigma, self.mean, self.percentile,
-            self.mode, nthreads=1,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class Demosaic(Area):
-    """Colour from a raw mosaic of colour filters."""
-
-    name: ClassVar[str] = "demosaic"
-    period: ClassVar[int] = 12  # of all patterns
-
-    source: Image = image(help="the mosaic")
-    pattern: str = param("auto", choices=("auto", "bayer", "xtrans"), help="kind of mosaic")
-    algorithm: str = param("auto", choices=("auto", "linear", "MHC"), help="how colour is interpolated")
-    layout: str = param("auto", help="of the mosaic, such as RGGB, or GRBG; by the metadata if auto")
-    white_balance_mode: str = param("auto", choices=("auto", "manual", "none"), help="auto: by the metadata")
-    white_balance: Numbers | None = param(None, help="R,G1,B,G2 or R,G,B; counts if manual")
-
-    def halo(self) -> tuple[int, int]:
-        """Two pixels, and at the edges a period of the pattern."""
-        return self.period + 4, self.period + 4
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """In colour."""
-        if self.white_balance is not None and len(self.white_balance) not in (3, 4):
-            raise ParameterError(f"white_balance={self.white_balance}: three or four values are wanted")
-        window = Window.data(target)
-        spec = buffers[0].spec()
-        # ImageBufAlgo takes the remainder of coordinates, which fails for negative ones
-        x, y = (-(min(0, edge) // self.period) * self.period for edge in (spec.x, spec.y))
-        result = checked(
-            oiio.ImageBufAlgo.demosaic(
-                moved(buffers[0], x, y),
-                self.pattern,
-                self.algorithm,
-                self.layout,
-                self.white_balance_mode,
-                self.white_balance,  # type: ignore[arg-type]  # None is its default, which the stub does not say
-                window.shifted(x, y).roi(3),
-            )
-        )
-        return moved(result, -x, -y)
-
-
-OPS: tuple[type[Op], ...] = (
-    Blur, Convolve, Median, Dilate, Erode, Unsharp, Laplacian, FillHoles, FFT, IFFT, DecorrStretch, Demosaic,
+FILTERING = (
+    op("blur", "Blur with a kernel.", Area,
+       lambda source, roi, size, kernel: oiio.ImageBufAlgo.convolve(
+           source, kernel_of(kernel, *parse_size(size)), True, roi),
+       halo=_blur_halo,
+       size=(str, argument(help="width x height of the kernel: 5x5, 3.5x1")),
+       kernel=param("gaussian", help="name of the kernel: gaussian, box, triangle, binomial, disk ...")),
+    Convolve,
+    op("median", "Each channel becomes the median of the pixels around it.", Ranked, _median),
+    op("dilate", "Each channel becomes the greatest value around it.", Ranked,
+       lambda source, roi, *size: oiio.ImageBufAlgo.dilate(source, *size, roi)),
+    op("erode", "Each channel becomes the least value around it.", Ranked,
+       lambda source, roi, *size: oiio.ImageBufAlgo.erode(source, *size, roi)),
+    Unsharp,
+    op("laplacian", "The second derivative, by a 3x3 kernel.", Area, halo=lambda use: (1, 1)),
+    FillHoles,
+    op("fft", "Fourier transform of the first channel, to real and imaginary.", Fourier),
+    op("ifft", "Inverse Fourier transform of real and imaginary, to one channel.", Fourier, _ifft),
+    op("decorrstretch", "Stretch colours along their principal axes, so that slight differences show.", AtOnce,
+       lambda *given: oiio.ImageBufAlgo.decorr_stretch(*given, nthreads=1),  # as sums depend on their order
+       source=(Image, image(help="the image")),
+       firstchannel=param(0, ge=0, help="first channel"),
+       nchannels=param(0, ge=0, help="how many channels; 0: three, without alpha and depth"),
+       scale=param(1.0, help="multiplies the stretch"),
+       sigma=param(0.0, help="standard deviation of each result channel; 0: as it was"),
+       mean=(float | None, param(None, help="mean of each result channel; as it was when left out")),
+       percentile=param(0.0, ge=0, le=49.9999, unit="%", help="map what lies this far from both ends on 0 and 1"),
+       mode=param("covariance", choices=("covariance", "correlation"), help="which matrix gives the axes")),
+    op("demosaic", "Colour from a raw mosaic of colour filters.", Area, _demosaic,
+       halo=lambda use: (_PERIOD + 4, _PERIOD + 4),  # two pixels, and at the edges a period of the pattern
+       source=(Image, image(help="the mosaic")),
+       pattern=param("auto", choices=("auto", "bayer", "xtrans"), help="kind of mosaic"),
+       algorithm=param("auto", choices=("auto", "linear", "MHC"), help="how colour is interpolated"),
+       layout=param("auto", help="of the mosaic, such as RGGB, or GRBG; by the metadata if auto"),
+       white_balance_mode=param("auto", choices=("auto", "manual", "none"), help="auto: by the metadata"),
+       white_balance=(Numbers | None, param(None, help="R,G1,B,G2 or R,G,B; counts if manual"))),
 )  # fmt: skip
