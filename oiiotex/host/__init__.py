@@ -17,7 +17,7 @@ SHELVES = tuple(
             " minc abs invert polar unpolar",
         ),
         (
-            "arithmetic", "RANGES", "Ranges of values: contrast, clamping, noise, repair",
+            "ranges", "RANGES", "Ranges of values: contrast, clamping, noise, repair",
             "clamp contrast saturate rangecompress rangeexpand normalize noise fixnan",
         ),
         (
@@ -39,21 +39,21 @@ SHELVES = tuple(
             " rotccw orient180 rot180 origin originoffset fullsize fullpixels cicp iccread pastemeta",
         ),
         (
-            "placing", "CROPPING", "Ops on windows: crops, cuts, pastes, mosaics",
+            "spatial.placing", "CROPPING", "Ops on windows: crops, cuts, pastes, mosaics",
             "crop croptofull cut trim paste mosaic",
         ),
         (
-            "placing", "TURNING", "Ops that turn the image over or move its pixels round",
+            "spatial.placing", "TURNING", "Ops that turn the image over or move its pixels round",
             "flip flop rotate180 flipflop rotate90 rotate270 transpose reorient cshift",
         ),
-        ("scaling", "SCALING", "Ops that change the size", "resize resample fit pixelaspect"),
+        ("spatial.scaling", "SCALING", "Ops that change the size", "resize resample fit pixelaspect"),
         (
-            "warping", "WARPING",
+            "spatial.warping", "WARPING",
             "Ops that resample at slanted or arbitrary places, and what they share with the scalings",
             "warp rotate st_warp",
         ),
         (
-            "filtering", "FILTERING", "Filters that look at a neighbourhood, or at all of the image",
+            "spatial.filtering", "FILTERING", "Filters that look at a neighbourhood, or at all of the image",
             "blur convolve median dilate erode unsharp laplacian fillholes fft ifft decorrstretch demosaic",
         ),
         ("drawing", "DRAWING", "Ops that draw on a copy of the image", "box line point text fill"),

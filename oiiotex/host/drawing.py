@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from typing import Any, ClassVar, TypeAlias
 
 from ..core.access import AnyWindow, Pointwise
@@ -15,14 +15,16 @@ from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..session import Session
 from .arithmetic import per_channel
-from .filtering import kernel_of, kernel_size
 from .geometry_text import Box, box_of, parse_box, parse_size
-from .kinds import Hosted, HostOp, checked, op, worked
+from .kinds import Hosted, HostOp, checked, fields_of, like, op, worked
 from .remapping import require_kernel
+from .spatial.filtering import kernel_of, kernel_size
 
 Painter: TypeAlias = "Callable[[oiio.ImageBuf], Any]"
 
 _POINTS = {"points": (str, argument(help="X1,Y1,X2,Y2,..."))}
+_SIZE = argument(help="WxH or WxH+X+Y")
+_CHANNELS = argument(ge=1, le=1024, help="how many channels")
 _FAR = 1 << 28  # coordinates beyond it overflow where lines are drawn
 
 
@@ -73,6 +75,12 @@ class Colours:
                 return colours * 2 if wanted == ("left", "right") else colours
         return ()
 
+    def paint(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
+        """Fill a window of an image of that spec."""
+        colours = self.corners(spec.nchannels)
+        if colours:
+            _fill(buffer, colours, Window.data(spec))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn(HostOp, Pointwise):
@@ -116,11 +124,8 @@ def _with_alpha(buffer: oiio.ImageBuf, alpha: float, draw: Callable[[oiio.ImageB
     if spec.alpha_channel >= 0 or alpha == 1:
         draw(buffer)
         return
-    wider = oiio.ImageSpec(spec)
-    wider.nchannels = wider.nchannels + 1
-    wider.channelnames = (*spec.channelnames, "A" if "A" not in spec.channelnames else "alpha.A")
-    wider.alpha_channel = spec.nchannels
-    copy = oiio.ImageBuf(wider)
+    names = (*spec.channelnames, "alpha.A" if "A" in spec.channelnames else "A")
+    copy = oiio.ImageBuf(like(spec, nchannels=len(names), channelnames=names, alpha_channel=spec.nchannels))
     oiio.ImageBufAlgo.paste(copy, 0, 0, 0, 0, buffer)
     draw(copy)
     oiio.ImageBufAlgo.paste(buffer, 0, 0, 0, 0, checked(copy))
@@ -150,7 +155,8 @@ def _line(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers
 
     def lines(b: oiio.ImageBuf) -> None:
         for n in range(0, len(points) - 3, 2):
-            oiio.ImageBufAlgo.render_line(b, *points[n : n + 4], colour, closed or n > 0)
+            x1, y1, x2, y2 = points[n : n + 4]
+            oiio.ImageBufAlgo.render_line(b, x1, y1, x2, y2, colour, closed or n > 0)
 
     _with_alpha(buffer, colour[-1], lines)
 
@@ -276,26 +282,21 @@ DRAWING = (
 class NewImage(Hosted, AnyWindow):
     """A new image."""
 
-    size: str = argument(help="WxH or WxH+X+Y")
-    channels: int = argument(ge=1, le=1024, help="how many channels")
+    size: str = _SIZE
+    channels: int = _CHANNELS
     type: str = param("float", help="pixel type: uint8, uint16, half, float ...")
-
-    def spec(self) -> oiio.ImageSpec:
-        """Data and display window the same."""
-        window = parse_box(self.size, Box(0, 0, 64, 64)).window()
-        if window.empty:
-            raise ParameterError(f"size={self.size}: it needs one pixel at least")
-        spec = oiio.ImageSpec(window.width, window.height, self.channels, type_named(self.type))
-        spec.x, spec.y, spec.full_x, spec.full_y = window.left, window.top, window.left, window.top
-        return spec
 
     def painter(self, spec: oiio.ImageSpec) -> Painter:
         """What paints a window of the image, which is black before: nothing."""
         return lambda buffer: None
 
     def compute(self, session: Session) -> Image:
-        """The image, none of it computed yet."""
-        spec = self.spec()
+        """The image, none of it computed yet; data and display window are the same."""
+        window = parse_box(self.size, Box(0, 0, 64, 64)).window()
+        if window.empty:
+            raise ParameterError(f"size={self.size}: it needs one pixel at least")
+        spec = window.apply_to(oiio.ImageSpec(1, 1, self.channels, type_named(self.type)))
+        window.show_in(spec)
         paint = self.painter(spec)
 
         def fetch(window: Window) -> oiio.ImageBuf:
@@ -306,45 +307,54 @@ class NewImage(Hosted, AnyWindow):
         return Image((Part("part0", spec, fetch, ready=True),), "new")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Black:
-    """Black."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Constant:
-    """One colour."""
-
-    color: Numbers | None = param(None, help="one value for all channels, or one for each; white when left out")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Checker:
+def _paint_checker(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
     """A checkerboard."""
-
-    width: int = param(8, ge=1, unit="px", help="of a square")
-    height: int | None = param(None, ge=1, unit="px", help="of a square; the width when left out")
-    depth: int = param(1, ge=1, unit="px", help="of a cube; images here have one slice")
-    color1: Numbers | None = param(None, help="black when left out")
-    color2: Numbers | None = param(None, help="white when left out")
+    dark = (0.0,) * spec.nchannels if use.color1 is None else _colour_of(use.color1, spec.nchannels)
+    light = _colour_of(use.color2, spec.nchannels)
+    oiio.ImageBufAlgo.checker(buffer, use.width, use.height or use.width, use.depth, dark, light)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Noise:
+def _paint_noise(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
     """Random values, the same wherever and whenever."""
-
-    type: str = param("gaussian", choices=("gaussian", "white", "uniform", "blue", "salt"), help="its distribution")
-    mean: float = param(0.5, help="gaussian")
-    stddev: float = param(0.1, help="gaussian")
-    min: float = param(0.5, help="white, uniform, blue")
-    max: float = param(1.0, help="white, uniform, blue")
-    value: float = param(0.01, help="salt")
-    portion: float = param(0.0, help="salt: how many of the pixels")
-    mono: bool = param(False, help="the same in all channels")
-    seed: int = param(0, help="another one, other values")
+    values = {"gaussian": (use.mean, use.stddev), "salt": (use.value, use.portion)}
+    a, b = values.get(use.type, (use.min, use.max))
+    oiio.ImageBufAlgo.noise(buffer, use.type, a, b, use.mono, use.seed)
 
 
-_KINDS = {"black": Black, "constant": Constant, "fill": Colours, "checker": Checker, "noise": Noise}
+def _pattern(paint: Callable[..., object], **members: Any) -> type[Any]:
+    """The options of a pattern, with what paints it: given the options, a buffer and the spec of the whole."""
+    return make_dataclass("Options", fields_of(members), namespace={"paint": paint}, frozen=True, kw_only=True)
+
+
+def _color(help: str) -> Any:
+    return Numbers | None, param(None, help=help)
+
+
+_KINDS = {
+    "black": _pattern(lambda use, buffer, spec: None),
+    "constant": _pattern(
+        lambda use, buffer, spec: oiio.ImageBufAlgo.fill(buffer, _colour_of(use.color, spec.nchannels)),
+        color=_color("one value for all channels, or one for each; white when left out")),
+    "fill": Colours,
+    "checker": _pattern(
+        _paint_checker,
+        width=param(8, ge=1, unit="px", help="of a square"),
+        height=(int | None, param(None, ge=1, unit="px", help="of a square; the width when left out")),
+        depth=param(1, ge=1, unit="px", help="of a cube; images here have one slice"),
+        color1=_color("black when left out"),
+        color2=_color("white when left out")),
+    "noise": _pattern(
+        _paint_noise,
+        type=param("gaussian", choices=("gaussian", "white", "uniform", "blue", "salt"), help="its distribution"),
+        mean=param(0.5, help="gaussian"),
+        stddev=param(0.1, help="gaussian"),
+        min=param(0.5, help="white, uniform, blue"),
+        max=param(1.0, help="white, uniform, blue"),
+        value=param(0.01, help="salt"),
+        portion=param(0.0, help="salt: how many of the pixels"),
+        mono=param(False, help="the same in all channels"),
+        seed=param(0, help="another one, other values")),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,11 +364,11 @@ class Pattern(NewImage):
     name: ClassVar[str] = "pattern"
 
     pattern: str = argument(help="black, constant, fill, checker or noise; options behind it: checker:width=16")
-    size: str = argument(help="WxH or WxH+X+Y")
-    channels: int = argument(ge=1, le=1024, help="how many channels")
+    size: str = _SIZE
+    channels: int = _CHANNELS
 
-    def options(self) -> Any:
-        """The options in the pattern's word."""
+    def painter(self, spec: oiio.ImageSpec) -> Painter:
+        """By the pattern, with the options in its word."""
         name, *words = self.pattern.split(":")
         kind = _KINDS.get(name.lower())
         if kind is None:
@@ -366,25 +376,8 @@ class Pattern(NewImage):
         pairs = [word.partition("=") for word in words]
         if not all(equals for _, equals, _ in pairs):
             raise ParameterError(f"'{self.pattern}': an option is NAME=VALUE")
-        return kind(**parse_modifiers(kind, {key: value.strip("\"'") for key, _, value in pairs}))
-
-    def painter(self, spec: oiio.ImageSpec) -> Painter:
-        """By the pattern."""
-        options, count, whole = self.options(), spec.nchannels, Window.data(spec)
-        if isinstance(options, Constant):
-            return lambda buffer: oiio.ImageBufAlgo.fill(buffer, _colour_of(options.color, count))
-        if isinstance(options, Colours):
-            colours = options.corners(count)
-            return lambda buffer: _fill(buffer, colours, whole) if colours else None
-        if isinstance(options, Checker):
-            dark = _colour_of(options.color1, count) if options.color1 is not None else (0.0,) * count
-            size = (options.width, options.height or options.width, options.depth)
-            return lambda buffer: oiio.ImageBufAlgo.checker(buffer, *size, dark, _colour_of(options.color2, count))
-        if isinstance(options, Noise):
-            values = {"gaussian": (options.mean, options.stddev), "salt": (options.value, options.portion)}
-            a, b = values.get(options.type, (options.min, options.max))
-            return lambda buffer: oiio.ImageBufAlgo.noise(buffer, options.type, a, b, options.mono, options.seed)
-        return lambda buffer: None
+        options = kind(**parse_modifiers(kind, {key: value.strip("\"'") for key, _, value in pairs}))
+        return lambda buffer: options.paint(buffer, spec)
 
 
 @dataclass(frozen=True, kw_only=True)

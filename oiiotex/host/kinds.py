@@ -123,17 +123,23 @@ def op(
         Its parameters, in the order in which the function takes their values: a field, of the type of its default, or
         (type, field). All else is a fact of the class, such as `aliases`, or a method.
     """
-    fields = []
-    for member, value in list(members.items()):
-        if isinstance(value, dataclasses.Field):
-            value = (type(value.default), value)
-        if isinstance(value, tuple) and isinstance(value[-1], dataclasses.Field):
-            fields.append((member, *value))
-            del members[member]
-    facts = {"__doc__": help, "name": name, **members}
+    fields = fields_of(members)
+    names = {field for field, *_ in fields}
+    facts = {"__doc__": help, "name": name} | {fact: value for fact, value in members.items() if fact not in names}
     if function or not hasattr(kind, "function"):
         facts["function"] = staticmethod(function) if callable(function) else function or name
     return dataclasses.make_dataclass(name, fields, bases=(kind,), namespace=facts, frozen=True, kw_only=True)
+
+
+def fields_of(members: dict[str, Any]) -> list[tuple[str, type, Any]]:
+    """Those members that are parameters: (name, type, field), as `make_dataclass` takes them."""
+    fields = []
+    for name, value in members.items():
+        if isinstance(value, dataclasses.Field):
+            fields.append((name, type(value.default), value))
+        elif isinstance(value, tuple) and isinstance(value[-1], dataclasses.Field):
+            fields.append((name, *value))
+    return fields
 
 
 def _chosen(subimages: str | None, first: Image) -> set[int]:

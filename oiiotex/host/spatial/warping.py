@@ -8,15 +8,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.access import Gather
-from ..core.image import Image, Part, derived_spec, in_memory, pixels_of
-from ..core.parameters import Numbers, argument, image, nearest, param
-from ..core.window import Window, warp_needs
-from ..deferred import np, oiio
-from ..errors import ImageError, ParameterError
-from ..session import Session
-from .kinds import HostOp, checked, like, once, worked
-from .remapping import remapped, require_kernel
+from ...core.access import Gather
+from ...core.image import Image, Part, derived_spec, in_memory, pixels_of
+from ...core.parameters import Numbers, argument, image, nearest, param
+from ...core.window import Window, warp_needs
+from ...deferred import np, oiio
+from ...errors import ImageError, ParameterError
+from ...session import Session
+from ..kinds import HostOp, checked, like, once, worked
+from ..remapping import remapped, require_kernel
 
 # OpenImageIO's filters and their widths in pixels
 FILTERS = {
@@ -108,9 +108,8 @@ def warped(
     except np.linalg.LinAlgError:
         raise ParameterError("a matrix that has an inverse is wanted") from None
     if np.array_equal(inverse[:, 2], (0, 0, 1)):  # for a perspective no figure holds for all pixels
-        require_kernel(
-            *(math.ceil(side) for side in wide * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))), session
-        )
+        across, down = wide * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))
+        require_kernel(math.ceil(across), math.ceil(down), session)
     values = tuple(float(v) for v in matrix.ravel())
 
     def needs(window: Window) -> Sequence[Window]:

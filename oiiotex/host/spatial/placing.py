@@ -10,17 +10,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..core.access import Gather, ScanThenMap
-from ..core.demand import bands, cached, on_a_torus
-from ..core.image import Image, Part, derived_spec
-from ..core.parameters import Size, argument, image, param
-from ..core.window import Window
-from ..deferred import oiio
-from ..errors import ParameterError
-from ..session import Session
-from .geometry_text import box_of, parse_box, parse_offset
-from .kinds import Hosted, HostOp, op, window_of, worked
-from .remapping import Remap, remapped
+from ...core.access import Gather, ScanThenMap
+from ...core.demand import bands, cached, on_a_torus
+from ...core.image import Image, Part, derived_spec
+from ...core.parameters import Size, argument, image, param
+from ...core.window import Window
+from ...deferred import oiio
+from ...errors import ParameterError
+from ...session import Session
+from ..geometry_text import box_of, parse_box, parse_offset
+from ..kinds import Hosted, HostOp, op, window_of, worked
+from ..remapping import Remap, remapped
 from .scaling import Fit
 
 
@@ -315,7 +315,7 @@ class Reorient(Hosted, Gather):
     def _upright(self, part: Part, session: Session) -> Part:
         turned = worked(part)
         for step in _UPRIGHT.get(_orientation(part), ()):
-            turn = next(turn for turn in _TURNS if turn.name == step)
+            turn: Any = next(turn for turn in _TURNS if turn.name == step)
             turned = turn(source=self.source).result([turned], session)
         upright = turned.respecced(lambda spec: spec.attribute("Orientation", 1))
         return dataclasses.replace(upright, stored=part.stored, exact=True) if part.exact else upright

@@ -8,17 +8,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..core.access import Whole
-from ..core.image import Image, Part, in_memory
-from ..core.parameters import Numbers, argument, image, nearest, param
-from ..core.window import Window
-from ..deferred import oiio
-from ..errors import ImageError, ParameterError
-from ..session import Session
-from .geometry_text import parse_size
-from .kinds import AtOnce, Hosted, checked, op, window_of
+from ...core.access import Whole
+from ...core.image import Image, Part, in_memory
+from ...core.parameters import Numbers, argument, image, nearest, param
+from ...core.window import Window
+from ...deferred import oiio
+from ...errors import ImageError, ParameterError
+from ...session import Session
+from ..geometry_text import parse_size
+from ..kinds import AtOnce, Hosted, checked, op, window_of
+from ..remapping import Area, remapped, require_kernel, with_edges
 from .placing import moved
-from .remapping import Area, remapped, require_kernel, with_edges
 from .warping import FILTERS
 
 KERNELS = (*FILTERS, "binomial", "laplacian")
@@ -203,6 +203,12 @@ def _ifft(source: oiio.ImageBuf) -> oiio.ImageBuf:
     return oiio.ImageBufAlgo.ifft(source if is_float else oiio.ImageBufAlgo.copy(source, oiio.FLOAT))
 
 
+def _decorrelated(source: oiio.ImageBuf, *values: Any) -> oiio.ImageBuf:
+    """Stretched; in one thread, as sums depend on their order."""
+    first, count, scale, sigma, mean, percentile, mode = values
+    return oiio.ImageBufAlgo.decorr_stretch(source, first, count, scale, sigma, mean, percentile, mode, nthreads=1)
+
+
 def _demosaic(
     source: oiio.ImageBuf, roi: oiio.ROI, pattern: str, algorithm: str, layout: str, mode: str, white: Numbers | None
 ) -> oiio.ImageBuf:
@@ -227,16 +233,16 @@ FILTERING = (
     Convolve,
     op("median", "Each channel becomes the median of the pixels around it.", Ranked, _median),
     op("dilate", "Each channel becomes the greatest value around it.", Ranked,
-       lambda source, roi, *size: oiio.ImageBufAlgo.dilate(source, *size, roi)),
+       lambda source, roi, width, height: oiio.ImageBufAlgo.dilate(source, width, height, roi)),
     op("erode", "Each channel becomes the least value around it.", Ranked,
-       lambda source, roi, *size: oiio.ImageBufAlgo.erode(source, *size, roi)),
+       lambda source, roi, width, height: oiio.ImageBufAlgo.erode(source, width, height, roi)),
     Unsharp,
     op("laplacian", "The second derivative, by a 3x3 kernel.", Area, halo=lambda use: (1, 1)),
     FillHoles,
     op("fft", "Fourier transform of the first channel, to real and imaginary.", Fourier),
     op("ifft", "Inverse Fourier transform of real and imaginary, to one channel.", Fourier, _ifft),
     op("decorrstretch", "Stretch colours along their principal axes, so that slight differences show.", AtOnce,
-       lambda *given: oiio.ImageBufAlgo.decorr_stretch(*given, nthreads=1),  # as sums depend on their order
+       _decorrelated,
        source=(Image, image(help="the image")),
        firstchannel=param(0, ge=0, help="first channel"),
        nchannels=param(0, ge=0, help="how many channels; 0: three, without alpha and depth"),

@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.access import Gather
-from ..core.image import Image, Part, cropped, in_memory
-from ..core.parameters import argument, image, param
-from ..core.window import Window
-from ..deferred import np, oiio
-from ..errors import ParameterError
-from ..session import Session
-from .geometry_text import Box, box_of, parse_box
-from .kinds import Hosted, HostOp, checked, worked
-from .remapping import Remap, remapped
+from ...core.access import Gather
+from ...core.image import Image, Part, cropped, in_memory
+from ...core.parameters import argument, image, param
+from ...core.window import Window
+from ...deferred import np, oiio
+from ...errors import ParameterError
+from ...session import Session
+from ..geometry_text import Box, box_of, parse_box
+from ..kinds import Hosted, HostOp, checked, worked
+from ..remapping import Remap, remapped
 from .warping import FILTERS, HIGHLIGHTS, blank, compressed, known_filter, warped
 
 _STACK = 6 << 20  # bytes; ImageBufAlgo::resize keeps a row's weights on a thread's stack, and dies where it is full
