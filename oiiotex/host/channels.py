@@ -108,19 +108,6 @@ class Channels(ChosenChannels):
         return chosen_channels(self.channels, spec.channelnames)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChannelCount(ChosenChannels):
-    """Keep the first channels, or add channels of 0."""
-
-    name: ClassVar[str] = "nchannels"
-
-    count: int = argument(ge=1, le=1 << 16, help="how many channels the result has")
-
-    def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
-        """The first ones."""
-        return [_chosen(str(place), place, spec.channelnames) for place in range(self.count)]
-
-
 def _append(*buffers: oiio.ImageBuf) -> oiio.ImageBuf:
     """All channels; appended from the top of the stack down, on which the names of equal ones depend."""
     *images, _ = buffers
@@ -191,7 +178,9 @@ class ColorMap(FromChannels):
 
 CHANNELS = (
     Channels,
-    ChannelCount,
+    op("nchannels", "Keep the first channels, or add channels of 0.", ChosenChannels,
+       chosen=lambda use, spec: [_chosen(str(n), n, spec.channelnames) for n in range(use.count)],
+       count=(int, argument(ge=1, le=1 << 16, help="how many channels the result has"))),
     op("chappend", "Append the channels of the last images to each other.", PointOp, _append,
        arity=classmethod(lambda cls, values, depth: values.get("n", 2)),
        sources=(tuple[Image, ...], image(help="the images, in the order of the result's channels")),

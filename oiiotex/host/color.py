@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 
 from ..core.access import Pointwise
 from ..core.attributes import TAG
-from ..core.image import Image, Part, channels_of, pixels_of
+from ..core.image import Image, Part, channels_of
 from ..core.parameters import Numbers, argument, image, param
 from ..deferred import np, oiio
 from ..errors import ColorError, ImageError, ParameterError
 from ..io.documents import require_regular
 from ..session import Session
-from .kinds import HostOp, Respec, checked, filled, like, op, pointwise, worked
+from .kinds import HostOp, Respec, checked, op, pointwise, worked
 
 log = logging.getLogger("oiiotex")
 
@@ -78,20 +78,15 @@ class OnColor(HostOp, Pointwise):
 def _converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.ImageBuf]) -> oiio.ImageBuf:
     """The image with its colour converted: OpenImageIO's functions spoil what comes behind the fourth channel."""
     spec, channels = source.spec(), channels_of(source.spec())
-    alpha = () if channels.alpha is None else (channels.alpha,)
-    used, count = [*channels.colour, *alpha], len(channels.colour)
-    if used == list(range(spec.nchannels)) and (not alpha or count == 3):
+    colour, alpha = tuple(channels.colour), () if channels.alpha is None else (channels.alpha,)
+    if (*colour, *alpha) == tuple(range(spec.nchannels)) and (not alpha or len(colour) == 3):
         return convert(source)
-    pixels = pixels_of(source, spec.format).copy()
-    colour = np.zeros((*pixels.shape[:-1], 3 + len(alpha)), pixels.dtype)
-    colour[..., : 3 if count == 1 else count] = pixels[..., list(channels.colour)]
-    colour[..., 3:] = pixels[..., list(alpha)]
-    names = ("R", "G", "B", "A")[: 3 + len(alpha)]
-    narrow = like(spec, nchannels=len(names), channelnames=names, alpha_channel=3 if alpha else -1, z_channel=-1)
-    output = convert(filled(narrow, colour))
-    pixels[..., used] = pixels_of(output, spec.format)[..., [*range(count), *range(3, 3 + len(alpha))]]
-    same = ("nchannels", "channelnames", "alpha_channel", "z_channel")
-    return filled(like(output.spec(), **{name: getattr(spec, name) for name in same}), pixels)
+    three = colour * 3 if len(colour) == 1 else (*colour, 0.0)[:3]
+    narrow = oiio.ImageBufAlgo.channels(source, (*three, *alpha), ("R", "G", "B", "A")[: 3 + len(alpha)])
+    both = oiio.ImageBufAlgo.channel_append(checked(convert(narrow)), source)
+    places = dict(zip(colour, range(3), strict=False)) | dict.fromkeys(alpha, 3)  # of what was converted
+    order = tuple(places.get(n, narrow.nchannels + n) for n in range(spec.nchannels))
+    return oiio.ImageBufAlgo.channels(both, order, spec.channelnames)
 
 
 def _space(given: str, spec: oiio.ImageSpec) -> str:

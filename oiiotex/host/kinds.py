@@ -177,13 +177,7 @@ class Hosted(HostOp):
 
 
 def checked(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-    """The buffer, unless it holds an error of OpenImageIO.
-
-    Raises
-    ------
-    ImageError
-        With OpenImageIO's text.
-    """
+    """The buffer, unless it holds an error of OpenImageIO, which is raised as ImageError."""
     if buffer.has_error:
         raise ImageError(one_line(buffer.geterror()))
     return buffer

@@ -83,12 +83,7 @@ class Area(_Resampled, Neighbourhood):
 def require_kernel(width: int, height: int, session: Session) -> None:
     """Refuse a kernel that nobody waits for, or whose values do not fit the memory budget.
 
-    Raises
-    ------
-    ParameterError
-        It has more than 2^24 pixels: OpenImageIO looks at each of them for each pixel.
-    ImageError
-        It does not fit.
+    OpenImageIO looks at each of its pixels for each pixel: beyond 2^24 there is a ParameterError.
     """
     if width * height > _MOST_NEIGHBOURS:
         size = f"{width}x{height}"

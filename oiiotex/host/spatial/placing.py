@@ -180,7 +180,9 @@ class Mosaic(Hosted, Gather):
             raise ParameterError(f"size={self.size}: {len(self.sources)} images are too many")
         parts = [given.first for given in self.sources]
         blanks = [oiio.TypeDesc(oiio.UINT8)] * (len(parts) < columns * rows)
-        format = functools.reduce(_merged_type, [*blanks, *(part.working_type for part in reversed(parts))])
+        types = [*blanks, *(part.working_type for part in reversed(parts))]
+        samples = [oiio.ImageBuf(oiio.ImageSpec(1, 1, 1, each)) for each in types]
+        format = functools.reduce(oiio.ImageBufAlgo.channel_append, samples).spec().format  # that holds all types
         channels = max(part.spec.nchannels for part in parts)
         wide, high = max(p.spec.full_width for p in parts), max(p.spec.full_height for p in parts)
         if self.fit:
@@ -193,18 +195,6 @@ class Mosaic(Hosted, Gather):
         whole.show_in(spec)
         placed = [(part, n % columns * across, n // columns * down) for n, part in enumerate(parts)]
         return Image((Part("mosaic", spec, lambda window: _pasted(spec, window, placed)),), "mosaic")
-
-
-def _merged_type(a: oiio.TypeDesc, b: oiio.TypeDesc) -> oiio.TypeDesc:
-    """The pixel type that OpenImageIO takes for both: the wider where it holds the other's values, else float."""
-    wider = {
-        "uint": ("uint16", "uint8"), "int": ("int16", "uint16", "int8", "uint8"),
-        "uint16": ("uint8",), "half": ("uint8", "int8"), "int16": ("int8", "uint8"), "double": ("float",),
-    }  # fmt: skip
-    for one, other in ((str(a), str(b)), (str(b), str(a))):
-        if one == other or one == "double" or other in wider.get(one, ()):
-            return oiio.TypeDesc(one)
-    return oiio.TypeDesc("float")
 
 
 CROPPING = (
