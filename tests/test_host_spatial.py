@@ -136,14 +136,16 @@ def test_quarter_turns_where_the_display_window_is_off_the_origin(folder: Path):
 
 
 REFUSED = """
-plain.tif | --crop 0x0+1+1 | --cut 5,5,3,3 | --resize 0x0 | --resize:from=5,5,3,3 10x10
-plain.tif | --resize:filter=gausian 10x10 | --fit -5x5 | --pixelaspect 0 | --warp 1,2,3 | --rotate:center=1 30
-plain.tif | --cshift 5x5
+plain.tif | --crop 0x0+1+1 | --crop 5,5,3,3 | --cut 5,5,3,3 | --cut -4x3+1+1 | --cshift 5x5
+plain.tif | --resize 0x0 | --resize 0% | --resize:from=5,5,3,3 10x10 | --resize:filter=gausian 10x10 | --resample 0x0
+plain.tif | --fit -5x5 | --fit 0x0 | --pixelaspect 0 | --median 0x0 | --blur:kernel=gausian 5x5
+plain.tif | --warp 1,2,3 | --warp 0,0,0,0,0,0,0,0,0 | --rotate:center=1 30
 plain.tif gray.tif | --paste 5 | --st_warp
+- | --create 5,5,3,3 3 | --pattern chequer 5x5 3 | --pattern checker:with=5 5x5 3
 """
 
 
 @pytest.mark.parametrize("chain", chains(REFUSED))
 def test_refused(folder: Path, chain: str):
     """In one line."""
-    refused(folder, chain.replace("OUT.tif", "o.exr"), "")
+    refused(folder, f"{chain.partition(' -o ')[0]} -o o.exr", "")

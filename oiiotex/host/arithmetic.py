@@ -59,9 +59,9 @@ class ImageAndValues(OneImage):
 
     value: Numbers = argument(help="one value for all channels, or one for each")
 
-    def operands_after(self, *buffers: oiio.ImageBuf) -> Sequence[Any]:
-        """A value for every channel."""
-        return [per_channel(self.value, buffers[0].nchannels, self.neutral)]
+    def operands_after(self, *given: Any) -> Sequence[Any]:
+        """A value for every channel of the image."""
+        return [per_channel(self.value, given[0].nchannels, self.neutral)]
 
 
 def _widened(buffer: oiio.ImageBuf, other: oiio.ImageBuf) -> oiio.ImageBuf:

@@ -51,8 +51,8 @@ class HostOp(Op):
         """The op's result from one part of each input."""
         raise NotImplementedError
 
-    def operands_after(self, *buffers: oiio.ImageBuf) -> Sequence[Any]:
-        """What the function takes after buffers: the parameters' values, in the order of declaration."""
+    def operands_after(self, *given: Any) -> Sequence[Any]:
+        """What the function takes after what its kind gives it: the parameters' values, in the order of declaration."""
         return [getattr(self, p.attribute) for p in self.parameters() if p.name not in _OF_PARTS]
 
     def called(self, *given: Any) -> Any:
@@ -124,10 +124,10 @@ def op(
         (type, field). All else is a fact of the class, such as `aliases`, or a method.
     """
     fields = fields_of(members)
-    names = {field for field, *_ in fields}
-    facts = {"__doc__": help, "name": name} | {fact: value for fact, value in members.items() if fact not in names}
-    if function or not hasattr(kind, "function"):
-        facts["function"] = staticmethod(function) if callable(function) else function or name
+    facts = members | {"__doc__": help, "name": name}
+    facts["function"] = staticmethod(function) if callable(function) else function or name
+    for field, *_ in fields:
+        del facts[field]
     return dataclasses.make_dataclass(name, fields, bases=(kind,), namespace=facts, frozen=True, kw_only=True)
 
 
