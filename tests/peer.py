@@ -40,6 +40,18 @@ def same(folder: Path, *words: object, tolerance: float = 0.0) -> None:
             assert_same_thumbnail(*files)
 
 
+def chains(table: str) -> list[str]:
+    """The chains of a table: in each line images (- for none), then between bars what is done to them.
+
+    A chain that names no file writes OUT, of the first image's format.
+    """
+    found = []
+    for images, *works in (line.split(" | ") for line in table.splitlines() if line):
+        before, ending = ("", ".exr") if images == "-" else (f"{images} ", Path(images.split()[0]).suffix)
+        found += [before + work + ("" if "OUT." in work else f" -o OUT{ending}") for work in works]
+    return found
+
+
 def refused(folder: Path, chain: str, says: str) -> None:
     """Run a chain that would write 'o.exr' in `folder`: it fails in one line that says so, and leaves nothing."""
     with pytest.raises(Error) as caught:

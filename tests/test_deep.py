@@ -12,7 +12,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.cli.running.line_run import run
-from tests.peer import OIIOTOOL, refused, same
+from tests.peer import OIIOTOOL, chains, refused, same
 
 pytestmark = pytest.mark.skipif(not OIIOTOOL.exists(), reason="no oiiotool")
 
@@ -51,34 +51,18 @@ def _write(path: Path, seed: int) -> None:
     assert file.open(str(path), spec) and file.write_deep_image(data) and file.close(), file.geterror()
 
 
-LINES = [
-    "a.exr -o OUT.exr",
-    "a.exr --attrib shot 3 --eraseattrib Artist --origin +4-5 -o OUT.exr",
-    "a.exr -d half -o OUT.exr",
-    "a.exr -d Z=half -d A=float -o OUT.exr",
-    "a.exr --tile 4 4 --compression zip -o OUT.exr",
-    "a.exr b.exr --siappend -o OUT.exr",
-    "a.exr --dup --pop --label x x --swap -o OUT.exr",
-    "a.exr --flatten -o OUT.exr",
-    "a.exr --flatten --resize 200% -d half -o OUT.exr",
-    "a.exr --attrib shot 3 --flatten -o OUT.exr",
-    "flat.exr --deepen -o OUT.exr",
-    "flat.exr --deepen:z=4 -o OUT.exr",
-    "a.exr b.exr --deepmerge -o OUT.exr",
-    "a.exr b.exr --deepmerge --flatten -o OUT.exr",
-    "a.exr b.exr --deepholdout -o OUT.exr",
-    "a.exr --ch A,Z -o OUT.exr",
-    "a.exr --crop 4x3+2+1 -o OUT.exr",
-    "a.exr --crop 20x20-2-1 -o OUT.exr",
-    "a.exr --crop 20x20-2-1 --trim -o OUT.exr",
-    "a.exr --cut 4x3+2+1 -o OUT.exr",
-    "a.exr --fullsize 12x12 --croptofull -o OUT.exr",
-    "a.exr --resample 50% -o OUT.exr",
-    "a.exr --addc 0,0,0,0,10 --subc 0,0,0,0,1 --mulc 1,0.5,1,1,2 --divc 2 -o OUT.exr",
-]
+LINES = """
+a.exr | -o OUT.exr | --attrib shot 3 --eraseattrib Artist --origin +4-5 | -d half | -d Z=half -d A=float
+a.exr | --tile 4 4 --compression zip | --dup --pop --label x x --swap | --flatten | --flatten --resize 200% -d half
+a.exr | --attrib shot 3 --flatten | --ch A,Z | --crop 4x3+2+1 | --crop 20x20-2-1 | --crop 20x20-2-1 --trim
+a.exr | --cut 4x3+2+1 | --fullsize 12x12 --croptofull | --resample 50%
+a.exr | --addc 0,0,0,0,10 --subc 0,0,0,0,1 --mulc 1,0.5,1,1,2 --divc 2
+a.exr b.exr | --siappend | --deepmerge | --deepmerge --flatten | --deepholdout
+flat.exr | --deepen | --deepen:z=4
+"""
 
 
-@pytest.mark.parametrize("line", LINES)
+@pytest.mark.parametrize("line", chains(LINES))
 def test_the_same_chain_gives_the_same_samples(folder, line):
     for old in folder.glob("*ours*"):
         old.unlink()

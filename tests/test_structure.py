@@ -49,7 +49,7 @@ library
 """.strip().splitlines()
 RANK = {room: rank for rank, line in enumerate(ORDER) for room in line.split()}
 KINDS = [kind for kind in vars(access).values() if isinstance(kind, type) and "reach" in vars(kind)]
-LISTS = {"filters", "host"}  # of ops: one file each
+LISTS = {"filters"}  # of ops: one file each
 
 
 def imported_rooms(path: Path) -> set[str]:

@@ -1,18 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arithmetic on pixels."""
+"""Arithmetic, and compositing of flat and of deep images."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..core.image import Image, pixels_of
-from ..core.op import Op
+from ..core.image import Image, Part
 from ..core.parameters import Numbers, argument, image, param
-from ..deferred import np, oiio
+from ..deferred import oiio
 from ..errors import ImageError, ParameterError
-from .kinds import PointOp
+from .kinds import AtOnce, OneImage, PointOp, op, worked
+
+if TYPE_CHECKING:
+    from ..session import Session
+
+log = logging.getLogger("oiiotex")
 
 
 def per_channel(given: Sequence[float], count: int, neutral: float) -> tuple[float, ...]:
@@ -24,20 +29,7 @@ def per_channel(given: Sequence[float], count: int, neutral: float) -> tuple[flo
 def numbers_for_channels(text: str, count: int, default: float, name: str = "") -> tuple[float, ...]:
     """A comma-separated list as one number for each channel: `default` where a place is empty or missing.
 
-    Parameters
-    ----------
-    text : str
-        Such as '0.5,,1'; a single number holds for all channels.
-    count : int
-        Channels, 1 or more.
-    default : float
-    name : str
-        The modifier, for the error.
-
-    Raises
-    ------
-    ParameterError
-        A place holds something else.
+    A single number holds for all channels. Where a place holds something else, a ParameterError names the modifier.
     """
     words = text.split(",")
     try:
@@ -48,11 +40,7 @@ def numbers_for_channels(text: str, count: int, default: float, name: str = "") 
     return per_channel(numbers, count, default)
 
 
-@dataclass(frozen=True, kw_only=True)
-class OneImage(PointOp):
-    """One image, pixel by pixel."""
-
-    source: Image = image(help="the image")
+# --- arithmetic ---
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,271 +59,128 @@ class ImageAndValues(OneImage):
 
     value: Numbers = argument(help="one value for all channels, or one for each")
 
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The function of the image and a value for every channel."""
-        return self.of_buffers(*buffers, per_channel(self.value, buffers[0].nchannels, self.neutral))
-
-
-# --- two images ---
-
-
-@dataclass(frozen=True, kw_only=True)
-class Add(TwoImages):
-    """Add two images."""
-
-    name: ClassVar[str] = "add"
-    function = "add"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Subtract(TwoImages):
-    """Subtract the second image from the first."""
-
-    name: ClassVar[str] = "sub"
-    function = "sub"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Multiply(TwoImages):
-    """Multiply two images."""
-
-    name: ClassVar[str] = "mul"
-    function = "mul"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Divide(TwoImages):
-    """Divide the first image by the second; what is divided by 0 becomes 0."""
-
-    name: ClassVar[str] = "div"
-    function = "div"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scale(TwoImages):
-    """Scale all channels of one image by the single channel of the other."""
-
-    name: ClassVar[str] = "scale"
-    function = "scale"
-
-
-@dataclass(frozen=True, kw_only=True)
-class AbsoluteDifference(TwoImages):
-    """Take the absolute difference of two images."""
-
-    name: ClassVar[str] = "absdiff"
-    function = "absdiff"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Minimum(TwoImages):
-    """Take the smaller value of two images; channels that only one of them has are its own."""
-
-    name: ClassVar[str] = "min"
-    function = "min"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Maximum(TwoImages):
-    """Take the larger value of two images; channels that only one of them has are its own."""
-
-    name: ClassVar[str] = "max"
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The larger of A and B."""
-        a, b = buffers
-        # OpenImageIO's max reads past the pixel of the image that has fewer channels
-        return oiio.ImageBufAlgo.max(_widened(a, b), _widened(b, a))
+    def operands_after(self, *given: Any) -> Sequence[Any]:
+        """A value for every channel of the image."""
+        return [per_channel(self.value, given[0].nchannels, self.neutral)]
 
 
 def _widened(buffer: oiio.ImageBuf, other: oiio.ImageBuf) -> oiio.ImageBuf:
     """The buffer with the further channels of another that has the same window."""
-    count = buffer.nchannels
-    if count >= other.nchannels:
-        return buffer
-    spec, further = oiio.ImageSpec(buffer.spec()), other.spec()
-    spec.nchannels = further.nchannels
-    spec.channelnames = (*spec.channelnames[:count], *further.channelnames[count:])
-    if spec.alpha_channel < 0 and further.alpha_channel >= count:
-        spec.alpha_channel = further.alpha_channel
-    if spec.z_channel < 0 and further.z_channel >= count:
-        spec.z_channel = further.z_channel
-    own = pixels_of(buffer, spec.format)
-    theirs = pixels_of(other, spec.format)
-    wide = oiio.ImageBuf(spec)
-    wide.set_pixels(wide.roi, np.concatenate([own, theirs[..., count:]], axis=-1))
-    return wide
+    missing = tuple(range(buffer.nchannels, other.nchannels))
+    algo = oiio.ImageBufAlgo
+    return algo.channel_append(buffer, algo.channels(other, missing)) if missing else buffer
+
+
+def _maximum(a: oiio.ImageBuf, b: oiio.ImageBuf) -> oiio.ImageBuf:
+    """The larger; OpenImageIO's max reads past the pixel of the image that has fewer channels."""
+    return oiio.ImageBufAlgo.max(_widened(a, b), _widened(b, a))
+
+
+def _multiply_add(a: oiio.ImageBuf, b: oiio.ImageBuf, c: oiio.ImageBuf) -> oiio.ImageBuf:
+    """A * B + C."""
+    counts = [buffer.nchannels for buffer in (a, b, c)]
+    if len(set(counts)) > 1:  # OpenImageIO reads past the pixel of an image that has fewer
+        raise ImageError(
+            f"the images must have the same number of channels; they have {counts[0]}, {counts[1]} and {counts[2]}"
+        )
+    return oiio.ImageBufAlgo.mad(a, b, c)
+
+
+def _invert(source: oiio.ImageBuf, chbegin: int, chend: int | None) -> oiio.ImageBuf:
+    """1 - A, of some channels."""
+    end = min(source.nchannels, 3 if chend is None else chend)
+    if chbegin >= end:
+        raise ParameterError(
+            f"chbegin={chbegin}: there is no channel from there to {end}, the image has {source.nchannels}"
+        )
+    roi = source.roi
+    roi.chbegin, roi.chend = chbegin, end
+    result = oiio.ImageBufAlgo.copy(source)
+    oiio.ImageBufAlgo.invert(result, source, roi)
+    return result
+
+
+ARITHMETIC = (
+    op("add", "Add two images.", TwoImages),
+    op("sub", "Subtract the second image from the first.", TwoImages),
+    op("mul", "Multiply two images.", TwoImages),
+    op("div", "Divide the first image by the second; what is divided by 0 becomes 0.", TwoImages),
+    op("scale", "Scale all channels of one image by the single channel of the other.", TwoImages),
+    op("absdiff", "Take the absolute difference of two images.", TwoImages),
+    op("min", "Take the smaller value of two images; channels that only one of them has are its own.", TwoImages),
+    op("max", "Take the larger value of two images; channels that only one of them has are its own.", TwoImages,
+       _maximum),
+    op("mad", "Multiply two images and add a third.", PointOp, _multiply_add,
+       a=(Image, image(help="the first factor")),
+       b=(Image, image(help="the second factor")),
+       c=(Image, image(help="what is added"))),
+    op("addc", "Add to all channels a value, or to each its own.", ImageAndValues, "add",
+       aliases=("--cadd",), deep=True),
+    op("subc", "Subtract from all channels a value, or from each its own.", ImageAndValues, "sub",
+       aliases=("--csub",), deep=True),
+    op("mulc", "Multiply all channels by a value, or each by its own.", ImageAndValues, "mul",
+       aliases=("--cmul",), deep=True, neutral=1.0),
+    op("divc", "Divide all channels by a value, or each by its own; what is divided by 0 becomes 0.", ImageAndValues,
+       "div", deep=True, neutral=1.0),
+    op("absdiffc", "Take the absolute difference from a value, or for each channel from its own.", ImageAndValues,
+       "absdiff"),
+    op("powc", "Raise all channels to a power, or each to its own.", ImageAndValues, "pow",
+       aliases=("--cpow",), neutral=1.0),
+    op("maxc", "Raise what is smaller to a value, or in each channel to its own.", ImageAndValues, "max"),
+    op("minc", "Lower what is larger to a value, or in each channel to its own.", ImageAndValues, "min"),
+    op("abs", "Take the absolute value.", OneImage),
+    op("invert", "Subtract the colour from 1.", OneImage, _invert,
+       chbegin=param(0, ge=0, help="the first channel that is inverted"),
+       chend=(int | None, param(None, ge=1, help="the channel behind the last; 3 at most when left out"))),
+    op("polar", "Turn two channels (real, imaginary) into (amplitude, phase).", OneImage, "complex_to_polar"),
+    op("unpolar", "Turn two channels (amplitude, phase) into (real, imaginary).", OneImage, "polar_to_complex"),
+)  # fmt: skip
+
+
+# --- compositing ---
+
+
+def warn_of_second_unpremult(spec: oiio.ImageSpec) -> None:
+    """Say so where colours that have been divided by alpha are to be divided again."""
+    if spec.get_int_attribute("oiio:UnassociatedAlpha") and spec.alpha_channel >= 0:
+        log.warning("the image says that its colours are not multiplied by alpha, and they are divided by it once more")
 
 
 @dataclass(frozen=True, kw_only=True)
-class MultiplyAdd(PointOp):
-    """Multiply two images and add a third."""
+class ByAlpha(OneImage):
+    """Colour by alpha."""
 
-    name: ClassVar[str] = "mad"
-
-    a: Image = image(help="the first factor")
-    b: Image = image(help="the second factor")
-    c: Image = image(help="what is added")
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """A * B + C."""
-        counts = [buffer.nchannels for buffer in buffers]
-        if len(set(counts)) > 1:  # OpenImageIO reads past the pixel of an image that has fewer
-            raise ImageError(
-                f"the images must have the same number of channels; they have {counts[0]}, {counts[1]} and {counts[2]}"
-            )
-        return oiio.ImageBufAlgo.mad(buffers[0], buffers[1], buffers[2])
-
-
-# --- an image and values ---
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed; where there is no alpha, what there is: OpenImageIO would move its pixels."""
+        if self.name == "unpremult":
+            warn_of_second_unpremult(parts[0].spec)
+        return super().result(parts, session) if parts[0].spec.alpha_channel >= 0 else worked(parts[0])
 
 
 @dataclass(frozen=True, kw_only=True)
-class AddValues(ImageAndValues):
-    """Add to all channels a value, or to each its own."""
+class TwoDeep(AtOnce):
+    """Two deep images; OpenImageIO holds them whole."""
 
-    name: ClassVar[str] = "addc"
     deep: ClassVar[bool] = True
-    aliases: ClassVar[tuple[str, ...]] = ("--cadd",)
-    function = "add"
+
+    a: Image = image(help="the first deep image")
+    b: Image = image(help="the second deep image")
 
 
-@dataclass(frozen=True, kw_only=True)
-class SubtractValues(ImageAndValues):
-    """Subtract from all channels a value, or from each its own."""
-
-    name: ClassVar[str] = "subc"
-    deep: ClassVar[bool] = True
-    aliases: ClassVar[tuple[str, ...]] = ("--csub",)
-    function = "sub"
-
-
-@dataclass(frozen=True, kw_only=True)
-class MultiplyValues(ImageAndValues):
-    """Multiply all channels by a value, or each by its own."""
-
-    name: ClassVar[str] = "mulc"
-    deep: ClassVar[bool] = True
-    aliases: ClassVar[tuple[str, ...]] = ("--cmul",)
-    function = "mul"
-    neutral = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class DivideValues(ImageAndValues):
-    """Divide all channels by a value, or each by its own; what is divided by 0 becomes 0."""
-
-    name: ClassVar[str] = "divc"
-    deep: ClassVar[bool] = True
-    function = "div"
-    neutral = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class AbsoluteDifferenceValues(ImageAndValues):
-    """Take the absolute difference from a value, or for each channel from its own."""
-
-    name: ClassVar[str] = "absdiffc"
-    function = "absdiff"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Power(ImageAndValues):
-    """Raise all channels to a power, or each to its own."""
-
-    name: ClassVar[str] = "powc"
-    aliases: ClassVar[tuple[str, ...]] = ("--cpow",)
-    function = "pow"
-    neutral = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class MaximumValues(ImageAndValues):
-    """Raise what is smaller to a value, or in each channel to its own."""
-
-    name: ClassVar[str] = "maxc"
-    function = "max"
-
-
-@dataclass(frozen=True, kw_only=True)
-class MinimumValues(ImageAndValues):
-    """Lower what is larger to a value, or in each channel to its own."""
-
-    name: ClassVar[str] = "minc"
-    function = "min"
-
-
-# --- one image ---
-
-
-@dataclass(frozen=True, kw_only=True)
-class Absolute(OneImage):
-    """Take the absolute value."""
-
-    name: ClassVar[str] = "abs"
-    function = "abs"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Invert(OneImage):
-    """Subtract the colour from 1."""
-
-    name: ClassVar[str] = "invert"
-
-    chbegin: int = param(0, ge=0, help="the first channel that is inverted")
-    chend: int | None = param(None, ge=1, help="the channel behind the last; 3 at most when left out")
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """1 - A."""
-        (source,) = buffers
-        end = min(source.nchannels, 3 if self.chend is None else self.chend)
-        if self.chbegin >= end:
-            raise ParameterError(
-                f"chbegin={self.chbegin}: there is no channel from there to {end}, the image has {source.nchannels}"
-            )
-        roi = source.roi
-        roi.chbegin, roi.chend = self.chbegin, end
-        result = oiio.ImageBufAlgo.copy(source)
-        oiio.ImageBufAlgo.invert(result, source, roi)
-        return result
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComplexToPolar(OneImage):
-    """Turn two channels (real, imaginary) into (amplitude, phase)."""
-
-    name: ClassVar[str] = "polar"
-    function = "complex_to_polar"
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolarToComplex(OneImage):
-    """Turn two channels (amplitude, phase) into (real, imaginary)."""
-
-    name: ClassVar[str] = "unpolar"
-    function = "polar_to_complex"
-
-
-OPS: tuple[type[Op], ...] = (
-    Add,
-    Subtract,
-    Multiply,
-    Divide,
-    Scale,
-    AbsoluteDifference,
-    Minimum,
-    Maximum,
-    MultiplyAdd,
-    AddValues,
-    SubtractValues,
-    MultiplyValues,
-    DivideValues,
-    AbsoluteDifferenceValues,
-    Power,
-    MaximumValues,
-    MinimumValues,
-    Absolute,
-    Invert,
-    ComplexToPolar,
-    PolarToComplex,
-)
+COMPOSITING = (
+    op("over", "Put the first image over the second, by its alpha.", TwoImages),
+    op("zover", "Put that one of two images over the other that is nearer, by channel Z.", TwoImages,
+       zeroisinf=param(False, help="depth 0 means infinitely far")),
+    op("premult", "Multiply the colour by alpha.", ByAlpha),
+    op("unpremult", "Divide the colour by alpha.", ByAlpha),
+    op("repremult", "Multiply the colour by alpha, but leave it where alpha is 0.", ByAlpha),
+    op("deepen", "Turn a flat image into a deep one, with a sample in each pixel that is not empty.", AtOnce, deep=True,
+       source=(Image, image(help="the image")),
+       z=param(1.0, help="depth of the samples of an image without channel Z")),
+    op("flatten", "Composite the samples of each pixel of a deep image into a flat image.", AtOnce, deep=True,
+       source=(Image, image(help="the deep image"))),
+    op("deepmerge", "Merge the samples of two deep images; samples behind an opaque one are removed.", TwoDeep,
+       "deep_merge"),
+    op("deepholdout", "Remove the samples of the first deep image that lie behind an opaque sample of the second.",
+       TwoDeep, "deep_holdout"),
+)  # fmt: skip

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Channels: choosing, naming, summing, mapping."""
+"""Channels: choosing, naming, summing, mapping; the ids of Cryptomatte."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ import logging
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
-from ..core.image import Image, Part
-from ..core.op import Op
+from ..core.image import Image, Part, pixels_of
 from ..core.parameters import Numbers, argument, image, param
 from ..core.window import Window
-from ..deferred import oiio
+from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..session import Session
-from .arithmetic import OneImage, per_channel
-from .kinds import PointOp, Respec, pointwise
+from .arithmetic import per_channel
+from .kinds import OneImage, PointOp, Respec, filled, like, op, pointwise
 
 log = logging.getLogger("oiiotex")
 
@@ -38,19 +37,10 @@ class Chosen(NamedTuple):
 
 
 def chosen_channels(text: str, names: Sequence[str]) -> list[Chosen]:
-    """What a list of channels means for an image with channels of those names.
+    """What a list of channels means for an image with channels of those names; raises ParameterError for an empty one.
 
-    Parameters
-    ----------
-    text : str
-        With commas: NAME or NUMBER (that channel), NEW=NAME (under another name), NEW=VALUE and =VALUE (a constant).
-        A name or number that is not there gives zeros. RGB and RGBA stand for R,G,B and R,G,B,A.
-    names : sequence of str
-
-    Raises
-    ------
-    ParameterError
-        There is no channel in the list.
+    With commas: NAME or NUMBER (that channel), NEW=NAME (under another name), NEW=VALUE and =VALUE (a constant). A
+    name or number that is not there gives zeros. RGB and RGBA stand for R,G,B and R,G,B,A.
     """
     words = {"RGB": "R,G,B", "RGBA": "R,G,B,A"}.get(text, text).split(",")
     if len(words) > 1 and not words[-1].strip():
@@ -73,19 +63,12 @@ def _chosen(word: str, place: int, names: Sequence[str]) -> Chosen:
         return Chosen(float(old), new or default)
     if not old:
         return Chosen(0.0, new or default)
-    source = _index(old, names)
-    if source is None:
+    same = [n for n, name in enumerate(names) if name == old]
+    same += [n for n, name in enumerate(names) if name.lower() == old.lower()]  # in other letters
+    if not same:
         log.warning("there is no channel '%s', it is filled with 0; there is %s", old, ", ".join(names))
         return Chosen(0.0, new or default)
-    return Chosen(source, new or names[source])
-
-
-def _index(name: str, names: Sequence[str]) -> int | None:
-    """The channel of that name, in these letters or in others."""
-    if name in names:
-        return list(names).index(name)
-    lower = [n.lower() for n in names]
-    return lower.index(name.lower()) if name.lower() in lower else None
+    return Chosen(same[0], new or names[same[0]])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,38 +108,10 @@ class Channels(ChosenChannels):
         return chosen_channels(self.channels, spec.channelnames)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChannelCount(ChosenChannels):
-    """Keep the first channels, or add channels of 0."""
-
-    name: ClassVar[str] = "nchannels"
-
-    count: int = argument(ge=1, le=1 << 16, help="how many channels the result has")
-
-    def chosen(self, spec: oiio.ImageSpec) -> list[Chosen]:
-        """The first ones."""
-        return chosen_channels(",".join(map(str, range(self.count))), spec.channelnames)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AppendChannels(PointOp):
-    """Append the channels of the last images to each other."""
-
-    name: ClassVar[str] = "chappend"
-
-    sources: tuple[Image, ...] = image(help="the images, in the order of the result's channels")
-    n: int = param(2, ge=2, le=1 << 16, help="how many images")
-
-    @classmethod
-    def arity(cls, values: dict[str, Any], depth: int) -> int:
-        """As `n` says."""
-        return values.get("n", 2)
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """All channels; appended from the top of the stack down, on which the names of equal ones depend."""
-        return functools.reduce(
-            lambda appended, below: oiio.ImageBufAlgo.channel_append(below, appended), reversed(buffers)
-        )
+def _append(*buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+    """All channels; appended from the top of the stack down, on which the names of equal ones depend."""
+    *images, _ = buffers
+    return functools.reduce(lambda appended, below: oiio.ImageBufAlgo.channel_append(below, appended), images[::-1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,7 +122,7 @@ class ChannelNames(Respec):
 
     names: str = argument(help="the names, with commas; where one is empty or left out the channel keeps its own")
 
-    def change(self, spec: oiio.ImageSpec) -> None:
+    def called(self, spec: oiio.ImageSpec) -> None:
         """Under their new names, which say what is alpha and what is depth."""
         given = self.names.split(",")[: spec.nchannels]
         names = [new or old for new, old in zip(given, spec.channelnames, strict=False)]
@@ -182,9 +137,6 @@ class ChannelNames(Respec):
         return {new: old for new, old in given if new}
 
 
-# --- new channels from all ---
-
-
 @dataclass(frozen=True, kw_only=True)
 class FromChannels(OneImage):
     """New channels made of all: of the image's metadata OpenImageIO keeps none, and the display window is lost."""
@@ -197,33 +149,9 @@ class FromChannels(OneImage):
         return dataclasses.replace(part, spec=spec)
 
 
-@dataclass(frozen=True, kw_only=True)
-class ChannelSum(FromChannels):
-    """Sum the channels into one."""
-
-    name: ClassVar[str] = "chsum"
-
-    weight: Numbers = param(Numbers((1.0,)), help="a weight for all channels, or for each; 1 for further ones")
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The weighted sum."""
-        return oiio.ImageBufAlgo.channel_sum(buffers[0], per_channel(self.weight, buffers[0].nchannels, 1.0))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelMaximum(FromChannels):
-    """Take the largest of the channels."""
-
-    name: ClassVar[str] = "maxchan"
-    function = "maxchan"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelMinimum(FromChannels):
-    """Take the smallest of the channels."""
-
-    name: ClassVar[str] = "minchan"
-    function = "minchan"
+def _sum(source: oiio.ImageBuf, weight: Numbers) -> oiio.ImageBuf:
+    """The weighted sum."""
+    return oiio.ImageBufAlgo.channel_sum(source, per_channel(weight, source.nchannels, 1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,32 +164,68 @@ class ColorMap(FromChannels):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._knots()
-
-    def _knots(self) -> tuple[float, ...] | None:
-        """The colours given; None for a named map."""
-        if self.map in _MAPS:
-            return None
         words = [word.strip() for word in self.map.split(",")]
-        if not all(map(_NUMBER.fullmatch, words)) or len(words) < 6 or len(words) % 3:
+        if self.map not in _MAPS and (not all(map(_NUMBER.fullmatch, words)) or len(words) < 6 or len(words) % 3):
             raise ParameterError(f"map={self.map}: allowed is {', '.join(_MAPS)}, or two colours R,G,B or more")
-        return tuple(map(float, words))
 
     def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
         """The colours of the map."""
-        knots = self._knots()
-        if knots is None:
+        if self.map in _MAPS:
             return oiio.ImageBufAlgo.color_map(buffers[0], -1, self.map)
+        knots = tuple(map(float, self.map.split(",")))
         return oiio.ImageBufAlgo.color_map(buffers[0], -1, len(knots) // 3, 3, knots)
 
 
-OPS: tuple[type[Op], ...] = (
+CHANNELS = (
     Channels,
-    ChannelCount,
-    AppendChannels,
+    op("nchannels", "Keep the first channels, or add channels of 0.", ChosenChannels,
+       chosen=lambda use, spec: [_chosen(str(n), n, spec.channelnames) for n in range(use.count)],
+       count=(int, argument(ge=1, le=1 << 16, help="how many channels the result has"))),
+    op("chappend", "Append the channels of the last images to each other.", PointOp, _append,
+       arity=classmethod(lambda cls, values, depth: values.get("n", 2)),
+       sources=(tuple[Image, ...], image(help="the images, in the order of the result's channels")),
+       n=param(2, ge=2, le=1 << 16, help="how many images")),
     ChannelNames,
-    ChannelSum,
-    ChannelMaximum,
-    ChannelMinimum,
+    op("chsum", "Sum the channels into one.", FromChannels, _sum,
+       weight=param(Numbers((1.0,)), help="a weight for all channels, or for each; 1 for further ones")),
+    op("maxchan", "Take the largest of the channels.", FromChannels),
+    op("minchan", "Take the smallest of the channels.", FromChannels),
     ColorMap,
-)
+)  # fmt: skip
+
+
+# --- Cryptomatte ---
+
+
+def _id_colors(source: oiio.ImageBuf, layer: str) -> oiio.ImageBuf:
+    """A colour for each id, by its coverage."""
+    pattern = re.compile(re.escape(layer) + r"\d\d\..*", re.ASCII)
+    names = source.spec().channelnames
+    ranks = [n for n, name in enumerate(names) if pattern.fullmatch(name)]
+    if not ranks:
+        raise ParameterError(f"layer={layer}: the image has no channels {layer}00.R ...; it has {', '.join(names)}")
+    values = pixels_of(source, oiio.FLOAT)
+    colour = np.zeros((*values.shape[:-1], 3), np.float32)
+    for identity, coverage in zip(ranks[::2], ranks[1::2], strict=False):
+        code, alpha = np.ascontiguousarray(values[..., identity]), values[..., coverage]
+        seen = ~(alpha < 1.0e-5) & (code != 0)
+        scrambled = _scrambled(code.view(np.uint32))
+        for channel, salt in enumerate((0, 0x0101, 0x020000)):
+            scrambled = _scrambled(scrambled + np.uint32(salt)) if channel else scrambled
+            shade = scrambled.astype(np.float32) * np.float32(1.0 / 0xFFFFFFFF)
+            colour[..., channel] += np.where(seen, alpha * shade, np.float32(0))
+    spec = like(source.spec(), nchannels=3, channelnames=("R", "G", "B"), alpha_channel=-1, z_channel=-1)
+    return filled(spec, colour)
+
+
+def _scrambled(code: np.ndarray) -> np.ndarray:
+    """uint32 -> uint32: the finishing step of MurmurHash3, in which every bit depends on every other."""
+    code = (code ^ (code >> np.uint32(16))) * np.uint32(0x85EBCA6B)
+    code = (code ^ (code >> np.uint32(13))) * np.uint32(0xC2B2AE35)
+    return code ^ (code >> np.uint32(16))
+
+
+CRYPTOMATTE = op(
+    "cryptomatte-colors", "Show the ids of a Cryptomatte layer as colours.", OneImage, _id_colors,
+    layer=(str, argument(help="name of the layer: its channels are NAME00.R and so on")),
+)  # fmt: skip

@@ -10,20 +10,18 @@ from typing import Any, ClassVar
 
 from ..core.access import Pointwise
 from ..core.attributes import TAG
-from ..core.image import Image, Part, channels_of, pixels_of
-from ..core.op import Op
+from ..core.image import Image, Part, channels_of
 from ..core.parameters import Numbers, argument, image, param
 from ..deferred import np, oiio
 from ..errors import ColorError, ImageError, ParameterError
 from ..io.documents import require_regular
 from ..session import Session
-from .kinds import HostOp, Respec, checked, pointwise, worked
+from .kinds import HostOp, Respec, checked, op, pointwise, worked
 
 log = logging.getLogger("oiiotex")
 
-_UNPREMULT = "convert colours divided by alpha, and multiply them again"
-_KEY = "names of OCIO context variables, with commas"
-_VALUE = "their values, with commas"
+_KEY = param("", help="names of OCIO context variables, with commas")
+_VALUE = param("", help="their values, with commas")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +34,7 @@ class IsColorSpace(Respec):
         help="a colour space, role or alias of the config; '' to forget it"
     )
 
-    def change(self, spec: oiio.ImageSpec) -> None:
+    def called(self, spec: oiio.ImageSpec) -> None:
         """Set it, and forget what contradicts it."""
         spec.set_colorspace(self.space)
 
@@ -53,7 +51,7 @@ class OnColor(HostOp, Pointwise):
     """Works on colour alone: on R, G, B (by name, else the first three) and alpha; further channels are copied."""
 
     source: Image = image(help="the image")
-    unpremult: bool = param(False, help=_UNPREMULT)
+    unpremult: bool = param(False, help="convert colours divided by alpha, and multiply them again")
 
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """The conversion of up to four channels; `config` is the path of the colour config."""
@@ -74,39 +72,21 @@ class OnColor(HostOp, Pointwise):
                 known = ", ".join(self.known(session.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
-        return pointwise(parts, parts[0].window, lambda source: converted(source, convert))
+        return pointwise(parts, parts[0].window, lambda source: _converted(source, convert))
 
 
-def converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.ImageBuf]) -> oiio.ImageBuf:
+def _converted(source: oiio.ImageBuf, convert: Callable[[oiio.ImageBuf], oiio.ImageBuf]) -> oiio.ImageBuf:
     """The image with its colour converted: OpenImageIO's functions spoil what comes behind the fourth channel."""
     spec, channels = source.spec(), channels_of(source.spec())
-    used = [*channels.colour, *([] if channels.alpha is None else [channels.alpha])]
-    if used == list(range(spec.nchannels)) and (channels.alpha is None or len(channels.colour) == 3):
+    colour, alpha = tuple(channels.colour), () if channels.alpha is None else (channels.alpha,)
+    if (*colour, *alpha) == tuple(range(spec.nchannels)) and (not alpha or len(colour) == 3):
         return convert(source)
-    count, gray = len(channels.colour), len(channels.colour) == 1
-    pixels = pixels_of(source, spec.format)
-    colour = np.zeros((*pixels.shape[:-1], 3 if channels.alpha is None else 4), pixels.dtype)
-    colour[..., : 3 if gray else count] = pixels[..., list(channels.colour)]
-    if channels.alpha is not None:
-        colour[..., 3] = pixels[..., channels.alpha]
-    narrow = oiio.ImageSpec(spec)
-    narrow.nchannels = colour.shape[-1]
-    narrow.channelnames = ("R", "G", "B", "A")[: narrow.nchannels]
-    narrow.alpha_channel, narrow.z_channel = -1 if channels.alpha is None else 3, -1
-    buffer = oiio.ImageBuf(narrow)
-    buffer.set_pixels(buffer.roi, np.ascontiguousarray(colour))
-    output = convert(buffer)
-    colour = pixels_of(output, spec.format)
-    pixels = pixels.copy()
-    pixels[..., list(channels.colour)] = colour[..., :count]
-    if channels.alpha is not None:
-        pixels[..., channels.alpha] = colour[..., 3]
-    wide = oiio.ImageSpec(output.spec())
-    wide.nchannels, wide.channelnames = spec.nchannels, spec.channelnames
-    wide.alpha_channel, wide.z_channel = spec.alpha_channel, spec.z_channel
-    result = oiio.ImageBuf(wide)
-    result.set_pixels(result.roi, pixels)
-    return result
+    three = colour * 3 if len(colour) == 1 else (*colour, 0.0)[:3]
+    narrow = oiio.ImageBufAlgo.channels(source, (*three, *alpha), ("R", "G", "B", "A")[: 3 + len(alpha)])
+    both = oiio.ImageBufAlgo.channel_append(checked(convert(narrow)), source)
+    places = dict(zip(colour, range(3), strict=False)) | dict.fromkeys(alpha, 3)  # of what was converted
+    order = tuple(places.get(n, narrow.nchannels + n) for n in range(spec.nchannels))
+    return oiio.ImageBufAlgo.channels(both, order, spec.channelnames)
 
 
 def _space(given: str, spec: oiio.ImageSpec) -> str:
@@ -126,30 +106,28 @@ def _space(given: str, spec: oiio.ImageSpec) -> str:
 class Converting(OnColor):
     """What conversions between spaces share."""
 
-    key: str = param("", help=_KEY)
-    value: str = param("", help=_VALUE)
+    key: str = _KEY
+    value: str = _VALUE
     strict: bool = param(True, help="refuse what cannot be converted; else it stays as it is, with a warning")
 
-    def spaces(self) -> tuple[str, str]:
+    def spaces(self) -> dict[str, str]:
         """From, to."""
-        raise NotImplementedError
+        return {name: getattr(self, name, "current") for name in ("from_space", "to_space")}
 
     def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
         """In the other space."""
-        source, target = self.spaces()
+        source, target = self.spaces().values()
         source = _space(source, colour.spec())
         return oiio.ImageBufAlgo.colorconvert(colour, source, target, self.unpremult, self.key, self.value, config)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
-        names: dict[str, Any] = {
-            n: session.color.known_name(s) for n, s in vars(self).items() if n in ("from_space", "to_space")
-        }
+        names: dict[str, Any] = {n: session.color.known_name(s) for n, s in self.spaces().items() if hasattr(self, n)}
         try:
             return super(Converting, replace(self, **names)).result(parts, session)
         except ColorError as error:
             if self.strict:
-                for name in {*self.spaces()} - {"", "current"}:
+                for name in {*self.spaces().values()} - {"", "current"}:
                     session.color.resolve(name)  # it says more
                 raise
             log.warning("%s: %s; the image stays as it is", self.flag(), error)
@@ -165,10 +143,6 @@ class ColorConvert(Converting):
     from_space: str = argument(help="a colour space, role or alias of the config; current: the one that the image says")
     to_space: str = argument(help="a colour space, role or alias")
 
-    def spaces(self) -> tuple[str, str]:
-        """As given."""
-        return self.from_space, self.to_space
-
     def idle(self, parts: Sequence[Part]) -> bool:
         """Whether both are the same."""
         return self.from_space == self.to_space
@@ -181,10 +155,6 @@ class ToColorSpace(Converting):
     name: ClassVar[str] = "tocolorspace"
 
     to_space: str = argument(help="a colour space, role or alias of the config")
-
-    def spaces(self) -> tuple[str, str]:
-        """From the image's own."""
-        return "current", self.to_space
 
 
 # --- other transforms ---
@@ -227,70 +197,6 @@ class ColorMatrix(OnColor):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look(OnColor):
-    """Apply looks of the config."""
-
-    name: ClassVar[str] = "ociolook"
-
-    look: str = argument(help="name of the look, or several with commas")
-    from_: str = param("current", help="the image's colour space")
-    to: str = param("current", help="that of the result")
-    inverse: bool = param(False, help="undo the look")
-    key: str = param("", help=_KEY)
-    value: str = param("", help=_VALUE)
-
-    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
-        """Looks."""
-        return names.getLookNames()
-
-    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
-        """With the look."""
-        source, target = _space(self.from_, colour.spec()), _space(self.to, colour.spec())
-        return oiio.ImageBufAlgo.ociolook(
-            colour, self.look, source, target, self.unpremult, self.inverse, self.key, self.value, config
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Display(OnColor):
-    """Convert for a display and view of the config."""
-
-    name: ClassVar[str] = "ociodisplay"
-
-    display: str = argument(help="name of the display, or default")
-    view: str = argument(help="name of the view, or default")
-    from_: str = param("current", help="the image's colour space; of the result, with inverse")
-    looks: str = param("", help="looks to apply instead of the view's")
-    inverse: bool = param(False, help="from the display back")
-    key: str = param("", help=_KEY)
-    value: str = param("", help=_VALUE)
-
-    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
-        """Views of the display, or displays."""
-        displays = {name.lower(): name for name in names.getDisplayNames()}
-        if self.display == "default":
-            return names.getViewNames(names.getDefaultDisplayName())
-        own = displays.get(self.display.lower())
-        return names.getViewNames(own) if own else names.getDisplayNames()
-
-    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
-        """As displayed."""
-        source = _space(self.from_, colour.spec())
-        return oiio.ImageBufAlgo.ociodisplay(
-            colour,
-            self.display,
-            self.view,
-            source,
-            self.looks,
-            self.unpremult,
-            self.inverse,
-            self.key,
-            self.value,
-            config,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
 class FileTransform(OnColor):
     """Apply a transform that is a file: a LUT, CLF, CDL."""
 
@@ -308,35 +214,48 @@ class FileTransform(OnColor):
         return oiio.ImageBufAlgo.ociofiletransform(colour, self.file, self.unpremult, self.inverse, config)
 
 
-@dataclass(frozen=True, kw_only=True)
-class NamedTransform(OnColor):
-    """Apply a named transform of the config."""
-
-    name: ClassVar[str] = "ocionamedtransform"
-
-    transform: str = argument(help="its name")
-    inverse: bool = param(False, help="undo it")
-    key: str = param("", help=_KEY)
-    value: str = param("", help=_VALUE)
-
-    def known(self, names: oiio.ColorConfig) -> Sequence[str]:
-        """Named transforms."""
-        return names.getNamedTransformNames()
-
-    def convert(self, colour: oiio.ImageBuf, config: str) -> oiio.ImageBuf:
-        """Transformed."""
-        return oiio.ImageBufAlgo.ocionamedtransform(
-            colour, self.transform, self.unpremult, self.inverse, self.key, self.value, config
-        )
+def _views(use: Any, names: oiio.ColorConfig) -> Sequence[str]:
+    """Views of the display, or displays."""
+    displays = {name.lower(): name for name in names.getDisplayNames()} | {"default": names.getDefaultDisplayName()}
+    own = displays.get(use.display.lower())
+    return names.getViewNames(own) if own else names.getDisplayNames()
 
 
-OPS: tuple[type[Op], ...] = (
+COLOR = (
     IsColorSpace,
     ToColorSpace,
     ColorConvert,
     ColorMatrix,
-    Look,
-    Display,
+    op("ociolook", "Apply looks of the config.", OnColor,
+       known=lambda use, names: names.getLookNames(),
+       convert=lambda use, colour, config: oiio.ImageBufAlgo.ociolook(
+           colour, use.look, _space(use.from_, colour.spec()), _space(use.to, colour.spec()),
+           use.unpremult, use.inverse, use.key, use.value, config),
+       look=(str, argument(help="name of the look, or several with commas")),
+       from_=param("current", help="the image's colour space"),
+       to=param("current", help="that of the result"),
+       inverse=param(False, help="undo the look"),
+       key=_KEY,
+       value=_VALUE),
+    op("ociodisplay", "Convert for a display and view of the config.", OnColor,
+       known=_views,
+       convert=lambda use, colour, config: oiio.ImageBufAlgo.ociodisplay(
+           colour, use.display, use.view, _space(use.from_, colour.spec()), use.looks,
+           use.unpremult, use.inverse, use.key, use.value, config),
+       display=(str, argument(help="name of the display, or default")),
+       view=(str, argument(help="name of the view, or default")),
+       from_=param("current", help="the image's colour space; of the result, with inverse"),
+       looks=param("", help="looks to apply instead of the view's"),
+       inverse=param(False, help="from the display back"),
+       key=_KEY,
+       value=_VALUE),
     FileTransform,
-    NamedTransform,
-)
+    op("ocionamedtransform", "Apply a named transform of the config.", OnColor,
+       known=lambda use, names: names.getNamedTransformNames(),
+       convert=lambda use, colour, config: oiio.ImageBufAlgo.ocionamedtransform(
+           colour, use.transform, use.unpremult, use.inverse, use.key, use.value, config),
+       transform=(str, argument(help="its name")),
+       inverse=param(False, help="undo it"),
+       key=_KEY,
+       value=_VALUE),
+)  # fmt: skip

@@ -1,43 +1,42 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ops that draw on a copy of the image."""
+"""Ops that draw on a copy of the image, and images out of nothing."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, make_dataclass
+from typing import Any, ClassVar, TypeAlias
 
-from ..core.access import Pointwise
-from ..core.image import Image, Part, derived_spec
-from ..core.op import Op
-from ..core.parameters import Numbers, argument, image, param
+from ..core.access import AnyWindow, Pointwise
+from ..core.image import Image, Part, derived_spec, in_memory, type_named
+from ..core.parameters import Numbers, argument, image, nearest, param, parse_modifiers
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..session import Session
 from .arithmetic import per_channel
-from .geometry_text import box_of, parse_box
-from .kinds import HostOp, checked, worked
+from .geometry_text import Box, box_of, parse_box, parse_size
+from .kinds import Hosted, HostOp, checked, fields_of, like, op, worked
+from .remapping import require_kernel
+from .spatial.filtering import kernel_of, kernel_size
 
+Painter: TypeAlias = "Callable[[oiio.ImageBuf], Any]"
+
+_POINTS = {"points": (str, argument(help="X1,Y1,X2,Y2,..."))}
+_SIZE = argument(help="WxH or WxH+X+Y")
+_CHANNELS = argument(ge=1, le=1024, help="how many channels")
 _FAR = 1 << 28  # coordinates beyond it overflow where lines are drawn
 
 
-def colour_of(given: Numbers | None, count: int) -> tuple[float, ...]:
+def _colour_of(given: Numbers | None, count: int) -> tuple[float, ...]:
     """One value for all channels, or one for each; 1 for those that get none."""
     return per_channel(given or (), count, 1.0)
 
 
-def gradient(corners: Sequence[Sequence[float]], region: Window, window: Window) -> np.ndarray:
-    """A window of a region filled between colours, computed as ImageBufAlgo::fill does over the whole region.
+def _gradient(corners: Sequence[Sequence[float]], region: Window, window: Window) -> np.ndarray:
+    """A window of a region filled between colours, (height, width, channels), as ImageBufAlgo::fill does over it all.
 
-    Parameters
-    ----------
-    corners : two colours (top, bottom) or four (top left, top right, bottom left, bottom right)
-    region, window : Window
-
-    Returns
-    -------
-    array of float32, (height, width, channels)
+    `corners` are two colours (top, bottom) or four (top left, top right, bottom left, bottom right).
     """
     colours = [np.array(colour, np.float32) for colour in corners]
     y = np.arange(window.top - region.top, window.bottom - region.top).astype(np.float32)
@@ -72,22 +71,28 @@ class Colours:
         for wanted in (names, ("top", "bottom"), ("left", "right"), ("color",)):
             given = [getattr(self, name) for name in wanted]
             if None not in given:
-                colours = tuple(colour_of(each, count) for each in given)
+                colours = tuple(_colour_of(each, count) for each in given)
                 return colours * 2 if wanted == ("left", "right") else colours
         return ()
+
+    def paint(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
+        """Fill a window of an image of that spec."""
+        colours = self.corners(spec.nchannels)
+        if colours:
+            _fill(buffer, colours, Window.data(spec))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn(HostOp, Pointwise):
-    """The image with something drawn on it, at absolute coordinates."""
+    """Something drawn on the image, at absolute coordinates: its function gets a buffer and the whole's spec."""
 
     keeps: ClassVar[bool] = True
 
     source: Image = image(help="the image")
 
     def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """Draw on a window of an image of that spec."""
-        raise NotImplementedError
+        """Draw on a window of an image of that spec, with the function."""
+        self.called(buffer, spec)
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The drawing, not yet computed."""
@@ -119,11 +124,8 @@ def _with_alpha(buffer: oiio.ImageBuf, alpha: float, draw: Callable[[oiio.ImageB
     if spec.alpha_channel >= 0 or alpha == 1:
         draw(buffer)
         return
-    wider = oiio.ImageSpec(spec)
-    wider.nchannels = wider.nchannels + 1
-    wider.channelnames = (*spec.channelnames, "A" if "A" not in spec.channelnames else "alpha.A")
-    wider.alpha_channel = spec.nchannels
-    copy = oiio.ImageBuf(wider)
+    names = (*spec.channelnames, "alpha.A" if "A" in spec.channelnames else "A")
+    copy = oiio.ImageBuf(like(spec, nchannels=len(names), channelnames=names, alpha_channel=spec.nchannels))
     oiio.ImageBufAlgo.paste(copy, 0, 0, 0, 0, buffer)
     draw(copy)
     oiio.ImageBufAlgo.paste(buffer, 0, 0, 0, 0, checked(copy))
@@ -136,63 +138,36 @@ class Coloured(Drawn):
     color: Numbers | None = param(None, help="one value for all channels, or one for each and one more for alpha")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Box(Coloured):
-    """Draw a box."""
-
-    name: ClassVar[str] = "box"
-
-    corners: str = argument(help="X1,Y1,X2,Y2: two opposite corners, both inside")
-    fill: bool = param(False, help="filled")
-
-    def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """The box, as far as it is seen."""
-        x1, y1, x2, y2 = _coordinates(self.corners, 4, 4)
-        colour = colour_of(self.color, spec.nchannels + 1)
-        if self.fill and (Window(x1, y1, x2 + 1, y2 + 1) & Window.data(buffer.spec())).empty:
-            return
-        _with_alpha(buffer, colour[-1], lambda b: oiio.ImageBufAlgo.render_box(b, x1, y1, x2, y2, colour, self.fill))
+def _box(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, corners: str, fill: bool, color: Numbers | None) -> None:
+    """The box, as far as it is seen."""
+    x1, y1, x2, y2 = _coordinates(corners, 4, 4)
+    colour = _colour_of(color, spec.nchannels + 1)
+    if fill and (Window(x1, y1, x2 + 1, y2 + 1) & Window.data(buffer.spec())).empty:
+        return
+    _with_alpha(buffer, colour[-1], lambda b: oiio.ImageBufAlgo.render_box(b, x1, y1, x2, y2, colour, fill))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Line(Coloured):
-    """Draw lines from point to point."""
+def _line(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers | None) -> None:
+    """The lines; a point that two share is drawn once."""
+    points = _coordinates(text, 4, 2)
+    colour = _colour_of(color, spec.nchannels + 1)
+    closed = len(points) > 4 and points[:2] == points[-2:]
 
-    name: ClassVar[str] = "line"
+    def lines(b: oiio.ImageBuf) -> None:
+        for n in range(0, len(points) - 3, 2):
+            x1, y1, x2, y2 = points[n : n + 4]
+            oiio.ImageBufAlgo.render_line(b, x1, y1, x2, y2, colour, closed or n > 0)
 
-    points: str = argument(help="X1,Y1,X2,Y2,...")
-
-    def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """The lines; a point that two share is drawn once."""
-        points = _coordinates(self.points, 4, 2)
-        colour = colour_of(self.color, spec.nchannels + 1)
-        closed = len(points) > 4 and points[:2] == points[-2:]
-
-        def lines(b: oiio.ImageBuf) -> None:
-            for n in range(0, len(points) - 3, 2):
-                x1, y1, x2, y2 = points[n : n + 4]
-                oiio.ImageBufAlgo.render_line(b, x1, y1, x2, y2, colour, closed or n > 0)
-
-        _with_alpha(buffer, colour[-1], lines)
+    _with_alpha(buffer, colour[-1], lines)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Point(Drawn):
-    """Draw points."""
-
-    name: ClassVar[str] = "point"
-
-    points: str = argument(help="X1,Y1,X2,Y2,...")
-    color: Numbers | None = param(None, help="one value for all channels, or one for each")
-
-    def draw(self, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
-        """The points that are seen."""
-        points = _coordinates(self.points, 2, 2)
-        colour = colour_of(self.color, spec.nchannels)
-        seen = Window.data(buffer.spec())
-        for x, y in zip(points[::2], points[1::2], strict=True):
-            if seen.left <= x < seen.right and seen.top <= y < seen.bottom:
-                oiio.ImageBufAlgo.render_point(buffer, x, y, colour)
+def _point(buffer: oiio.ImageBuf, spec: oiio.ImageSpec, text: str, color: Numbers | None) -> None:
+    """The points that are seen."""
+    points = _coordinates(text, 2, 2)
+    seen = Window.data(buffer.spec())
+    for x, y in zip(points[::2], points[1::2], strict=True):
+        if not (Window.sized(x, y, 1, 1) & seen).empty:
+            oiio.ImageBufAlgo.render_point(buffer, x, y, _colour_of(color, spec.nchannels))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,7 +208,7 @@ class Text(Coloured):
         y = self.y if self.y is not None else spec.y + spec.height // 2
         if not self.render or (self._there(x, y) & Window.data(buffer.spec())).empty:
             return
-        colour = colour_of(self.color, spec.nchannels + 1)
+        colour = _colour_of(self.color, spec.nchannels + 1)
         # a fourth value is alpha where there are three channels, and else none is
         alpha = colour[3] if spec.nchannels == 3 else 1.0
         colours = (*colour[: spec.nchannels], alpha)
@@ -273,10 +248,10 @@ class Fill(Colours, Drawn):
         """What is seen of the window."""
         whole = Window.data(spec)
         region = parse_box(self.size, box_of(whole), scaling=True).window() & whole
-        fill(buffer, self.corners(spec.nchannels) or ((1.0,) * spec.nchannels,), region)
+        _fill(buffer, self.corners(spec.nchannels) or ((1.0,) * spec.nchannels,), region)
 
 
-def fill(buffer: oiio.ImageBuf, colours: Sequence[Sequence[float]], region: Window) -> None:
+def _fill(buffer: oiio.ImageBuf, colours: Sequence[Sequence[float]], region: Window) -> None:
     """Fill what a buffer holds of a region with one colour, or between two or four."""
     seen = region & Window.data(buffer.spec())
     if seen.empty:
@@ -285,7 +260,140 @@ def fill(buffer: oiio.ImageBuf, colours: Sequence[Sequence[float]], region: Wind
     if len(colours) == 1:
         oiio.ImageBufAlgo.fill(buffer, colours[0], roi)
     else:
-        buffer.set_pixels(roi, np.ascontiguousarray(gradient(colours, region, seen)))
+        buffer.set_pixels(roi, np.ascontiguousarray(_gradient(colours, region, seen)))
 
 
-OPS: tuple[type[Op], ...] = (Box, Line, Point, Text, Fill)
+DRAWING = (
+    op("box", "Draw a box.", Coloured, _box,
+       corners=(str, argument(help="X1,Y1,X2,Y2: two opposite corners, both inside")),
+       fill=param(False, help="filled")),
+    op("line", "Draw lines from point to point.", Coloured, _line, **_POINTS),
+    op("point", "Draw points.", Drawn, _point, **_POINTS,
+       color=(Numbers | None, param(None, help="one value for all channels, or one for each"))),
+    Text,
+    Fill,
+)  # fmt: skip
+
+
+# --- images out of nothing ---
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewImage(Hosted, AnyWindow):
+    """A new image."""
+
+    size: str = _SIZE
+    channels: int = _CHANNELS
+    type: str = param("float", help="pixel type: uint8, uint16, half, float ...")
+
+    def painter(self, spec: oiio.ImageSpec) -> Painter:
+        """What paints a window of the image, which is black before: nothing."""
+        return lambda buffer: None
+
+    def compute(self, session: Session) -> Image:
+        """The image, none of it computed yet; data and display window are the same."""
+        window = parse_box(self.size, Box(0, 0, 64, 64)).window()
+        if window.empty:
+            raise ParameterError(f"size={self.size}: it needs one pixel at least")
+        spec = window.apply_to(oiio.ImageSpec(1, 1, self.channels, type_named(self.type)))
+        window.show_in(spec)
+        paint = self.painter(spec)
+
+        def fetch(window: Window) -> oiio.ImageBuf:
+            buffer = oiio.ImageBuf(window.apply_to(spec))
+            paint(buffer)
+            return checked(buffer)
+
+        return Image((Part("part0", spec, fetch, ready=True),), "new")
+
+
+def _paint_checker(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
+    """A checkerboard."""
+    dark = (0.0,) * spec.nchannels if use.color1 is None else _colour_of(use.color1, spec.nchannels)
+    light = _colour_of(use.color2, spec.nchannels)
+    oiio.ImageBufAlgo.checker(buffer, use.width, use.height or use.width, use.depth, dark, light)
+
+
+def _paint_noise(use: Any, buffer: oiio.ImageBuf, spec: oiio.ImageSpec) -> None:
+    """Random values, the same wherever and whenever."""
+    values = {"gaussian": (use.mean, use.stddev), "salt": (use.value, use.portion)}
+    a, b = values.get(use.type, (use.min, use.max))
+    oiio.ImageBufAlgo.noise(buffer, use.type, a, b, use.mono, use.seed)
+
+
+def _pattern(paint: Callable[..., object], **members: Any) -> type[Any]:
+    """The options of a pattern, with what paints it: given the options, a buffer and the spec of the whole."""
+    return make_dataclass("Options", fields_of(members), namespace={"paint": paint}, frozen=True, kw_only=True)
+
+
+def _color(help: str) -> Any:
+    return Numbers | None, param(None, help=help)
+
+
+_KINDS = {
+    "black": _pattern(lambda use, buffer, spec: None),
+    "constant": _pattern(
+        lambda use, buffer, spec: oiio.ImageBufAlgo.fill(buffer, _colour_of(use.color, spec.nchannels)),
+        color=_color("one value for all channels, or one for each; white when left out")),
+    "fill": Colours,
+    "checker": _pattern(
+        _paint_checker,
+        width=param(8, ge=1, unit="px", help="of a square"),
+        height=(int | None, param(None, ge=1, unit="px", help="of a square; the width when left out")),
+        depth=param(1, ge=1, unit="px", help="of a cube; images here have one slice"),
+        color1=_color("black when left out"),
+        color2=_color("white when left out")),
+    "noise": _pattern(
+        _paint_noise,
+        type=param("gaussian", choices=("gaussian", "white", "uniform", "blue", "salt"), help="its distribution"),
+        mean=param(0.5, help="gaussian"),
+        stddev=param(0.1, help="gaussian"),
+        min=param(0.5, help="white, uniform, blue"),
+        max=param(1.0, help="white, uniform, blue"),
+        value=param(0.01, help="salt"),
+        portion=param(0.0, help="salt: how many of the pixels"),
+        mono=param(False, help="the same in all channels"),
+        seed=param(0, help="another one, other values")),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pattern(NewImage):
+    """Create an image with a pattern."""
+
+    name: ClassVar[str] = "pattern"
+
+    pattern: str = argument(help="black, constant, fill, checker or noise; options behind it: checker:width=16")
+    size: str = _SIZE
+    channels: int = _CHANNELS
+
+    def painter(self, spec: oiio.ImageSpec) -> Painter:
+        """By the pattern, with the options in its word."""
+        name, *words = self.pattern.split(":")
+        kind = _KINDS.get(name.lower())
+        if kind is None:
+            raise ParameterError(f"no pattern '{name}'{nearest(name, _KINDS)}; there is {', '.join(_KINDS)}")
+        pairs = [word.partition("=") for word in words]
+        if not all(equals for _, equals, _ in pairs):
+            raise ParameterError(f"'{self.pattern}': an option is NAME=VALUE")
+        options = kind(**parse_modifiers(kind, {key: value.strip("\"'") for key, _, value in pairs}))
+        return lambda buffer: options.paint(buffer, spec)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kernel(Hosted, AnyWindow):
+    """Create a filter kernel, its middle at the origin."""
+
+    name: ClassVar[str] = "kernel"
+
+    kernel: str = argument(help="name of the kernel: gaussian, box, binomial, laplacian ...")
+    size: str = argument(help="width x height: 5x5, 3.5x1")
+
+    def compute(self, session: Session) -> Image:
+        """The kernel; its values sum to 1."""
+        width, height = parse_size(self.size)
+        require_kernel(*kernel_size(self.kernel, width, height), session)
+        return Image((in_memory("kernel", kernel_of(self.kernel, width, height)),), "kernel")
+
+
+PATTERNS = (op("create", "Create a black image.", NewImage), Pattern, Kernel)

@@ -44,36 +44,21 @@ def box_of(window: Window) -> Box:
     return Box(window.left, window.top, window.width, window.height)
 
 
-def parse_box(text: str, base: Box, *, scaling: bool = False, resizing: bool = True, whole: bool = True) -> Box:
-    """What a text makes of a window.
+def parse_box(text: str, base: Box, *, scaling: bool = False, whole: bool = True) -> Box:
+    """What a text makes of a window; raises ParameterError for another form.
 
-    Parameters
-    ----------
-    text : str
-        WxH, WxH+X+Y, X0,Y0,X1,Y1 (both corners inside), +X+Y, and with `scaling` P%, P%xQ% or a factor. A width or
-        height of 0 follows from the other by the base's proportions.
-    base : Box
-        What stays where the text does not say it.
-    scaling : bool
-        Percentages and factors are allowed.
-    resizing : bool
-        Sizes are allowed; else only offsets.
-    whole : bool
-        Whole pixels: sizes are rounded, and the second corner is a pixel inside.
-
-    Raises
-    ------
-    ParameterError
-        Another form.
+    WxH, WxH+X+Y, X0,Y0,X1,Y1 (both corners inside), +X+Y, and with `scaling` P%, P%xQ% or a factor. A width or height
+    of 0 follows from the other by the base's proportions; what the text does not say is the base's. For `whole` pixels
+    sizes are rounded, and the second corner is a pixel inside.
     """
     form, numbers = _match(text)
     allowed = (
-        (form.startswith("offset"))
-        or (resizing and form in ("corners", "window", "window,", "size"))
+        form.startswith("offset")
+        or form in ("corners", "window", "window,", "size")
         or (scaling and form in ("percents", "percent", "factor"))
     )
     if not allowed or (whole and form not in ("percents", "percent", "factor") and any(n % 1 for n in numbers)):
-        forms = "+X+Y" + ", WxH, WxH+X+Y or X0,Y0,X1,Y1" * resizing + ", P% or P%xQ%" * scaling
+        forms = "+X+Y, WxH, WxH+X+Y or X0,Y0,X1,Y1" + ", P% or P%xQ%" * scaling
         raise ParameterError(f"'{text}' is no window here: allowed is {forms}")
     x, y, width, height = base
     if form == "corners":
@@ -92,13 +77,7 @@ def parse_box(text: str, base: Box, *, scaling: bool = False, resizing: bool = T
 
 
 def parse_size(text: str) -> tuple[float, float]:
-    """'5x3.5' -> (5.0, 3.5).
-
-    Raises
-    ------
-    ParameterError
-        It is something else.
-    """
+    """'5x3.5' -> (5.0, 3.5); raises ParameterError for something else."""
     form, numbers = _match(text)
     if form != "size":
         raise ParameterError(f"'{text}' is no size: allowed is WxH")
@@ -106,13 +85,7 @@ def parse_size(text: str) -> tuple[float, float]:
 
 
 def parse_offset(text: str) -> tuple[int, int]:
-    """'+10-20' or '10,-20' -> (10, -20).
-
-    Raises
-    ------
-    ParameterError
-        It is something else.
-    """
+    """'+10-20' or '10,-20' -> (10, -20); raises ParameterError for something else."""
     form, numbers = _match(text)
     if not form.startswith("offset") or any(n % 1 for n in numbers):
         raise ParameterError(f"'{text}' is no offset: allowed is +X+Y")

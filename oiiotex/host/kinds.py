@@ -1,33 +1,34 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The access kinds over ImageBufs: how an ImageBufAlgo function is computed window by window.
+"""The host's ops as a table, and the access kinds over ImageBufs by which their functions are computed.
 
-An op of the host declares its parameters as any `Op` and says in `apply` which ImageBufAlgo function computes it. The
-kinds differ in what `apply` is given: pixel for pixel (`PointOp`), with a halo (`Area`), from elsewhere (`Remap`), or
-the whole image (`AtOnce`); `Respec` changes no pixel. OpenImageIO's functions give a window the same pixels whatever
-lies around it, as long as what they look at is there (tests/test_streaming.py holds every op to it).
+A row (`op`) says an op's name, help, kind, function and parameters. The kinds differ in what the function is given
+before the parameters' values: buffers pixel for pixel (`PointOp`), with a halo or from elsewhere (remapping.py), whole
+images (`AtOnce`), or a spec alone (`Respec`). OpenImageIO's functions give a window the same pixels whatever lies
+around it, as long as what they look at is there (tests/test_streaming.py holds every op to it).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import operator
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..core.access import Gather, Neighbourhood, Pointwise, Whole
-from ..core.demand import cached, materialized
+from ..core.access import Pointwise, Whole
 from ..core.image import Image, Part, Pixels, cropped, in_memory
 from ..core.op import Kind, Op, Output, Space
 from ..core.parameters import Parameter, declared, image, param
 from ..core.window import Window
 from ..deferred import oiio
 from ..errors import ImageError, ParameterError, one_line
-from .subimages import chosen
 
 if TYPE_CHECKING:
     from ..session import Session
+
+_OF_PARTS = ("subimages", "allsubimages")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,7 @@ class HostOp(Op):
     keeps: ClassVar[bool] = False  # parts that it does not work on stay
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("image", Kind.PIXELS, "the result"),)
-    function: ClassVar[str]  # of ImageBufAlgo, where one makes the pixels
+    function: ClassVar[str | Callable[..., Any]]  # of ImageBufAlgo by its name, or ours
 
     subimages: str | None = param(
         None, help="parts to work on, by number or name with commas between them, or all; -N leaves one out"
@@ -50,10 +51,15 @@ class HostOp(Op):
         """The op's result from one part of each input."""
         raise NotImplementedError
 
-    def of_buffers(self, *arguments: Any) -> oiio.ImageBuf:
-        """What its `function` makes of buffers and values."""
-        result: oiio.ImageBuf = getattr(oiio.ImageBufAlgo, self.function)(*arguments)
-        return result
+    def operands_after(self, *given: Any) -> Sequence[Any]:
+        """What the function takes after what its kind gives it: the parameters' values, in the order of declaration."""
+        return [getattr(self, p.attribute) for p in self.parameters() if p.name not in _OF_PARTS]
+
+    def called(self, *given: Any) -> Any:
+        """What the function makes of buffers, or of what else its kind gives it, and of the parameters' values."""
+        function = self.function
+        called: Callable[..., Any] = getattr(oiio.ImageBufAlgo, function) if isinstance(function, str) else function
+        return called(*given, *self.operands_after(*given))
 
     def provenance(self) -> dict[str, Any]:
         """Nothing: files made by oiiotool's ops say what oiiotool says."""
@@ -67,15 +73,15 @@ class HostOp(Op):
         """The result for each part worked on; unless it keeps them, the others are dropped, as oiiotool does."""
         inputs = self.inputs()
         first = inputs[0]
-        wanted = chosen(self.subimages, first)
+        wanted = _chosen(self.subimages, first)
         everything = self.allsubimages if self.allsubimages is not None else session.all_parts
         count = len(first.parts) if everything or self.subimages else 1
-        if self.idle([part for n, part in enumerate(first.parts[:count]) if wanted is None or n in wanted]):
+        if self.idle([part for n, part in enumerate(first.parts[:count]) if n in wanted]):
             return first
         parts = []
         for n, part in enumerate(first.parts[:count]):
             operands = [given.parts[min(n, len(given.parts) - 1)] for given in inputs]
-            parts.append(self._worked(operands, session) if wanted is None or n in wanted else part)
+            parts.append(self._worked(operands, session) if n in wanted else part)
         return Image((*parts, *(first.parts[count:] if self.keeps else ())), first.source)
 
     def _worked(self, parts: Sequence[Part], session: Session) -> Part:
@@ -84,8 +90,9 @@ class HostOp(Op):
         if not part.exact:
             return self.result(parts, session)
         if self.mixes:
+            content = "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
             raise ImageError(
-                f"part '{part.name}' holds {_content(part)}, which the op would change: leave it out, with"
+                f"part '{part.name}' holds {content}, which the op would change: leave it out, with"
                 f" :subimages=-{part.name} or without -a"
             )
         return dataclasses.replace(self.result(parts, session), stored=part.stored, exact=True)
@@ -95,14 +102,70 @@ class HostOp(Op):
         return [given for _, given in self.given()]
 
 
+def op(
+    name: str,
+    help: str,
+    kind: type[HostOp],
+    function: str | Callable[..., Any] | None = None,
+    /,
+    **members: Any,
+) -> type[HostOp]:
+    """An op, as a row of a table.
+
+    Parameters
+    ----------
+    name, help : str
+    kind : type
+        Its access kind, with the inputs and parameters that it shares with others.
+    function : str or callable
+        What computes it: of ImageBufAlgo by its name, or ours. Default: ImageBufAlgo's function of the op's name.
+    **members
+        Its parameters, in the order in which the function takes their values: a field, of the type of its default, or
+        (type, field). All else is a fact of the class, such as `aliases`, or a method.
+    """
+    fields = fields_of(members)
+    facts = members | {"__doc__": help, "name": name}
+    facts["function"] = staticmethod(function) if callable(function) else function or name
+    for field, *_ in fields:
+        del facts[field]
+    return dataclasses.make_dataclass(name, fields, bases=(kind,), namespace=facts, frozen=True, kw_only=True)
+
+
+def fields_of(members: dict[str, Any]) -> list[tuple[str, type, Any]]:
+    """Those members that are parameters: (name, type, field), as `make_dataclass` takes them."""
+    fields = []
+    for name, value in members.items():
+        if isinstance(value, dataclasses.Field):
+            fields.append((name, type(value.default), value))
+        elif isinstance(value, tuple) and isinstance(value[-1], dataclasses.Field):
+            fields.append((name, *value))
+    return fields
+
+
+def _chosen(subimages: str | None, first: Image) -> set[int]:
+    """The numbers of the parts that a `subimages` modifier means."""
+    names = [part.name for part in first.parts]
+    included: set[int] = set()
+    excluded: set[int] = set()
+    for word in filter(None, (w.strip() for w in (subimages or "").split(","))):
+        bare = word.removeprefix("-")
+        if bare == "all":
+            included |= set(range(len(names)))
+        elif bare.isdigit() or bare in names:
+            (excluded if word != bare else included).add(int(bare) if bare.isdigit() else names.index(bare))
+        else:
+            raise ParameterError(
+                f"subimages={subimages}: {first.source} has no part '{bare}'; it has {', '.join(names)}"
+            )
+    return (included or set(range(len(names)))) - excluded
+
+
 @dataclass(frozen=True, kw_only=True)
 class Hosted(HostOp):
     """Makes one image its own way: from none, from many, from all parts. The modifiers for parts are not its."""
 
-    _OF_PARTS: ClassVar[tuple[str, ...]] = ("subimages", "allsubimages")
-
     def __post_init__(self) -> None:
-        for name in self._OF_PARTS:
+        for name in _OF_PARTS:
             if getattr(self, name) is not None:
                 raise ParameterError(f"{self.name}: it has no modifier '{name}'")
         super().__post_init__()
@@ -110,223 +173,48 @@ class Hosted(HostOp):
     @classmethod
     def parameters(cls) -> tuple[Parameter, ...]:
         """The declared parameters."""
-        return tuple(p for p in declared(cls)[1] if p.name not in cls._OF_PARTS)
-
-
-def _content(part: Part) -> str:
-    """What a part holds that must stay as it is."""
-    return "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
+        return tuple(p for p in declared(cls)[1] if p.name not in _OF_PARTS)
 
 
 def checked(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-    """The buffer, unless it holds an error of OpenImageIO.
-
-    Raises
-    ------
-    ImageError
-        With OpenImageIO's text.
-    """
+    """The buffer, unless it holds an error of OpenImageIO, which is raised as ImageError."""
     if buffer.has_error:
         raise ImageError(one_line(buffer.geterror()))
     return buffer
 
 
-def _blank(part: Part, window: Window) -> oiio.ImageBuf:
+def like(spec: oiio.ImageSpec, **changes: Any) -> oiio.ImageSpec:
+    """A copy of a spec with some of its attributes changed."""
+    copy = oiio.ImageSpec(spec)
+    for name, value in changes.items():
+        setattr(copy, name, value)
+    return copy
+
+
+def filled(spec: oiio.ImageSpec, pixels: Pixels) -> oiio.ImageBuf:
+    """A buffer of that spec with those pixels."""
+    buffer = oiio.ImageBuf(spec)
+    buffer.set_pixels(buffer.roi, pixels)
+    return buffer
+
+
+def window_of(roi: oiio.ROI) -> Window:
+    """A region as a window."""
+    return Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend)
+
+
+def sample(part: Part, window: Window) -> oiio.ImageBuf:
     """Black pixels of the part's kind: what an op makes of them tells the spec of its result."""
     spec = window.apply_to(part.spec)
     spec.set_format(part.working_type)
     return oiio.ImageBuf(spec)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PointOp(HostOp, Pointwise):
-    """What it makes of buffers, pixel for pixel."""
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The result over the data window that all buffers have."""
-        return self.of_buffers(*buffers)
-
-    def window(self, parts: Sequence[Part]) -> Window:
-        """The result's data window: that of all inputs together."""
-        whole = parts[0].window
-        for part in parts[1:]:
-            whole |= part.window
-        return whole
-
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The result, not yet computed."""
-        return pointwise(parts, self.window(parts), self.apply)
-
-
-def pointwise(parts: Sequence[Part], whole: Window, apply: Callable[..., oiio.ImageBuf]) -> Part:
-    """What `apply` makes of the pixels of parts over the data window `whole`, not yet computed."""
-    corner = Window.sized(whole.left, whole.top, 1, 1)
-    spec = checked(apply(*(_blank(part, corner) for part in parts))).spec()
-
-    def fetch(window: Window) -> oiio.ImageBuf:
-        return checked(apply(*(_padded(part, window) for part in parts)))
-
-    return Part(parts[0].name, whole.apply_to(spec), fetch)
-
-
-def _padded(part: Part, window: Window) -> oiio.ImageBuf:
-    """The part's pixels over a window, black where it has none."""
-    if window & part.window == window:
-        return part.buffer(window)
-    return cropped(part, window).buffer(window)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Resampled(HostOp):
-    """What it makes of buffers that hold what a window looks at."""
-
-    scattered: ClassVar[bool] = False  # it reads columns or slanted strips, which no file gives quickly
-
-    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
-        """The result's windows, in a copy of the first spec."""
-        return oiio.ImageSpec(specs[0])
-
-    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """For each input, the window that a window of the result looks at; it may reach beyond the data window."""
-        raise NotImplementedError
-
-    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The result over the data window of `target`, from buffers that hold what it looks at."""
-        raise NotImplementedError
-
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The result, not yet computed."""
-        specs = [part.spec for part in parts]
-        needs = functools.partial(self.needs, specs=specs)
-        return remapped(self, parts, self.target(specs), needs, self.apply, session, scattered=self.scattered)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Remap(_Resampled, Gather):
-    """A window follows from another window of its source."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Area(_Resampled, Neighbourhood):
-    """A window follows from the same window with a halo."""
-
-    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
-        """The window with its halo."""
-        return [window.grown(*self.halo())]
-
-    def neighbourhood(self) -> tuple[int, int]:
-        """Columns and rows of what it looks at around a pixel."""
-        x, y = self.halo()
-        return 2 * x + 1, 2 * y + 1
-
-    def result(self, parts: Sequence[Part], session: Session) -> Part:
-        """The result, not yet computed; too large a kernel is refused."""
-        require_kernel(*self.neighbourhood(), session)
-        return super().result(parts, session)
-
-
-def require_kernel(width: int, height: int, session: Session) -> None:
-    """Refuse a kernel that nobody waits for, or whose values do not fit the memory budget.
-
-    Raises
-    ------
-    ParameterError
-        It has more than 2^24 pixels: OpenImageIO looks at each of them for each pixel.
-    ImageError
-        It does not fit.
-    """
-    if width * height > _MOST_NEIGHBOURS:
-        size = f"{width}x{height}"
-        raise ParameterError(
-            f"kernel {size}: expected at most {_MOST_NEIGHBOURS} pixels; use a smaller image or kernel"
-        )
-    session.require(width * height * 4, "a kernel", "use a smaller kernel")
-
-
-_MOST_NEIGHBOURS = 1 << 24  # of a pixel
-_CELL = 256  # side of the squares in which slanted reads are done: a band of rows would need all of its source
-
-
-def remapped(
-    op: HostOp,
-    parts: Sequence[Part],
-    target: oiio.ImageSpec,
-    needs: Callable[[Window], Sequence[Window]],
-    apply: Callable[..., oiio.ImageBuf],
-    session: Session,
-    *,
-    scattered: bool = False,
-) -> Part:
-    """The result of an op that looks elsewhere, not yet computed.
-
-    Parameters
-    ----------
-    op : HostOp
-        Named in messages.
-    parts : sequence of Part
-    target : oiio.ImageSpec
-        The result's windows.
-    needs, apply : callable
-        As `Remap` and `Area` have them.
-    session : Session
-    scattered : bool
-        Sources are brought where any window can be read, when the first is asked for.
-
-    Raises
-    ------
-    ImageError
-        The result has no pixel.
-    """
-    whole = Window.data(target)
-    if whole.empty or target.full_width < 1 or target.full_height < 1:
-        raise ImageError(
-            f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least"
-        )
-    bring = functools.partial(materialized, budget=session.budget)
-    near = [once(part, bring) if scattered else cached(part, session.cache) for part in parts]
-
-    def at(window: Window) -> oiio.ImageBuf:
-        pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
-        session.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
-        buffers = [part.buffer(w) for part, w in pieces]
-        return checked(apply(window.apply_to(target), *buffers))
-
-    corner = Window.sized(whole.left, whole.top, 1, 1)
-    samples = [_blank(part, Window.sized(*part.window[:2], 16, 16) & part.window) for part in parts]
-    spec = whole.apply_to(checked(apply(corner.apply_to(target), *samples)).spec())
-    part = Part(parts[0].name, spec, at)
-    return dataclasses.replace(part, fetch=_in_cells(part)) if scattered else part
-
-
-def with_edges(wanted: Window, spec: oiio.ImageSpec) -> Window:
-    """A window, with the edge of the display window, which OpenImageIO repeats beyond the data window."""
-    data, display = Window.data(spec), Window.display(spec)
-    if not wanted.empty and wanted & data == wanted:
-        return wanted
-    return wanted | Window(
-        min(max(wanted.left, display.left), display.right - 1),
-        min(max(wanted.top, display.top), display.bottom - 1),
-        min(max(wanted.right, display.left + 1), display.right),
-        min(max(wanted.bottom, display.top + 1), display.bottom),
-    )
-
-
-def _seen(wanted: Window, part: Part) -> Window:
-    """What an op sees of a window: a pixel at least, be it far away; all of a deep part, whose rows cannot be read."""
-    seen = part.window if part.spec.deep else with_edges(wanted, part.spec) & part.window
-    return _nearest(wanted, part.window) if seen.empty else seen
-
-
-def _in_cells(part: Part) -> Callable[[Window], Pixels]:
-    def fetch(window: Window) -> Pixels:
-        if window.width <= _CELL and window.height <= _CELL:
-            return part.fetch(window)
-        out = oiio.ImageBuf(window.apply_to(part.spec), False)
-        for cell in window.cells(_CELL, _CELL):
-            out.set_pixels(cell.roi(part.spec.nchannels), part.read(cell))
-        return out
-
-    return fetch
+def worked(part: Part) -> Part:
+    """The part as ops of the host see it: its working type, written as computed pixels are."""
+    spec = part.window.apply_to(part.spec)
+    spec.set_format(part.working_type)
+    return Part(part.name, spec, part.buffer, ready=part.ready)
 
 
 def once(part: Part, bring: Callable[[Part], Part]) -> Part:
@@ -345,36 +233,52 @@ def once(part: Part, bring: Callable[[Part], Part]) -> Part:
     return dataclasses.replace(part, fetch=fetch, ready=True)
 
 
-def worked(part: Part) -> Part:
-    """The part as ops of the host see it: its working type, written as computed pixels are."""
-    spec = part.window.apply_to(part.spec)
-    spec.set_format(part.working_type)
-    return Part(part.name, spec, part.buffer, ready=part.ready)
+@dataclass(frozen=True, kw_only=True)
+class PointOp(HostOp, Pointwise):
+    """Its function gets buffers of one data window, pixel for pixel."""
+
+    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The result over the data window that all buffers have."""
+        return self.called(*buffers)
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed, over the data windows of all inputs together."""
+        return pointwise(parts, functools.reduce(operator.or_, (part.window for part in parts)), self.apply)
 
 
-def _nearest(wanted: Window, whole: Window) -> Window:
-    """The pixel of `whole` that lies nearest to a window outside it."""
-    x = min(max(wanted.left, whole.left), whole.right - 1)
-    y = min(max(wanted.top, whole.top), whole.bottom - 1)
-    return Window.sized(x, y, 1, 1)
+@dataclass(frozen=True, kw_only=True)
+class OneImage(PointOp):
+    """One image, pixel by pixel."""
+
+    source: Image = image(help="the image")
+
+
+def pointwise(parts: Sequence[Part], whole: Window, apply: Callable[..., oiio.ImageBuf]) -> Part:
+    """What `apply` makes of the pixels of parts over the data window `whole`, black where one has none."""
+    corner = Window.sized(whole.left, whole.top, 1, 1)
+    spec = checked(apply(*(sample(part, corner) for part in parts))).spec()
+
+    def padded(part: Part, window: Window) -> oiio.ImageBuf:
+        return (part if window & part.window == window else cropped(part, window)).buffer(window)
+
+    def fetch(window: Window) -> oiio.ImageBuf:
+        return checked(apply(*(padded(part, window) for part in parts)))
+
+    return Part(parts[0].name, whole.apply_to(spec), fetch)
 
 
 @dataclass(frozen=True, kw_only=True)
 class AtOnce(HostOp, Whole):
-    """What it makes of whole buffers, held."""
-
-    def apply(self, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
-        """The result from whole images."""
-        raise NotImplementedError
+    """Its function gets whole images, held."""
 
     def result_bytes(self, parts: Sequence[Part]) -> int:
-        """Bytes that it needs beside its inputs."""
+        """Bytes that it needs in addition to its inputs."""
         return _bytes(parts[0])
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The computed result."""
         session.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
-        return in_memory(parts[0].name, checked(self.apply(*(part.buffer(part.window) for part in parts))))
+        return in_memory(parts[0].name, checked(self.called(*(part.buffer(part.window) for part in parts))))
 
 
 def _bytes(part: Part) -> int:
@@ -383,7 +287,7 @@ def _bytes(part: Part) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class Respec(HostOp, Pointwise):
-    """Pixels stay; windows, channel names or metadata change."""
+    """Its function changes a spec: pixels stay; windows, channel names or metadata change."""
 
     mixes: ClassVar[bool] = False
     keeps: ClassVar[bool] = True
@@ -391,10 +295,6 @@ class Respec(HostOp, Pointwise):
 
     source: Image = image(help="the image")
 
-    def change(self, spec: oiio.ImageSpec) -> None:
-        """Make the change."""
-        raise NotImplementedError
-
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The part under its new spec, in its own type."""
-        return parts[0].respecced(self.change)
+        return parts[0].respecced(self.called)

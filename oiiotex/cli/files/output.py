@@ -277,7 +277,7 @@ def _with_provenance(chain: Chain, image: Image) -> Image:
 
 
 def _trimmed(chain: Chain, image: Image, path: str) -> Image:
-    from ...host.cropping import Trim
+    from ...host.spatial.placing import Trim
 
     out = oiio.ImageOutput.create(path)
     return Trim(source=image).compute(chain.session) if out is not None and out.supports("displaywindow") else image

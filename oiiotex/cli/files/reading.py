@@ -149,7 +149,7 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
 
         thumbnail(chain, given.fail, given.index)
     if chain.settings.get("--autoorient"):
-        from ...host.turning import Reorient
+        from ...host.spatial.placing import Reorient
 
         chain.apply(Reorient)
     automatic = chain.session.autocc if given.autocc is None else given.autocc

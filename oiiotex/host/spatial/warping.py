@@ -8,15 +8,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.access import Gather
-from ..core.image import Image, Part, derived_spec, in_memory, pixels_of
-from ..core.op import Op
-from ..core.parameters import Numbers, argument, image, nearest, param
-from ..core.window import Window, warp_needs
-from ..deferred import np, oiio
-from ..errors import ImageError, ParameterError
-from ..session import Session
-from .kinds import HostOp, checked, once, remapped, require_kernel, worked
+from ...core.access import Gather
+from ...core.image import Image, Part, derived_spec, in_memory, pixels_of
+from ...core.parameters import Numbers, argument, image, nearest, param
+from ...core.window import Window, warp_needs
+from ...deferred import np, oiio
+from ...errors import ImageError, ParameterError
+from ...session import Session
+from ..kinds import HostOp, checked, like, once, worked
+from ..remapping import remapped, require_kernel
 
 # OpenImageIO's filters and their widths in pixels
 FILTERS = {
@@ -24,56 +24,46 @@ FILTERS = {
     "lanczos3": 6, "radial-lanczos3": 6, "nuke-lanczos6": 6, "mitchell": 4, "bspline": 4, "disk": 1, "cubic": 4,
     "keys": 4, "simon": 4, "rifman": 4,
 }  # fmt: skip
+HIGHLIGHTS = param(False, help="compress bright values meanwhile, so that they do not ring")
 _WRAPS = ("default", "black", "clamp", "periodic", "mirror")
 
 
 def known_filter(name: str) -> str:
-    """The name of a filter, or nothing for the op's own choice.
-
-    Raises
-    ------
-    ParameterError
-        There is none of that name.
-    """
+    """The name of a filter, or nothing for the op's own choice; raises ParameterError where there is none."""
     if name and name not in FILTERS:
         raise ParameterError(f"filter={name}: no such filter{nearest(name, FILTERS)}; there is {', '.join(FILTERS)}")
     return name
 
 
-def blank(target: oiio.ImageSpec, like: oiio.ImageBuf) -> oiio.ImageBuf:
+def blank(target: oiio.ImageSpec, source: oiio.ImageBuf) -> oiio.ImageBuf:
     """Black pixels over the target's data window, of the type of another buffer."""
     spec = oiio.ImageSpec(target)
-    spec.set_format(like.spec().format)
+    spec.set_format(source.spec().format)
     return oiio.ImageBuf(spec)
 
 
-def compressed(work: Callable[[oiio.ImageBuf], oiio.ImageBuf], buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-    """What `work` makes of the buffer, done on compressed values: bright spots do not ring."""
+def compressed(
+    work: Callable[[oiio.ImageBuf], oiio.ImageBuf], buffer: oiio.ImageBuf, highlights: bool
+) -> oiio.ImageBuf:
+    """What `work` makes of the buffer; for `highlights` it is done on compressed values: bright spots do not ring."""
+    if not highlights:
+        return work(buffer)
     result = checked(work(checked(oiio.ImageBufAlgo.rangecompress(buffer))))
     oiio.ImageBufAlgo.rangeexpand(result, result)
     return result
 
 
-def clamped_at_edges(
+def _clamped_at_edges(
     warped: oiio.ImageBuf, buffer: oiio.ImageBuf, data: Window, matrix: np.ndarray, filter: str
 ) -> oiio.ImageBuf:
     """What a warp would be if the filter's weights counted only where there are pixels: ImageBufAlgo's `edgeclamp`.
 
     Its Python function does not take that option. A warped image of ones holds the share of the weights that counted;
-    what is divided by it has the value, to the last bit or two.
-
-    Parameters
-    ----------
-    warped : oiio.ImageBuf
-        What the warp made of `buffer`, with black outside.
-    buffer : oiio.ImageBuf
-    data : Window
-        The data window of the whole source.
-    matrix : array of shape (3, 3)
-        Scales and moves, nothing else.
-    filter : str
+    what is divided by it has the value, to the last bit or two. `warped` has black outside `data`, the data window of
+    the whole source; `matrix`, (3, 3), scales and moves, nothing else.
     """
-    ones, share = (oiio.ImageBuf(_one_channel(given.spec())) for given in (buffer, warped))
+    gray = {"nchannels": 1, "channelnames": ("Y",), "alpha_channel": -1, "z_channel": -1}
+    ones, share = (oiio.ImageBuf(like(given.spec(), **gray, format=oiio.TypeFloat)) for given in (buffer, warped))
     oiio.ImageBufAlgo.fill(ones, (1.0,))
     oiio.ImageBufAlgo.warp(share, ones, tuple(float(v) for v in matrix.ravel()), filter, 0.0, False, "default")
     window = Window.data(warped.spec())
@@ -88,31 +78,7 @@ def clamped_at_edges(
     return warped
 
 
-def _one_channel(spec: oiio.ImageSpec) -> oiio.ImageSpec:
-    new = oiio.ImageSpec(spec)
-    new.nchannels, new.channelnames = 1, ("Y",)
-    new.alpha_channel = new.z_channel = -1
-    new.set_format(oiio.FLOAT)
-    return new
-
-
-def require_filter(inverse: np.ndarray, filter: str, session: Session) -> None:
-    """Refuse a reduction under which a filter looks at too many pixels, as `require_kernel` does.
-
-    Parameters
-    ----------
-    inverse : array of shape (3, 3)
-        From the result to the source. One that is no perspective: of those, no figure holds for all pixels.
-    filter : str
-        One of `FILTERS`.
-    session : Session
-    """
-    if np.array_equal(inverse[:, 2], (0, 0, 1)):
-        across, down = FILTERS[filter] * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))
-        require_kernel(math.ceil(across), math.ceil(down), session)
-
-
-def forward_window(matrix: np.ndarray, window: Window) -> Window:
+def _forward_window(matrix: np.ndarray, window: Window) -> Window:
     """The smallest window around a warped one, computed in float as ImageBufAlgo::warp does."""
     m = matrix.astype(np.float32)
     corners = []
@@ -126,6 +92,43 @@ def forward_window(matrix: np.ndarray, window: Window) -> Window:
     return Window(math.floor(left), math.floor(top), math.floor(right) + 1, math.floor(bottom) + 1)
 
 
+def warped(
+    op: HostOp, part: Part, target: oiio.ImageSpec, matrix: np.ndarray, filter: str, highlights: bool,
+    session: Session, *, wrap: str = "default", edgeclamp: bool = False, scattered: bool = False,
+) -> Part:  # fmt: skip
+    """The part through a matrix of shape (3, 3), over the windows of `target`, not yet computed.
+
+    `matrix` leads from the source to the result, for row vectors (x, y, 1) in pixels. Raises ParameterError for a
+    filter that there is not, and for a matrix that has no inverse.
+    """
+    wide = FILTERS[known_filter(filter) or "lanczos3"]
+    matrix, data = matrix.astype(np.float32), part.window
+    try:
+        inverse = np.linalg.inv(matrix.astype(np.float64))
+    except np.linalg.LinAlgError:
+        raise ParameterError("a matrix that has an inverse is wanted") from None
+    if np.array_equal(inverse[:, 2], (0, 0, 1)):  # for a perspective no figure holds for all pixels
+        across, down = wide * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))
+        require_kernel(math.ceil(across), math.ceil(down), session)
+    values = tuple(float(v) for v in matrix.ravel())
+
+    def needs(window: Window) -> Sequence[Window]:
+        wanted = warp_needs(inverse, window, wide, data)
+        if wrap in ("periodic", "mirror") and wanted & data != wanted:
+            return [data]  # what comes in from the other side may be anywhere
+        return [wanted]
+
+    def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+        def warp(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
+            result = blank(spec, buffer)
+            oiio.ImageBufAlgo.warp(result, buffer, values, filter, 0.0, False, wrap)
+            return _clamped_at_edges(result, buffer, data, matrix, filter) if edgeclamp else result
+
+        return compressed(warp, buffer, highlights)
+
+    return remapped(op, [part], target, needs, apply, session, scattered=scattered)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Warped(HostOp, Gather):
     """Resampled through a matrix."""
@@ -133,52 +136,12 @@ class Warped(HostOp, Gather):
     source: Image = image(help="the image")
     filter: str = param("", help="name of the filter; lanczos3 when left out")
     recompute_roi: bool = param(False, help="the data window becomes what the warped one covers")
-    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+    highlightcomp: bool = HIGHLIGHTS
 
     def warped(self, part: Part, matrix: np.ndarray, wrap: str, session: Session) -> Part:
-        """The part through a matrix, not yet computed.
-
-        Parameters
-        ----------
-        part : Part
-        matrix : array of shape (3, 3)
-            From the source to the result, for row vectors (x, y, 1) in pixels.
-        wrap : str
-            What lies beyond the image: default (black), black, clamp, periodic or mirror.
-        session : Session
-
-        Raises
-        ------
-        ParameterError
-            No such filter, or a matrix that has no inverse.
-        ImageError
-            The result's data window would have no end, or no pixel.
-        """
-        known_filter(self.filter)
-        wide = FILTERS[self.filter or "lanczos3"]
-        try:
-            inverse = np.linalg.inv(matrix.astype(np.float32).astype(np.float64))
-        except np.linalg.LinAlgError:
-            raise ParameterError("a matrix that has an inverse is wanted") from None
-        require_filter(inverse, self.filter or "lanczos3", session)
-        data = part.window
-        target = (forward_window(matrix, data) if self.recompute_roi else data).apply_to(part.spec)
-        values = tuple(float(v) for v in matrix.astype(np.float32).ravel())
-
-        def needs(window: Window) -> Sequence[Window]:
-            wanted = warp_needs(inverse, window, wide, data)
-            if wrap in ("periodic", "mirror") and wanted & data != wanted:
-                return [data]  # what comes in from the other side may be anywhere
-            return [wanted]
-
-        def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-            def warp(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-                roi = Window.data(spec).roi(spec.nchannels)
-                return oiio.ImageBufAlgo.warp(buffer, values, self.filter, 0.0, False, wrap, roi)
-
-            return compressed(warp, buffer) if self.highlightcomp else warp(buffer)
-
-        return remapped(self, [part], target, needs, apply, session, scattered=True)
+        """The part through a matrix, not yet computed."""
+        target = (_forward_window(matrix, part.window) if self.recompute_roi else part.window).apply_to(part.spec)
+        return warped(self, part, target, matrix, self.filter, self.highlightcomp, session, wrap=wrap, scattered=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,14 +185,13 @@ def _rotation(radians: float, x: float, y: float) -> np.ndarray:
     """The matrix of ImageBufAlgo::rotate, rounded as it rounds: a pixel more or less would be another window."""
     c, s = np.float32(math.cos(radians)), np.float32(math.sin(radians))
     turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]], np.float32)
-    move = np.array([[1, 0, 0], [0, 1, 0], [-x, -y, 1]], np.float32)
-    back = np.array([[1, 0, 0], [0, 1, 0], [x, y, 1]], np.float32)
-    return _product(_product(move, turn), back)
+    move, back = (np.array([[1, 0, 0], [0, 1, 0], [sign * x, sign * y, 1]], np.float32) for sign in (-1, 1))
 
+    def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """In float, terms added from the left."""
+        return a[:, :1] * b[:1] + a[:, 1:2] * b[1:2] + a[:, 2:] * b[2:]
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Matrix product in float, terms added from the left."""
-    return a[:, :1] * b[:1] + a[:, 1:2] * b[1:2] + a[:, 2:] * b[2:]
+    return product(product(move, turn), back)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -273,4 +235,4 @@ class STWarp(HostOp, Gather):
         return Part(source.name, spec, fetch)
 
 
-OPS: tuple[type[Op], ...] = (Warp, Rotate, STWarp)
+WARPING = (Warp, Rotate, STWarp)

@@ -9,42 +9,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..core.access import Gather
-from ..core.image import Image, Part, cropped, in_memory
-from ..core.op import Op
-from ..core.parameters import argument, image, param
-from ..core.window import Window, warp_needs
-from ..deferred import np, oiio
-from ..errors import ParameterError
-from ..session import Session
-from .geometry_text import Box, box_of, parse_box
-from .kinds import Hosted, HostOp, Remap, checked, remapped, worked
-from .warping import FILTERS, blank, clamped_at_edges, compressed, known_filter, require_filter
+from ...core.access import Gather
+from ...core.image import Image, Part, cropped, in_memory
+from ...core.parameters import argument, image, param
+from ...core.window import Window
+from ...deferred import np, oiio
+from ...errors import ParameterError
+from ...session import Session
+from ..geometry_text import Box, box_of, parse_box
+from ..kinds import Hosted, HostOp, checked, worked
+from ..remapping import Remap, remapped
+from .warping import FILTERS, HIGHLIGHTS, blank, compressed, known_filter, warped
 
 _STACK = 6 << 20  # bytes; ImageBufAlgo::resize keeps a row's weights on a thread's stack, and dies where it is full
+_SIZE = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")
+_FILTER = param("", help="name of the filter; by the scale when left out")
 _UNSEPARABLE = ("radial-lanczos3", "nuke-lanczos6", "disk")
 
 
 def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highlights: bool, session: Session) -> Part:
     """The part with its display window mapped onto that of `target`, over the data window of `target`.
 
-    Parameters
-    ----------
-    op : HostOp
-        Named in messages.
-    part : Part
-    target : oiio.ImageSpec
-        The result's windows and metadata; the pixel type stays the part's.
-    filter : str
-        One of `FILTERS`; '' leaves the choice to OpenImageIO.
-    highlights : bool
-        Compress bright values meanwhile, so that they do not ring.
-    session : Session
-
-    Raises
-    ------
-    ParameterError
-        No such filter, or a display window without a pixel.
+    A filter of '' leaves the choice to OpenImageIO. Raises ParameterError for one that there is not, for a display
+    window without a pixel, and for one that is too wide.
     """
     source, box = Window.display(part.spec), Window.display(target)
     if box.empty:
@@ -70,7 +57,7 @@ def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highligh
             oiio.ImageBufAlgo.resize(result, buffer, filter)
             return result
 
-        return compressed(resize, buffer) if highlights else resize(buffer)
+        return compressed(resize, buffer, highlights)
 
     return remapped(op, [part], target, needs, apply, session)
 
@@ -118,9 +105,9 @@ class Resize(HostOp, Gather):
     name: ClassVar[str] = "resize"
 
     source: Image = image(help="the image")
-    size: str = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")
-    filter: str = param("", help="name of the filter; by the scale when left out")
-    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+    size: str = _SIZE
+    filter: str = _FILTER
+    highlightcomp: bool = HIGHLIGHTS
     from_: str | None = param(None, help="WxH+X+Y, also broken pixels: what is mapped; the display window if left out")
     to: str | None = param(None, help="WxH+X+Y, also broken pixels: where to; the new display window if left out")
     edgeclamp: bool = param(False, help="with from and to: no black bleeds in at the edges")
@@ -147,26 +134,9 @@ class Resize(HostOp, Gather):
             if _same_size(spec, self.size):  # beside parts that change; oiiotool then fills the display window
                 target = Window.display(target).apply_to(target)
             return scaled(self, parts[0], target, self.filter, self.highlightcomp, session)
-        return self._warped(parts[0], Window.display(target).apply_to(target), *boxes, session)
-
-    def _warped(self, part: Part, target: oiio.ImageSpec, begin: Box, end: Box, session: Session) -> Part:
-        matrix = _mapping(begin, end)
-        inverse = np.linalg.inv(matrix.astype(np.float64))
-        filter = known_filter(self.filter) or "lanczos3"
-        require_filter(inverse, filter, session)
-        wide = FILTERS[filter]
-        values = tuple(float(v) for v in matrix.ravel())
-
-        def apply(spec: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-            def warp(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
-                result = blank(spec, buffer)
-                oiio.ImageBufAlgo.warp(result, buffer, values, self.filter, 0.0, False, "default")
-                return clamped_at_edges(result, buffer, part.window, matrix, self.filter) if self.edgeclamp else result
-
-            return compressed(warp, buffer) if self.highlightcomp else warp(buffer)
-
-        return remapped(
-            self, [part], target, lambda window: [warp_needs(inverse, window, wide, part.window)], apply, session
+        target = Window.display(target).apply_to(target)
+        return warped(
+            self, parts[0], target, _mapping(*boxes), self.filter, self.highlightcomp, session, edgeclamp=self.edgeclamp
         )
 
 
@@ -185,8 +155,7 @@ class Resample(Remap):
     name: ClassVar[str] = "resample"
     deep: ClassVar[bool] = True
 
-    source: Image = image(help="the image")
-    size: str = argument(help="of the display window: 640x480, 50%, 200%x50%, 0x480 (keeps the proportions)")
+    size: str = _SIZE
     interp: bool = param(True, help="interpolate; else take the nearest pixel")
 
     def idle(self, parts: Sequence[Part]) -> bool:
@@ -219,11 +188,11 @@ class Fit(HostOp, Gather):
 
     source: Image = image(help="the image")
     size: str = argument(help="WxH or WxH+X+Y: the new display window")
-    filter: str = param("", help="name of the filter; by the scale when left out")
+    filter: str = _FILTER
     pad: bool = param(False, help="pad to the size with black")
     fillmode: str = param("letterbox", choices=("letterbox", "width", "height"), help="what fills the size")
     exact: bool = param(False, help="centre to a part of a pixel and keep the proportions exactly; not streamed")
-    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+    highlightcomp: bool = HIGHLIGHTS
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The fitted part."""
@@ -273,7 +242,7 @@ class Fit(HostOp, Gather):
             return result
 
         whole = part.buffer(part.window)
-        return in_memory(part.name, checked(compressed(fit, whole) if self.highlightcomp else fit(whole)))
+        return in_memory(part.name, checked(compressed(fit, whole, self.highlightcomp)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,8 +253,8 @@ class PixelAspect(Hosted, Gather):
 
     source: Image = image(help="the image")
     aspect: float = argument(help="width of a pixel, as a multiple of its height")
-    filter: str = param("", help="name of the filter; by the scale when left out")
-    highlightcomp: bool = param(False, help="compress bright values meanwhile, so that they do not ring")
+    filter: str = _FILTER
+    highlightcomp: bool = HIGHLIGHTS
 
     def compute(self, session: Session) -> Image:
         """Resized, with the new ratio in the metadata; the image itself where no size changes."""
@@ -314,4 +283,4 @@ class PixelAspect(Hosted, Gather):
         return Image((first.respecced(change), *others), self.source.source)
 
 
-OPS: tuple[type[Op], ...] = (Resize, Resample, Fit, PixelAspect)
+SCALING = (Resize, Resample, Fit, PixelAspect)

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Kinds whose functions get buffers that hold what a window of the result looks at, wherever that lies."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from ..core.access import Gather, Neighbourhood
+from ..core.demand import cached, materialized
+from ..core.image import Image, Part, Pixels
+from ..core.parameters import image
+from ..core.window import Window
+from ..deferred import oiio
+from ..errors import ImageError, ParameterError
+from .kinds import HostOp, checked, once, sample
+
+if TYPE_CHECKING:
+    from ..session import Session
+
+_MOST_NEIGHBOURS = 1 << 24  # of a pixel
+_CELL = 256  # side of the squares in which slanted reads are done: a band of rows would need all of its source
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Resampled(HostOp):
+    """What it makes of buffers that hold what a window looks at."""
+
+    scattered: ClassVar[bool] = False  # it reads columns or slanted strips, which no file gives quickly
+
+    source: Image = image(help="the image")
+
+    def target(self, specs: Sequence[oiio.ImageSpec]) -> oiio.ImageSpec:
+        """The result's windows, in a copy of the first spec."""
+        return oiio.ImageSpec(specs[0])
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """For each input, the window that a window of the result looks at; it may reach beyond the data window."""
+        raise NotImplementedError
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """The result over the data window of `target`, from buffers that hold what it looks at."""
+        raise NotImplementedError
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed."""
+        specs = [part.spec for part in parts]
+        needs = functools.partial(self.needs, specs=specs)
+        return remapped(self, parts, self.target(specs), needs, self.apply, session, scattered=self.scattered)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remap(_Resampled, Gather):
+    """A window follows from another window of its source."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Area(_Resampled, Neighbourhood):
+    """A window follows from the same window with a halo: its function gets the image there, and the window as a ROI."""
+
+    def needs(self, window: Window, specs: Sequence[oiio.ImageSpec]) -> Sequence[Window]:
+        """The window with its halo."""
+        return [window.grown(*self.halo())]
+
+    def neighbourhood(self) -> tuple[int, int]:
+        """Columns and rows of what it looks at around a pixel."""
+        x, y = self.halo()
+        return 2 * x + 1, 2 * y + 1
+
+    def apply(self, target: oiio.ImageSpec, *buffers: oiio.ImageBuf) -> oiio.ImageBuf:
+        """What the function makes of that window."""
+        return self.called(buffers[0], Window.data(target).roi(target.nchannels))
+
+    def result(self, parts: Sequence[Part], session: Session) -> Part:
+        """The result, not yet computed; too large a kernel is refused."""
+        require_kernel(*self.neighbourhood(), session)
+        return super().result(parts, session)
+
+
+def require_kernel(width: int, height: int, session: Session) -> None:
+    """Refuse a kernel that nobody waits for, or whose values do not fit the memory budget.
+
+    OpenImageIO looks at each of its pixels for each pixel: beyond 2^24 there is a ParameterError.
+    """
+    if width * height > _MOST_NEIGHBOURS:
+        size = f"{width}x{height}"
+        raise ParameterError(
+            f"kernel {size}: expected at most {_MOST_NEIGHBOURS} pixels; use a smaller image or kernel"
+        )
+    session.require(width * height * 4, "a kernel", "use a smaller kernel")
+
+
+def remapped(
+    op: HostOp,
+    parts: Sequence[Part],
+    target: oiio.ImageSpec,
+    needs: Callable[[Window], Sequence[Window]],
+    apply: Callable[..., oiio.ImageBuf],
+    session: Session,
+    *,
+    scattered: bool = False,
+) -> Part:
+    """The result of an op that looks elsewhere, over the windows of `target`, not yet computed.
+
+    `needs` and `apply` are as `Remap` and `Area` have them. Where reads are `scattered`, sources are brought where any
+    window can be read, when the first is asked for. Raises ImageError where the result has no pixel.
+    """
+    whole = Window.data(target)
+    if whole.empty or target.full_width < 1 or target.full_height < 1:
+        raise ImageError(
+            f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least"
+        )
+    bring = functools.partial(materialized, budget=session.budget)
+    near = [once(part, bring) if scattered else cached(part, session.cache) for part in parts]
+
+    def at(window: Window) -> oiio.ImageBuf:
+        pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
+        session.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
+        return checked(apply(window.apply_to(target), *(part.buffer(w) for part, w in pieces)))
+
+    corner = Window.sized(whole.left, whole.top, 1, 1)
+    samples = [sample(part, Window.sized(*part.window[:2], 16, 16) & part.window) for part in parts]
+    spec = whole.apply_to(checked(apply(corner.apply_to(target), *samples)).spec())
+    part = Part(parts[0].name, spec, at)
+    return dataclasses.replace(part, fetch=_in_cells(part)) if scattered else part
+
+
+def with_edges(wanted: Window, spec: oiio.ImageSpec) -> Window:
+    """A window, with the edge of the display window, which OpenImageIO repeats beyond the data window."""
+    data, display = Window.data(spec), Window.display(spec)
+    if not wanted.empty and wanted & data == wanted:
+        return wanted
+    return wanted | Window(
+        min(max(wanted.left, display.left), display.right - 1),
+        min(max(wanted.top, display.top), display.bottom - 1),
+        min(max(wanted.right, display.left + 1), display.right),
+        min(max(wanted.bottom, display.top + 1), display.bottom),
+    )
+
+
+def _seen(wanted: Window, part: Part) -> Window:
+    """What an op sees of a window: a pixel at least, be it far away; all of a deep part, whose rows cannot be read."""
+    whole = part.window
+    seen = whole if part.spec.deep else with_edges(wanted, part.spec) & whole
+    if not seen.empty:
+        return seen
+    x, y = min(max(wanted.left, whole.left), whole.right - 1), min(max(wanted.top, whole.top), whole.bottom - 1)
+    return Window.sized(x, y, 1, 1)
+
+
+def _in_cells(part: Part) -> Callable[[Window], Pixels]:
+    def fetch(window: Window) -> Pixels:
+        if window.width <= _CELL and window.height <= _CELL:
+            return part.fetch(window)
+        out = oiio.ImageBuf(window.apply_to(part.spec), False)
+        for cell in window.cells(_CELL, _CELL):
+            out.set_pixels(cell.roi(part.spec.nchannels), part.read(cell))
+        return out
+
+    return fetch
