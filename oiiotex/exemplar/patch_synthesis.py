@@ -27,7 +27,6 @@ from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
-from ..quality.lost_structure import regularity_of, say_what_was_lost
 from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality
 from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
@@ -169,6 +168,8 @@ class PatchSynthesis(MaterialOp, InBands):
             given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints, keeper
             synthesis = synthesize(session.device, *given, look=look)
             if synthesis.lost is not None:
+                from ..quality.lost_structure import say_what_was_lost
+
                 say_what_was_lost(self.flag(), synthesis.lost)
             return synthesis
 
@@ -214,6 +215,8 @@ class PatchSynthesis(MaterialOp, InBands):
         more = {} if kept is None else kept.measures()
         more |= {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
         if lattice is not None and quality.is_asked_for:
+            from ..quality.lost_structure import regularity_of
+
             more |= regularity_of(lab(), source, recipe)
 
         def looked_at() -> tuple[SomeRows, list[Look]]:

@@ -29,8 +29,6 @@ from ..session import Session
 from ..stationarity.costs import stationarity_cost
 from ..stationarity.measures import cost_text
 from ..stationarity.row_bands import PIXELS, channel, row_bands
-from .lost_structure import regularity_bytes
-from .patch_texture import texture_bytes, texture_of
 from .report_measures import REPORT_MEASURES
 from .seam_measures import seam_ratio, sharpness, wrap_percentile
 
@@ -234,6 +232,9 @@ class Quality:
 
     def _memory(self) -> int:
         """Bytes, beside what lies in files where it is much."""
+        from .lost_structure import regularity_bytes  # help needs none of it
+        from .patch_texture import texture_bytes
+
         (width, height), result = self.sizes
         bands = (min(w * h, max(PIXELS, w) + _HALO * w) for w, h in self.sizes)
         need = _BYTES * max(bands) + _SIDE_BYTES * max(w + h for w, h in self.sizes)
@@ -298,6 +299,7 @@ class Quality:
 
     def _of_copies(self, photo: SomeRows, look: Look) -> dict[str, float]:
         from .copy_detection import copies_by_source, label_copies  # scipy is loaded where it is needed
+        from .patch_texture import texture_of
 
         source = present(look.source)
         texture = texture_of(self.session, look.lab, source, photo, self.patch, self.wrap)
