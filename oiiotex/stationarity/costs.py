@@ -94,25 +94,24 @@ def _histogram_cost(
     In one dimension it is the area between the cumulatives; per bin, the mean over all pairs is a Gini mean
     difference, which sorting gives exactly in N log N.
     """
+    from scipy.sparse import csc_array  # when it is needed: it is slow to import
+
     n = down.shape[0] * right.shape[0]
-    below = np.zeros((len(ranges), BINS, down.shape[0], right.shape[0]))  # local cumulatives
-    first, last = [BINS] * len(ranges), [0] * len(ranges)
+    local = np.zeros((len(ranges), down.shape[0], BINS * right.shape[0]))  # histograms
     for band in bands:
-        weights = down[:, band]
-        whole = np.outer(weights.sum(1, np.float64), right.sum(1, np.float64))
         for k, (plane, (low, high)) in enumerate(zip(planes(band), ranges, strict=True)):
-            place = np.clip((plane - low) / ((high - low) / (BINS - 1)), 0.0, BINS - 1.0).astype(np.float32)
-            least, most = int(place.min()), int(place.max())
-            for b in range(least, most + 1):
-                share = np.clip(np.float32(b + 1) - place, np.float32(0), np.float32(1))
-                below[k, b] += weights @ (share @ right.T)
-            below[k, most + 1 :] += whole
-            first[k], last[k] = min(first[k], least), max(last[k], most)
-    rank, total = 2.0 * np.arange(1, n + 1) - n - 1.0, 0.0
-    for k, (low, high) in enumerate(ranges):
-        for b in range(first[k], min(BINS - 1, last[k] + 1)):  # elsewhere all cumulatives are 0 or 1
-            total += (rank * np.sort(below[k, b], axis=None)).sum() * (high - low)
-    return float(total / max(n * (n - 1) / 2.0, 1.0) / (BINS - 1))
+            place = np.clip((plane.T - low) / ((high - low) / (BINS - 1)), 0.0, BINS - 1.0)
+            first = np.minimum(place.astype(np.int32), BINS - 2)  # what lies between two bins is shared by them
+            share, width, height = place - first, *place.shape
+            bins = (first + np.arange(height, dtype=np.int32) * BINS)[..., None] + np.arange(2, dtype=np.int32)
+            shares = np.stack([1.0 - share, share], -1).astype(np.float64)
+            begins = np.arange(width + 1) * (2 * height)
+            members = csc_array((shares.ravel(), bins.ravel(), begins), (height * BINS, width))
+            local[k] += down[:, band] @ (members @ right.T).reshape(height, -1)
+    below = local.reshape(len(ranges), down.shape[0], BINS, -1).cumsum(2)[:, :, :-1]
+    ordered = np.sort(np.moveaxis(below, 2, 1).reshape(len(ranges), BINS - 1, n), -1)
+    pairs = (ordered @ (2.0 * np.arange(1, n + 1) - n - 1.0)).sum(1) / max(n * (n - 1) / 2.0, 1.0)
+    return float(sum(apart * (high - low) / (BINS - 1) for apart, (low, high) in zip(pairs, ranges, strict=True)))
 
 
 def _moment_cost(lab: SomeRows, unit: SomeRows, order: int, down: np.ndarray, right: np.ndarray) -> float:
@@ -183,7 +182,7 @@ def texture_cost(
 
 
 def _windows(size: int, sigma: float, wrap: bool) -> np.ndarray:
-    """Normalised Gaussian weights of all pixels of one axis, a row for every site: (sites, size) float32."""
+    """Normalised Gaussian weights of all pixels of one axis, a row for every site: (sites, size) float64."""
     sites = np.arange(min(SITES, size)) * size / min(SITES, size)
     away = np.abs(np.arange(size)[None, :] - sites[:, None])
     if wrap:
@@ -191,4 +190,4 @@ def _windows(size: int, sigma: float, wrap: bool) -> np.ndarray:
         weights = np.exp(-0.5 * ((away[..., None] + turns) / sigma) ** 2).sum(-1)
     else:
         weights = np.exp(-0.5 * (away / sigma) ** 2)
-    return (weights / weights.sum(1, keepdims=True)).astype(np.float32)
+    return np.asarray(weights / weights.sum(1, keepdims=True))
