@@ -22,7 +22,7 @@ from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.reference.histograms import gaussian_rows, soft_members
 from tests.test_deviation import cost_of, lab_of
-from tests.test_stationarity import lab_like
+from tests.test_stationarity import in_small_bands, lab_like  # noqa: F401 - a fixture for all
 
 
 def sites_of(size: int, sites: int, sigma: float, wrap: bool) -> np.ndarray:

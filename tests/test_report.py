@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from oiiotex import errors, filters
+from oiiotex.core.source_map import SourceMap
 from oiiotex.exemplar import patch_synthesis
+from oiiotex.quality import lost_structure, patch_texture, report
 from oiiotex.quality.report import SCHEMA
 from oiiotex.quality.report_measures import REPORT_MEASURES
+from oiiotex.regularity.lattice import Lattice
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels, quarters
@@ -73,6 +76,45 @@ def test_a_report_holds_the_measures_of_the_result(name, tmp_path):
     assert all(np.isfinite(value) for value in entry["measures"].values())
 
 
+@pytest.mark.parametrize("name", MADE)
+def test_numbers_are_the_same_where_rows_lie_in_files(name, tmp_path, monkeypatch):
+    make = MADE[name][1]
+    make(report=tmp_path / "held.json")
+    monkeypatch.setattr(report, "_HELD_SHARE", 0)
+    make(report=tmp_path / "filed.json")
+    assert measures(tmp_path / "filed.json") == measures(tmp_path / "held.json")
+
+
+def test_a_small_budget_measures_512_px_with_the_same_numbers(tmp_path, caplog):
+    """Once it took 200 bytes a pixel of photo and result, 105 MB."""
+    caplog.set_level("INFO", "oiiotex")
+    photo, values = buffer(pictures.bricks(512, 512, seed=2)), {"patch": 32, "tile": "xy"}
+    filters.quilt(photo, report=tmp_path / "a.json", **values)
+    filters.quilt(photo, report=tmp_path / "b.json", session=Session(budget=64 << 20, measure=True), **values)
+    assert measures(tmp_path / "a.json") == measures(tmp_path / "b.json")
+    assert "--texquilt: stationarity cost" in caplog.text
+
+
+def test_a_large_image_is_matched_in_windows(tmp_path, monkeypatch):
+    photo = buffer(pictures.pebbles(96, 96, seed=1))
+    filters.quilt(photo, size=(256, 256), report=tmp_path / "whole.json")
+    monkeypatch.setattr(patch_texture, "WHOLE", 1 << 14)
+    filters.quilt(photo, size=(256, 256), report=tmp_path / "windows.json")
+    whole, windows = measures(tmp_path / "whole.json"), measures(tmp_path / "windows.json")
+    assert windows.pop("texture") == pytest.approx(whole.pop("texture"), rel=0.2) and windows == whole
+
+
+def test_regularity_of_a_large_image_is_that_of_its_middle(monkeypatch):
+    values = np.add.outer(np.sin(np.arange(600) / 2), np.cos(np.arange(500) / 3))[..., None].repeat(3, 2)
+    lattice = Lattice(np.array([[0.5, 0], [0, 1 / 3]]) / np.pi / 2 @ [[0, 1], [1, 0]], 1.0, np.zeros((8, 8)))
+    places = SourceMap.of(np.arange(600)[:, None], np.arange(500)[None, :])
+    whole = lost_structure._regularity(places, values, lattice, False)
+    monkeypatch.setattr(lost_structure, "_SIDE", 300)
+    assert lost_structure._regularity(places, values, lattice, False) == pytest.approx(whole, abs=0.05)
+    monkeypatch.setattr(lost_structure, "_SIDE", 90)  # every second pixel of what four steps take
+    assert lost_structure._regularity(places, values, lattice, False) == pytest.approx(whole, abs=0.1)
+
+
 def test_measures_are_what_v_says(tmp_path, caplog):
     caplog.set_level("INFO", "oiiotex")
     filters.stationarize(buffer(PHOTO), **QUICK, report=tmp_path / "r.json", session=Session(measure=True))
@@ -101,8 +143,6 @@ def test_a_window_off_the_origin_and_a_cropped_photo_are_measured_alike(tmp_path
 
 
 def test_places_come_back_from_source_coordinates():
-    from oiiotex.core.source_map import SourceMap
-
     spec = buffer(PHOTO).spec()
     y, x = np.random.default_rng(0).integers(0, 60, (2, 50, 40))
     spec.full_x, spec.full_width, spec.x, spec.y = -100, 4096, 7, 3

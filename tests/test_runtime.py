@@ -216,15 +216,12 @@ def test_the_best_cpu_that_this_one_covers():
 
 
 class Struct:
-    """What `_pointer_to` looks at: words of memory, one of them a pointer to a text."""
+    """PoCL's of a device: words of memory, one of them a pointer to a text."""
 
-    def __init__(self, *texts: bytes):
-        self.texts = [ctypes.create_string_buffer(text) for text in texts]
+    def __init__(self, text: bytes):
+        self.text = ctypes.create_string_buffer(text)
         self.words = (ctypes.c_uint64 * 256)(*range(256))  # small numbers: not mapped
-        self.words[5] = (1 << 64) - 1
-        self.words[7] = ctypes.addressof(self.words)
-        for k, text in enumerate(self.texts):
-            self.words[80 + k] = ctypes.addressof(text)
+        self.words[80] = ctypes.addressof(self.text)
 
     @property
     def address(self) -> int:
@@ -232,21 +229,24 @@ class Struct:
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
-def test_the_name_is_changed_at_exactly_one_place():
-    struct = Struct(b"generic", b"generically")
-    place = opencl_cpu._pointer_to(b"generic\0", struct.address)
-    assert place == struct.address + 80 * 8
-    device = handle(struct.address)
-    opencl_cpu.name_cpu(device, "znver2")
-    assert ctypes.string_at(struct.words[80]) == b"znver2"
-    assert struct.texts[0].value == b"generic"  # PoCL's own text may be shared: it is left as it is
-    for texts, count in (((b"znver3",), 0), ((b"generic", b"generic"), 2)):
-        with pytest.raises(LookupError, match=f"at {count} places"):
-            opencl_cpu.name_cpu(handle((struct := Struct(*texts)).address), "znver2")
-    with pytest.raises(LookupError, match="at 0 places"):
-        opencl_cpu.name_cpu(handle(4096), "znver2")  # nothing is mapped there
+def test_the_name_is_changed_in_the_wheels_build_alone(monkeypatch):
+    struct = Struct(b"generic")
+    with monkeypatch.context() as patch:
+        patch.setattr(opencl_cpu, "_LIBRARY_BYTES", 1)
+        with pytest.raises(LookupError, match=r"PoCL 3\.0 of PyPI alone"):
+            opencl_cpu.name_cpu(handle(struct.address), "znver2")
+    monkeypatch.setattr(opencl_cpu, "_wheels_library_is_loaded", lambda: True)
     with pytest.raises(LookupError, match=r"PoCL 3\.0 of PyPI alone"):
         opencl_cpu.name_cpu(handle(struct.address, platform="OpenCL 3.0 PoCL 3.0"), "znver2")
+    opencl_cpu.name_cpu(handle(struct.address), "znver2")
+    assert ctypes.string_at(struct.words[80]) == b"znver2"
+    assert struct.text.value == b"generic"  # PoCL's own text may be shared: it is left as it is
+    for text in (b"znver3", b"generically"):
+        with pytest.raises(LookupError, match="no CPU's name where it is expected"):
+            opencl_cpu.name_cpu(handle((other := Struct(text)).address), "znver2")
+        assert other.words[80] == ctypes.addressof(other.text)
+    with pytest.raises(LookupError, match="not where it is expected"):
+        opencl_cpu.name_cpu(handle(4096), "znver2")  # nothing is mapped there
 
 
 def test_words_of_a_compiler_without_its_options():

@@ -7,17 +7,27 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain
-from oiiotex.quality.seam_measures import seam_ratio
+from oiiotex.quality import copy_detection, seam_measures
+from oiiotex.quality.seam_measures import line_jumps, seam_ratio, sharpness
 from oiiotex.stationarity import costs as st
+from oiiotex.stationarity.row_bands import row_bands, rows_around
 from tests import pictures
 from tests.reference.histograms import gaussian_rows, soft_members
 
 
 def lab_like(height: int, width: int, seed: int = 0) -> np.ndarray:
     return (pictures.stained(pictures.pebbles(height, width, seed)) * [90, 40, 40]).astype(np.float32)
+
+
+@pytest.fixture(autouse=True)
+def in_small_bands(monkeypatch):
+    """Small images, too, are looked at in many bands."""
+    for module in (st, copy_detection, seam_measures):
+        monkeypatch.setattr(module, "row_bands", lambda rows, pixels=300: row_bands(rows, 300))
 
 
 def brute_force_cost(lab: np.ndarray, sigma: float, wrap: bool, sites: int) -> float:
@@ -75,6 +85,18 @@ def test_the_seam_ratio_sees_the_wrap_alone():
         1.0, abs=0.6
     )
     assert seam_ratio(np.ones((5, 5)), 0) == 0.0
+
+
+def test_bands_do_not_show():
+    gray = lab_like(42, 50)[..., 0]
+    assert sharpness(gray) == pytest.approx(np.abs(gray - gaussian_filter(gray, 1, mode="wrap")).mean(), rel=1e-5)
+    for axis in (0, 1):
+        jumps = np.abs(gray - np.roll(gray, 1, axis)).mean(1 - axis, np.float64)
+        np.testing.assert_allclose(line_jumps(gray, axis), jumps)
+    for wraps, mode in ((True, "wrap"), (False, "reflect")):
+        whole = np.pad(gray, ((6, 6), (0, 0)), mode)
+        for band in row_bands(gray, 300):
+            np.testing.assert_array_equal(rows_around(gray, band, 6, wraps), whole[band.start : band.stop + 12])
 
 
 def test_a_seam_in_a_joint_is_compared_with_joints():

@@ -201,13 +201,6 @@ def _spots(rest: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Where a stain is smaller than the disc, 0 to 1: one or two compact places far from the texture's own variation.
 
     More of them are objects, such as windows in a wall, or the texture itself.
-
-    Parameters
-    ----------
-    rest : (down, across, channels) float64
-        What the level leaves, as medians over a smaller disc.
-    inside : (down, across) bool
-        Cells that have pixels.
     """
     typical = np.maximum(_NOISE, 1.4826 * np.median(np.abs(rest[inside]), axis=0))  # a deviation, from the median
     away = np.where(inside, (np.abs(rest) / typical).max(-1), 0.0)
@@ -234,17 +227,7 @@ def _connected(marked: np.ndarray) -> np.ndarray:
 
 
 class _Disc:
-    """Medians over a disc of cells; cells without pixels, and those beyond the border, do not count.
-
-    Parameters
-    ----------
-    counts : (down, across) bool
-        Cells that have pixels.
-    radius : (float, float)
-        In cells along y, along x.
-    wraps : (bool, bool)
-        The cells lie on a torus along y, along x.
-    """
+    """Medians over a disc of cells; cells without pixels, and those beyond the border, do not count."""
 
     def __init__(self, counts: np.ndarray, radius: list[float], wraps: tuple[bool, bool]):
         self._counts = counts
@@ -281,14 +264,6 @@ class _LocalFit:
 
     A plain weighted mean leans inwards at the border and away from holes, and would leave a part of a gradient of
     light there; a fitted plane does not. Inside, both are the same.
-
-    Parameters
-    ----------
-    number : (down, across) float
-        Pixels of the cells.
-    taps_y, taps_x : (2 radius + 1,) float
-    wraps : (bool, bool)
-        The cells lie on a torus along y, along x.
     """
 
     def __init__(self, number: np.ndarray, taps_y: np.ndarray, taps_x: np.ndarray, wraps: tuple[bool, bool]):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from ..color.config import as_float
 from ..color.lab import working_values
 from ..core.access import InBands
 from ..core.attributes import mark_as_data
-from ..core.demand import first_channels, materialized
+from ..core.demand import SomeRows, first_channels, materialized
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
 from ..core.parameters import Size, SizeRule, Words, image, param
@@ -27,7 +28,7 @@ from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
-from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality, regularity_of, say_what_was_lost
+from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality
 from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
 from ..session import Session
@@ -168,6 +169,8 @@ class PatchSynthesis(MaterialOp, InBands):
             given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints, keeper
             synthesis = synthesize(session.device, *given, look=look)
             if synthesis.lost is not None:
+                from ..quality.lost_structure import say_what_was_lost
+
                 say_what_was_lost(self.flag(), synthesis.lost)
             return synthesis
 
@@ -176,11 +179,14 @@ class PatchSynthesis(MaterialOp, InBands):
             quality, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure, order=recipe.order
         )
 
-        def lab() -> np.ndarray:
-            return np.ascontiguousarray(first_channels(seen.values, 3)[:])
+        def lab() -> SomeRows:
+            values = first_channels(seen.values, 3)
+            return np.ascontiguousarray(values) if isinstance(values, np.ndarray) else values
 
-        def own() -> np.ndarray:
-            return lab() if flat is self else working_values(self.exemplar, session, self.working_space)[0][..., :3]
+        def own() -> SomeRows:
+            if flat is self:
+                return lab()
+            return working_values(self.exemplar, session, self.working_space, self.holds_photo(session))[0]
 
         if self.variants > 1:
             first, *others = self._variants(parts, recipe, constraints, run, session, quality, lab, own)
@@ -210,10 +216,12 @@ class PatchSynthesis(MaterialOp, InBands):
         more = {} if kept is None else kept.measures()
         more |= {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
         if lattice is not None and quality.is_asked_for:
+            from ..quality.lost_structure import regularity_of
+
             more |= regularity_of(lab(), source, recipe)
 
-        def looked_at() -> tuple[np.ndarray, list[Look]]:
-            return own(), [Look.of_copies(first["tile"].name, lab(), source)]
+        def looked_at() -> tuple[SomeRows, list[Look]]:
+            return own(), [quality.look_of_copies(first["tile"].name, lab(), source)]
 
         first = _beside_drift(quality.add_to(first, looked_at, **more), drift)
         return (first, *others) if others else first
@@ -348,7 +356,7 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def _variants(
         self, maps: list[Part], recipe: Recipe, constraints: Constraints, run: Callable[..., Synthesis],
-        session: Session, quality: Quality, lab: Callable[[], np.ndarray], own: Callable[[], np.ndarray],
+        session: Session, quality: Quality, lab: Callable[[], SomeRows], own: Callable[[], SomeRows],
     ) -> tuple[dict[str, Part], ...]:  # fmt: skip
         """Tiles with matching edges, each followed by the other maps of its material."""
         runs = runs_for(self.variants)
@@ -376,9 +384,8 @@ class PatchSynthesis(MaterialOp, InBands):
                 tiles.append(tile | {"tile": edged(tile["tile"], f"wang{number:02d}_{edges}", str(edges))})
         names = (tile["tile"].name for tile in tiles[:: len(maps)])
 
-        def looked_at() -> tuple[np.ndarray, Iterator[Look]]:
-            exemplar = lab()
-            looks = (Look.of_copies(name, exemplar, source) for name, source in zip(names, sources, strict=True))
+        def looked_at() -> tuple[SomeRows, Iterator[Look]]:
+            looks = map(quality.look_of_copies, names, itertools.repeat(lab()), sources)
             return own(), looks
 
         return (quality.add_to(tiles[0], looked_at), *tiles[1:])

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..core.demand import MadeRows, SomeRows
 from ..core.image import Image, Part
 from ..core.op import Kind, Output
 from ..core.parameters import Size, Words, image, param
@@ -96,10 +97,10 @@ class Paint(Quilted):
         spec = self.exemplar.first.spec
         plan = {"plan": lambda: painting_arrays(layers, (spec.width, spec.height))}
 
-        def labels() -> tuple[np.ndarray, np.ndarray]:
-            ids, first, size = levels[level].ids, self.painting.first, Size(base.grid.width, base.grid.height)
-            meaning = _meaning(first, table, np.unique(ids))
-            return ids, painted_labels(first, meaning, size, strict=False)(Window(0, 0, *size))
+        def labels() -> tuple[np.ndarray, SomeRows]:
+            ids, first, (width, height) = levels[level].ids, self.painting.first, (base.grid.width, base.grid.height)
+            read = painted_labels(first, _meaning(first, table, np.unique(ids)), Size(width, height), strict=False)
+            return ids, MadeRows((height, width), np.int64, lambda top, end: read(Window(0, top, width, end)))
 
         return quality.add_to_copies(sewn_parts(self, sources, base.grid, session) | plan, labels)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..core.access import AnyWindow
+from ..core.demand import MadeRows, rows_of
 from ..core.image import Image
 from ..core.op import Space
 from ..core.parameters import Parameter, Words, image, param
@@ -141,13 +142,23 @@ def with_report(
         window -> the pixels of the root that are shown there, where all are copies of these.
     """
     main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
-    size = root.side**2, main.spec.width * main.spec.height
+    sizes = (root.side, root.side), main.window.size
+    measured = replace(quality, sizes=sizes, copies=source is not None)
+    rows, place, (height, width) = rows_of(main), main.window, main.window.size[::-1]
 
     def seen() -> tuple[np.ndarray, list[Look]]:
-        lab = plane.lens.values(main.pixels())[0][..., :3]
-        return root.values[..., :3], [Look(main.name, lab, None if source is None else source(main.window))]
+        lab = MadeRows(
+            (height, width, 3), np.float32, lambda first, last: plane.lens.values(rows[first:last])[0][..., :3]
+        )
+        copies = None
+        if source is not None:
+            packed = MadeRows((height, width), np.uint32, lambda first, last: source(
+                Window(place.left, place.top + first, place.right, place.top + last)
+            ).packed)  # fmt: skip
+            copies = SourceMap.of_rows(measured.kept(packed))
+        return root.values[..., :3], [Look(main.name, measured.kept(lab), copies)]
 
-    return replace(quality, size=size, copies=source is not None).add_to(results, seen)
+    return measured.add_to(results, seen)
 
 
 def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool = False) -> oiio.ImageSpec:

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The CPU that a runtime compiles for: PoCL 3.0 can be told one where it does not know the machine's.
 
-PoCL 3.0 asks LLVM 14 for the CPU's name, gets 'generic' for a newer one, and hands that to a compiler that refuses it:
-every kernel fails to build. The name is a text that the device's struct points to, so it can be pointed at another.
+`name_cpu` writes into PoCL's memory; README.md says why, what it checks, and when it is to be removed.
 """
 
 from __future__ import annotations
@@ -16,11 +15,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pyopencl as cl
 
-# The build in the wheel pocl-binary-distribution 3.0; where another keeps the name, and whether, nobody has looked.
+# The build in the wheel pocl-binary-distribution 3.0, and its library: its name has a hash of what it holds.
 _POCL_3_0 = "OpenCL 3.0 PoCL 3.0-rc2  Linux, Release, RELOC, LLVM 14.0.6, SLEEF, DISTRO, POCL_DEBUG"
-_UNKNOWN = "generic"
-_STRUCT = 1024  # bytes at the start of a device's struct that may hold the pointer; it is at 640
-_WORD = 8
+_LIBRARY, _LIBRARY_BYTES = "libpocl-21062cec.so", 108599272
+_POINTER_AT = 640  # bytes from the start of a device's struct
+_UNKNOWN = b"generic\0"
 
 # What a compiler emits by itself, as Linux names it: features that only named instructions use are left out, because
 # hypervisors like to hide some of them (pku, wbnoinvd, rdpru).
@@ -66,7 +65,7 @@ def best_known(features: Iterable[str]) -> str:
 
 def name_for(device: cl.Device) -> str:
     """The CPU to name to this device's runtime, where it calls the machine's 'generic' and can be told; else ''."""
-    if device.platform.version != _POCL_3_0 or not device.version.strip().endswith(f"-{_UNKNOWN}"):
+    if device.platform.version != _POCL_3_0 or not device.version.strip().endswith("-generic"):
         return ""
     return best_known(cpu().get("flags", "").split())
 
@@ -77,41 +76,34 @@ def name_cpu(device: cl.Device, name: str) -> None:
     Raises
     ------
     LookupError
-        This is not that PoCL, its device has a name, or the name is not found at exactly one place.
+        This is not the wheel's build, its struct is not laid out as expected, or the device has a name.
     """
-    if device.platform.version != _POCL_3_0:
+    if device.platform.version != _POCL_3_0 or not _wheels_library_is_loaded():
         raise LookupError(f"the CPU can be named to the PoCL 3.0 of PyPI alone, not to {device.platform.version}")
-    place = _pointer_to(f"{_UNKNOWN}\0".encode(), device.int_ptr)
+    place, ranges = device.int_ptr + _POINTER_AT, _mapped()
+    if not any(begin <= place <= end - 8 and writable for begin, end, writable in ranges):
+        raise LookupError("PoCL's device is not where it is expected")
+    target = ctypes.c_uint64.from_address(place).value
+    inside = any(begin <= target <= end - len(_UNKNOWN) for begin, end, _ in ranges)
+    if not inside or ctypes.string_at(target, len(_UNKNOWN)) != _UNKNOWN:
+        raise LookupError("PoCL's device has no CPU's name where it is expected, or one that it knows")
     _named.append(ctypes.create_string_buffer(name.encode()))
     ctypes.c_uint64.from_address(place).value = ctypes.addressof(_named[-1])
 
 
-def _pointer_to(text: bytes, start: int) -> int:
-    """The address of the one pointer to `text` in the struct at `start`; reads only what is mapped.
+def _wheels_library_is_loaded() -> bool:
+    paths = {Path(line.split()[-1]) for line in _maps() if line.endswith(_LIBRARY)}
+    return any(path.name == _LIBRARY and path.stat().st_size == _LIBRARY_BYTES for path in paths)
 
-    Raises
-    ------
-    LookupError
-        There is none, or more than one.
-    """
-    ranges = _mapped()
-    last = next((end for begin, end, writable in ranges if writable and begin <= start < end), start)
-    places = range(start, min(start + _STRUCT, last) - _WORD + 1, _WORD)
-    matches = []
-    for place in places:
-        target = ctypes.c_uint64.from_address(place).value
-        inside = any(begin <= target <= end - len(text) for begin, end, _ in ranges)
-        if inside and ctypes.string_at(target, len(text)) == text:
-            matches.append(place)
-    if len(matches) != 1:
-        raise LookupError(f"the CPU's name is at {len(matches)} places of PoCL's device, not at one")
-    return matches[0]
+
+def _maps() -> list[str]:
+    return Path("/proc/self/maps").read_text().splitlines()
 
 
 def _mapped() -> list[tuple[int, int, bool]]:
     """(begin, end, writable) of this process's own readable memory: no devices, nothing shared."""
     ranges = []
-    for line in Path("/proc/self/maps").read_text().splitlines():
+    for line in _maps():
         addresses, rights = line.split()[:2]
         if rights[0] == "r" and rights[3] == "p" and "[v" not in line:  # [vvar] is mapped and cannot be read
             begin, end = (int(a, 16) for a in addresses.split("-"))

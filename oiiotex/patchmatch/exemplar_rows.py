@@ -20,6 +20,7 @@ from .field import Geometry
 Piece = tuple[int, int]
 """Patches of the exemplar, by the rows that they begin in: from, to."""
 
+LEAST_ROWS = 16  # of a piece, or a band
 REGION = 32  # px at full size, a side of what is seen again (use_prices.py)
 
 

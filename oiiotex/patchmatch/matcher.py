@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
 from ..color.lab_grid import to_grid
-from ..core.demand import SomeRows
+from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
@@ -15,7 +15,7 @@ from ..errors import ImageError
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..regularity.offset_prices import Prices
-from .exemplar_rows import ExemplarRows, Piece
+from .exemplar_rows import LEAST_ROWS, ExemplarRows, Piece, piece_halo
 from .field import Geometry, allowed_patches, variance_of
 from .level_rows import JUMPS, LevelRows
 
@@ -311,7 +311,7 @@ def _penalty_unit(exemplar: SomeRows, geometry: Geometry, usable: np.ndarray | N
 
 
 def match_patches(
-    device: Device, lab: np.ndarray, exemplar: np.ndarray, field: SourceMap, patch: int, domain: Domain, seed: int,
+    device: Device, lab: np.ndarray, exemplar: SomeRows, field: SourceMap, patch: int, domain: Domain, seed: int,
     budget: int,
 ) -> SourceMap:  # fmt: skip
     """The nearest-neighbour field of an image, from a first guess and `MATCH_PASSES` passes without uniformity.
@@ -320,7 +320,7 @@ def match_patches(
     ----------
     device : Device
     lab, exemplar : (height, width, 3) float32
-        CIE Lab.
+        CIE Lab. An exemplar that does not fit passes through the device in pieces.
     field : SourceMap
         (rows, columns): where to start.
     patch : int
@@ -341,9 +341,23 @@ def match_patches(
     e_height, e_width = exemplar.shape[:2]
     geometry = Geometry(*domain.size, *domain.wraps, exemplar_width=e_width, exemplar_height=e_height, patch=patch)
     require_shape("lab", lab, (geometry.height, geometry.width, geometry.channels))
-    with Buffers(device, geometry.layout(), budget, "matching patches", held=exemplar.nbytes) as buffers:
-        image = to_grid(exemplar, geometry.steps)
+    held = lab.nbytes + (exemplar.nbytes if isinstance(exemplar, np.ndarray) else 0)
+    layout = _layout_in(device.memory_budget(budget) - device.taken - (0 if device.own_memory else held), geometry)
+    with Buffers(device, layout, budget, "matching patches", held=held) as buffers:
+        image = MadeRows(
+            (e_height, e_width, 3), np.int16, lambda first, last: to_grid(exemplar[first:last], geometry.steps)
+        )
         matcher = Matcher(device, buffers, geometry, image, allowed_patches(None, geometry), field, 0.0, seed)
         device.write(buffers["image"], to_grid(lab, geometry.steps))
         matcher.improve(MATCH_PASSES, 0x3A7C)
         return matcher.field()
+
+
+def _layout_in(room: int, geometry: Geometry) -> dict[str, int]:
+    """Of all there is; where that is too much, with as many rows of the exemplar as fit."""
+    whole, least = geometry.layout(), piece_halo(geometry.patch) + LEAST_ROWS
+    if sum(whole.values()) <= room or least >= geometry.exemplar_height:
+        return whole
+    need, more = (sum(geometry.layout(None, rows).values()) for rows in (least, least + 1))
+    rows = least + max(0, room - need) // (more - need)
+    return geometry.layout(None, min(rows, geometry.exemplar_height))

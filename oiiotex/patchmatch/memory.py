@@ -20,14 +20,13 @@ from ..projections.projection import layout as projection_layout
 from ..stationarity.grid_statistics import CellGrid
 from . import use_prices
 from .constraints import Constraints, VaryingProjection, octaves
-from .exemplar_rows import piece_halo
+from .exemplar_rows import LEAST_ROWS, piece_halo
 from .field import Geometry
 from .level_rows import halo
 
 if TYPE_CHECKING:
     from .recipe import Recipe
 
-LEAST_ROWS = 16  # of a band, or a piece
 COUNTED_ROWS = 64  # of an exemplar in pieces, whose histogram is taken
 BAND_BYTES = 160 << 20  # of a band, beyond which nothing is gained
 CELLS_SHARE = 1 / 4  # of the budget, for the cells of local histograms

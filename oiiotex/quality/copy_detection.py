@@ -3,12 +3,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+import math
+from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+from scipy.ndimage import maximum_filter, minimum_filter
 
+from ..core.demand import MadeRows, SomeRows
 from ..core.source_map import NONE, SourceMap
+from ..patchmatch.field import box_sums
+from ..stationarity.row_bands import row_bands
 
 BLOCK = 8  # px
 REGION = 32  # px, a side of what is seen again
@@ -37,30 +44,61 @@ def copies_by_source(source: SourceMap, size: tuple[int, int]) -> Copies:
 
     What lies in some block that is copied in one piece is exact.
     """
-    y, x = source.yx
-    moved = y - np.arange(y.shape[0])[:, None], x - np.arange(x.shape[1])[None, :]
-    most, least = ([f(m, BLOCK, mode="nearest") for m in moved] for f in (maximum_filter, minimum_filter))
-    whole = (most[0] == least[0]) & (most[1] == least[1])
+    used = _uses(_kept(source, lambda rows: _is_copied(source, rows)), size)
+    pixels = math.prod(source.packed.shape)
+    shown = _most_shown(used, pixels) if min(size) >= REGION else (None, None)
+    return Copies(float(used.sum()) / pixels, *shown)
+
+
+def _is_copied(source: SourceMap, rows: slice) -> np.ndarray:
+    """Which pixels of some rows lie in such a block, (rows, width) bool."""
+    height, width = source.packed.shape
+    first, last = max(0, rows.start - BLOCK), min(height, rows.stop + BLOCK)
+    down, right = np.arange(first, last)[:, None], np.arange(width)[None, :]
+    moved = [places - own for places, own in zip(source[first:last].yx, (down, right), strict=True)]
+    whole = np.logical_and.reduce([maximum_filter(m, BLOCK) == minimum_filter(m, BLOCK) for m in moved])
     # the filters' window of an even side begins half of it before its pixel; blocks are inside the image
     half = BLOCK // 2
-    inside = np.zeros_like(whole)
-    inside[half : whole.shape[0] - half + 1, half : whole.shape[1] - half + 1] = True
-    covered = maximum_filter(whole & inside, BLOCK, origin=-1, mode="constant")
-    copied = SourceMap(np.where(covered, source.packed, NONE))
-    shown = most_shown(copied, size) if min(size) >= REGION else (None, None)
-    return Copies(float(covered.mean()), *shown)
+    for at, most in ((down, height), (right, width)):
+        whole &= (at >= half) & (at <= most - half)
+    covered = maximum_filter(whole, BLOCK, origin=-1, mode="constant")
+    return covered[rows.start - first : rows.stop - first]
+
+
+def _kept(source: SourceMap, keeps: Callable[[slice], np.ndarray]) -> SourceMap:
+    """The source of those pixels, `NONE` of the others."""
+
+    def made(first: int, last: int) -> np.ndarray:
+        return np.where(keeps(slice(first, last)), source.packed[first:last], source.packed.dtype.type(NONE))
+
+    return SourceMap(cast("np.ndarray", MadeRows(source.packed.shape, source.packed.dtype, made)), source.bits)
+
+
+def _uses(source: SourceMap, size: tuple[int, int]) -> np.ndarray:
+    """How often each pixel of an exemplar of (h, w) is shown, (h, w) uint32."""
+    used = np.zeros(size[0] * size[1], np.uint32)
+    for band in row_bands(source.packed):
+        places = source[band]
+        np.add.at(used, places[places.packed != NONE].flat(size[1]), np.uint32(1))
+    return used.reshape(size)
 
 
 def most_shown(source: SourceMap, size: tuple[int, int]) -> tuple[float, float]:
     """`shown` and `over_fair` of the source of every pixel, or `NONE`, in an exemplar of (h, w), `REGION` at least."""
-    known = source[source.packed != NONE].flat(size[1])
-    used = np.bincount(known, minlength=size[0] * size[1]).reshape(size).astype(float)
-    inside = slice(REGION // 2, 1 - REGION // 2)
-    shown = float(uniform_filter(used, REGION)[inside, inside].max())
-    return shown, shown * used.size / source.packed.size
+    return _most_shown(_uses(source, size), math.prod(source.packed.shape))
 
 
-def label_copies(source: SourceMap, ids: np.ndarray, painted: np.ndarray) -> tuple[float, float, float]:
+def _most_shown(used: np.ndarray, pixels: int) -> tuple[float, float]:
+    squares = (box_sums(used[b.start : b.stop + REGION - 1], REGION) for b in row_bands(used[: 1 - REGION]))
+    shown = max(int(sums.max()) for sums in squares) / REGION**2
+    return shown, shown * used.size / pixels
+
+
+def _is_label(painted: SomeRows, label: int, rows: slice) -> np.ndarray:
+    return painted[rows] == label
+
+
+def label_copies(source: SourceMap, ids: np.ndarray, painted: SomeRows) -> tuple[float, float, float]:
     """Repetition in the painted label where it is largest: over the fair share, how often shown, the label.
 
     A label's fair share is how often its area in the exemplar fits into the area where it was painted.
@@ -74,10 +112,13 @@ def label_copies(source: SourceMap, ids: np.ndarray, painted: np.ndarray) -> tup
     painted : (height, width) int
         The labels that were asked for; 0: none.
     """
-    own, asked = np.bincount(ids.ravel()), np.bincount(painted.ravel())
+    own, asked = np.bincount(ids.ravel()), Counter[int]()
+    for band in row_bands(painted):
+        asked.update(dict(zip(*(n.tolist() for n in np.unique(painted[band], return_counts=True)), strict=True)))
     most = (0.0, 0.0, 0.0)
-    for label in np.flatnonzero(asked[1:]) + 1:
-        shown, _ = most_shown(SourceMap(np.where(painted == label, source.packed, NONE)), ids.shape)
+    for label in sorted(asked.keys() - {0}):
+        own_source = _kept(source, functools.partial(_is_label, painted, label))
+        shown, _ = most_shown(own_source, ids.shape)
         fair = asked[label] / max(1, own[label] if label < len(own) else 0)
         most = max(most, (shown / fair, shown, float(label)))
     return most

@@ -104,12 +104,11 @@ def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps
     """
     factor = min(1.0, SIDE / max(photo.shape[:2]))
     own, seen = _reduced(photo, usable, factor)
-    lab, everywhere = _reduced(result, None, factor)
+    size = _size_at(factor, result)
+    lab = _middle_of(result, *size)
+    everywhere, wraps = np.ones(lab.shape[:2], bool), wraps if max(size) <= _MOST else (False, False)
     if min(*own.shape[:2], *lab.shape[:2]) < LEAST or np.count_nonzero(seen) < LEAST**2:
         return None
-    if max(lab.shape[:2]) > _MOST:
-        middle = tuple(slice(max(0, (n - _MOST) // 2), max(0, (n - _MOST) // 2) + _MOST) for n in lab.shape[:2])
-        lab, everywhere, wraps = lab[middle], everywhere[middle], (False, False)
     longer = max(own.shape[:2])
     before, after = high_passed(own, seen), high_passed(lab, everywhere, wraps)
     bands = tuple(
@@ -121,15 +120,27 @@ def fidelity(photo: SomeRows, usable: np.ndarray | None, result: SomeRows, wraps
     return Fidelity(bands, shapes, lines, _missing(own[seen], lab[everywhere]))
 
 
+def _size_at(factor: float, values: SomeRows) -> tuple[int, int]:
+    """Width and height of an image at a scale."""
+    height, width = values.shape[:2]
+    return max(1, round(width * factor)), max(1, round(height * factor))
+
+
 def _reduced(values: SomeRows, usable: np.ndarray | None, factor: float) -> tuple[np.ndarray, np.ndarray]:
     """Pixels at a scale, (h, w, 3) float64, and which of them count."""
-    height, width = values.shape[:2]
-    size = max(1, round(width * factor)), max(1, round(height * factor))
+    size = _size_at(factor, values)
     counted = np.ones(size[::-1], bool)
     if usable is not None:
-        mask = MadeRows((height, width, 1), np.float32, lambda first, last: usable[first:last, :, None])
+        mask = MadeRows((*usable.shape, 1), np.float32, lambda first, last: usable[first:last, :, None])
         counted = resized(mask, *size)[..., 0] > 0.99
     return resized(values, *size).astype(np.float64), counted
+
+
+def _middle_of(values: SomeRows, width: int, height: int) -> np.ndarray:
+    """At most `_MOST` pixels a side in the middle of an image of that size, (h, w, 3) float64."""
+    starts = (max(0, (most - _MOST) // 2) for most in (height, width))
+    rows, columns = (slice(n, min(n + _MOST, most)) for n, most in zip(starts, (height, width), strict=True))
+    return resized(values, width, height, rows)[:, columns].astype(np.float64)
 
 
 def _energy(texture: np.ndarray, seen: np.ndarray, sigma: float, wraps: tuple[bool, bool] = (False, False)) -> float:

@@ -8,32 +8,29 @@ from __future__ import annotations
 
 import functools
 import logging
+import math
 import operator
 import re
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, cast
 
 from .. import __version__
 from ..color.lab import working_values
+from ..core.demand import MadeRows, SomeRows, rows_of
 from ..core.op import Kind, Output
 from ..core.parameters import nearest
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError, ParameterError, present
-from ..patchmatch.matcher import match_patches
-from ..patchmatch.recipe import Recipe
-from ..patchmatch.use_prices import Lost
-from ..regularity.regularity import peaks_over_floor
+from ..io.row_store import empty_rows
 from ..session import Session
-from ..stationarity.costs import stationarity_cost, texture_cost
+from ..stationarity.costs import stationarity_cost
 from ..stationarity.measures import cost_text
+from ..stationarity.row_bands import PIXELS, channel, row_bands
 from .report_measures import REPORT_MEASURES
 from .seam_measures import seam_ratio, sharpness, wrap_percentile
-
-if TYPE_CHECKING:
-    from ..regularity.offset_prices import InStep
 
 log = logging.getLogger("oiiotex")
 
@@ -46,49 +43,13 @@ _OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
 _LIMIT = re.compile(r"([a-z_]+)([<>])([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
 _BEYOND = {">": operator.gt, "<": operator.lt}
-_BYTES = 200  # of a pixel of photo or result, held while they are measured
-_MUCH = 0.08  # of a tile: texture that is lost
-_TOO_MUCH = 0.1  # of a tile of a photo that is flat for the most part
+_BYTES = 200  # of a pixel of a band
+_SIDE_BYTES = 1024  # of a pixel along a side
+_HALO = 16  # rows more of a band, at most
+_USE_BYTES = 4  # of a pixel of the photo, whose uses are counted
+_HELD_SHARE = 1 / 8  # of the budget, for each of photo and result; what is larger lies in a file
+_GATHERED = 512  # bytes of the budget for a pixel that is gathered from a file
 _LEAST = 16  # px; a photo or a result that is smaller has nothing to be measured
-
-
-def regularity_of(photo: np.ndarray, source: SourceMap, recipe: Recipe) -> dict[str, float]:
-    """How regular a photo, (height, width, 3) Lab, and its tile are, by the lattice that the recipe keeps."""
-    kept = cast("InStep", recipe.in_step)
-    own = kept.lattice
-    lattice, torus = replace(own, frequencies=kept.wanted), recipe.wrap_x and recipe.wrap_y
-    tile = source.gather(photo)
-    return {
-        "regular_photo": float(min(peaks_over_floor(photo, own, False))),
-        "regular": float(min(peaks_over_floor(tile, lattice, torus))),
-    }
-
-
-def say_what_was_lost(flag: str, lost: Lost) -> None:
-    """Log how much of a photo's texture its tile lacks, and warn where that is much.
-
-    Parameters
-    ----------
-    flag : str
-        Of the op.
-    lost : Lost
-
-    Raises
-    ------
-    ImageError
-        Most of it is gone where some of the photo is flat, or much where most is.
-    """
-    shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
-    log.info("%s: %s; the rest is flat (an eighth as active as texture, or less)", flag, shares)
-    if lost.share <= _MUCH:
-        return
-    if lost.own >= 1 - _MUCH:  # no flat part is to blame
-        log.warning("%s: texture is lost: %s: more iterations= keep more", flag, shares)
-        return
-    offer = "leave flat parts out by mask=1 with the mask that --texdominant makes"
-    if lost.shown < 0.5 * lost.own or (lost.own < 0.5 and lost.share > _TOO_MUCH):
-        raise ImageError(f"too much of the texture is lost: {shares}: {offer}")
-    log.warning("%s: texture is lost: %s: %s", flag, shares, offer)
 
 
 class Limit(NamedTuple):
@@ -119,15 +80,10 @@ class Look:
     """
 
     name: str
-    lab: np.ndarray
+    lab: SomeRows
     source: SourceMap | None = None
-    exemplar: np.ndarray | None = None
-    labels: tuple[np.ndarray, np.ndarray] | None = None
-
-    @classmethod
-    def of_copies(cls, name: str, exemplar: np.ndarray, source: SourceMap, labels: Any = None) -> Look:
-        """A result that is made of those pixels of the exemplar."""
-        return cls(name, source.gather(exemplar), source, exemplar, labels)
+    exemplar: SomeRows | None = None
+    labels: tuple[np.ndarray, SomeRows] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,8 +97,8 @@ class Quality:
     session : Session
     wrap : (bool, bool)
         The results tile along x, along y.
-    size : (int, int)
-        Pixels of the photo, and of the largest result.
+    sizes : ((int, int), (int, int))
+        Width and height of the photo, and of the largest result, px.
     copies : bool
         It is known of which place of the photo every pixel is a copy.
     losses : bool
@@ -164,7 +120,7 @@ class Quality:
     op: Any  # with parameters that not every Op has
     session: Session
     wrap: tuple[bool, bool] = (False, False)
-    size: tuple[int, int] = (0, 0)
+    sizes: tuple[tuple[int, int], tuple[int, int]] = ((1, 1), (1, 1))
     copies: bool = True
     losses: bool = False
     painted: bool = False
@@ -194,8 +150,8 @@ class Quality:
             Along which axes results tile: xy, x, y or none; as the op says when left out.
         """
         spec, tile = op.exemplar.first.spec, tile or op.tile
-        sizes = spec.width * spec.height, size[0] * size[1]
-        return cls(op=op, session=session, wrap=("x" in tile, "y" in tile), size=sizes, **more)
+        sizes = (spec.width, spec.height), (size[0], size[1])
+        return cls(op=op, session=session, wrap=("x" in tile, "y" in tile), sizes=sizes, **more)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limits", tuple(map(self._limit, self.op.fail or ())))
@@ -203,7 +159,7 @@ class Quality:
             self.session.require(self._memory(), "measuring the result", "leave out report and fail")
 
     def add_to(
-        self, results: dict[str, Any], seen: Callable[[], tuple[np.ndarray, Iterable[Look]]], **more: float
+        self, results: dict[str, Any], seen: Callable[[], tuple[SomeRows, Iterable[Look]]], **more: float
     ) -> dict[str, Any]:
         """The op's results with its report, made where it is asked for; -v logs it now.
 
@@ -220,7 +176,7 @@ class Quality:
         def report() -> dict[str, Any]:
             with self.session.stats.time("measure"):
                 photo, looks = seen()
-                return self._document([(look, self._measures(photo, look) | more) for look in looks])
+                return self._document([self._entry(look, self._measures(photo, look) | more) for look in looks])
 
         if self.session.measure:
             need = self._memory()
@@ -235,12 +191,38 @@ class Quality:
         """The same of an op with one exemplar, whose part 'st' says where its pixels come from; `Look.labels`."""
         exemplar, main = self.op.exemplar, results[self.op.main().name]
 
-        def seen() -> tuple[np.ndarray, list[Look]]:
-            photo = np.asarray(working_values(exemplar, self.session, self.op.working_space)[0])
-            source = SourceMap.of_coordinates(results["st"].pixels(), exemplar.first.spec, "st")
-            return photo, [Look.of_copies(main.name, photo, source, labels())]
+        def seen() -> tuple[SomeRows, list[Look]]:
+            in_memory = self._fits(12 * self.sizes[0][0] * self.sizes[0][1])
+            photo = working_values(exemplar, self.session, self.op.working_space, in_memory)[0]
+            spec, st = exemplar.first.spec, rows_of(results["st"])
+
+            def places(first: int, last: int) -> SourceMap:
+                return SourceMap.of_coordinates(st[first:last], spec, "st")
+
+            like = places(0, 1)
+            packed = MadeRows(st.shape[:2], like.packed.dtype, lambda first, last: places(first, last).packed)
+            source = SourceMap(cast("np.ndarray", self.kept(packed)), like.bits)
+            return photo, [self.look_of_copies(main.name, photo, source, labels())]
 
         return self.add_to(results, seen)
+
+    def look_of_copies(self, name: str, exemplar: SomeRows, source: SourceMap, labels: Any = None) -> Look:
+        """A result that is made of those pixels of the exemplar."""
+        shape = *source.packed.shape, *exemplar.shape[2:]
+        lab = MadeRows(shape, exemplar.dtype, lambda first, last: source[first:last].gather(exemplar))
+        at_once = PIXELS if isinstance(exemplar, np.ndarray) else max(PIXELS, self.session.budget // _GATHERED)
+        return Look(name, self.kept(lab, at_once), source, exemplar, labels)
+
+    def kept(self, rows: MadeRows, at_once: int = PIXELS) -> SomeRows:
+        """Rows that are made once, so many pixels at a time: in memory, or in a file where they are large."""
+        fits = self._fits(math.prod(rows.shape) * rows.dtype.itemsize)
+        store = empty_rows(rows.shape, rows.dtype, fits)
+        for band in row_bands(rows, at_once):
+            store[band] = rows[band]
+        return store
+
+    def _fits(self, size: int) -> bool:
+        return size <= self.session.budget * _HELD_SHARE
 
     @property
     def is_asked_for(self) -> bool:
@@ -249,7 +231,18 @@ class Quality:
         return bool(fits or self.op.report or self.limits)
 
     def _memory(self) -> int:
-        return _BYTES * sum(self.size)
+        """Bytes, beside what lies in files where it is much."""
+        from .lost_structure import regularity_bytes  # help needs none of it
+        from .patch_texture import texture_bytes
+
+        (width, height), result = self.sizes
+        bands = (min(w * h, max(PIXELS, w) + _HALO * w) for w, h in self.sizes)
+        need = _BYTES * max(bands) + _SIDE_BYTES * max(w + h for w, h in self.sizes)
+        if self.losses:  # regularity, perhaps
+            need = max(need, regularity_bytes(*self.sizes))
+        if self.copies:
+            need += _USE_BYTES * width * height + texture_bytes(result, (width, height), self.patch)
+        return need
 
     def _limit(self, text: str) -> Limit:
         match = _LIMIT.fullmatch(text)
@@ -271,7 +264,7 @@ class Quality:
 
     # --- measures ---
 
-    def _measures(self, photo: np.ndarray, look: Look) -> dict[str, float]:
+    def _measures(self, photo: SomeRows, look: Look) -> dict[str, float]:
         """By name, those of `REPORT_MEASURES` that this result has."""
         height, width = look.lab.shape[:2]
         if min(height, width, *photo.shape[:2]) < _LEAST:
@@ -284,7 +277,7 @@ class Quality:
             "cost_photo": cost(photo, domain=Domain(photo.shape[1], photo.shape[0])),
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
-        light, before = look.lab[..., 0], photo[..., 0]
+        light, before = channel(look.lab, 0), channel(photo, 0)
         self.session.advance(1, 1)  # who does not want to know any more is let go
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
@@ -296,7 +289,7 @@ class Quality:
         from .fidelity import fidelity  # help needs none of it
 
         exemplar = photo if look.exemplar is None else look.exemplar
-        measures["loss"] = 1.0 - sharpness(light) / max(sharpness(exemplar[..., 0]), 1e-12)
+        measures["loss"] = 1.0 - sharpness(light) / max(sharpness(channel(exemplar, 0)), 1e-12)
         kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
         measures |= {} if kept is None else kept.measures()
         if look.source is not None:
@@ -304,26 +297,14 @@ class Quality:
             measures |= self._of_copies(exemplar, look)
         return measures
 
-    def _of_copies(self, photo: np.ndarray, look: Look) -> dict[str, float]:
+    def _of_copies(self, photo: SomeRows, look: Look) -> dict[str, float]:
         from .copy_detection import copies_by_source, label_copies  # scipy is loaded where it is needed
+        from .patch_texture import texture_of
 
         source = present(look.source)
-        y, x = source.yx
-        rows, columns = (
-            n if wraps else n - self.patch + 1 for n, wraps in zip(y.shape, reversed(self.wrap), strict=True)
-        )
-        measures = {}
-        if min(rows, columns, *(n - self.patch + 1 for n in (*y.shape, *photo.shape[:2]))) > 0:
-            last = (n - self.patch for n in photo.shape[:2])
-            start = SourceMap.of(
-                *(np.minimum(at[:rows, :columns], most) for at, most in zip((y, x), last, strict=True))
-            )
-            domain = Domain(y.shape[1], y.shape[0], *self.wrap)
-            matches = match_patches(
-                self.session.device, look.lab, photo, start, self.patch, domain, 0, self.session.budget
-            )
-            measures["texture"] = texture_cost(look.lab, photo, matches, self.patch)
-        copies = copies_by_source(source, photo.shape[:2])
+        texture = texture_of(self.session, look.lab, source, photo, self.patch, self.wrap)
+        measures = {} if texture is None else {"texture": texture}
+        copies = copies_by_source(source, (photo.shape[0], photo.shape[1]))
         measures["copied"] = copies.exact
         if copies.shown is not None:
             measures |= {"shown": copies.shown, "repeat": present(copies.over_fair)}
@@ -333,13 +314,13 @@ class Quality:
 
     # --- what is said of them ---
 
-    def _document(self, measured: list[tuple[Look, dict[str, float]]]) -> dict[str, Any]:
+    def _entry(self, look: Look, measures: dict[str, float]) -> dict[str, Any]:
+        height, width = look.lab.shape[:2]
+        entry = {"name": look.name, "width": width, "height": height, "measures": measures}
+        return entry | ({"lattice": self.lattice} if self.lattice else {})
+
+    def _document(self, results: list[dict[str, Any]]) -> dict[str, Any]:
         """What report= writes; `failed` says in words which limits are passed."""
-        results = [
-            {"name": look.name, "width": look.lab.shape[1], "height": look.lab.shape[0], "measures": measures}
-            | ({"lattice": self.lattice} if self.lattice else {})
-            for look, measures in measured
-        ]
         limits, failed = [], []
         for result in results:
             for limit in self.limits:

@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stationary means, measured (MJH17 section 3), beside how faithful a texture is.
 
-Plain numpy on whole images: these are reports, not steps of a synthesis.
+Plain numpy on rows that may lie in a file: these are reports, not steps of a synthesis.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 
+from ..core.demand import SomeRows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
-from .steerable import responses
+from .row_bands import row_bands, rows_around
+from .steerable import ORIENTATIONS, RADIUS, responses
 
 BINS = 64
 RANGES = ((0.0, 100.0), (-60.0, 60.0), (-60.0, 60.0))  # of L, a, b; fixed, so that costs of different images compare
@@ -19,16 +22,18 @@ RESPONSE_RANGES = ((-24.0, 23.25), (-12.0, 11.625), (-12.0, 11.625))  # of respo
 SITES = 32  # per axis, where local statistics are compared
 POWER_VARIANCES = (0.0, 1.0, 2.0, 15.0, 96.0)  # of x^p for a normal x: (2p - 1)!! - E[x^p]^2
 FLAT = 1e-6  # Lab; a deviation that is rounding
-_PATCHES = 1 << 18  # that a texture cost compares; of 2^18 the mean has a standard error far below its last digit
+PATCHES = 1 << 18  # that a texture cost compares; of 2^18 the mean has a standard error far below its last digit
+PATCHES_AT_ONCE = 1 << 15
+_EXEMPLAR_BYTES = 16 << 20  # of an exemplar's rows that are held at once
 
 
 def stationarity_cost(
-    lab: np.ndarray,
+    lab: SomeRows,
     sigma: float,
     domain: Domain | None = None,
     measure: str = "histogram",
     order: int = 2,
-    like: np.ndarray | None = None,
+    like: SomeRows | None = None,
 ) -> float:
     """MJH17 eq. 1: 0 where a texture looks the same everywhere.
 
@@ -65,44 +70,79 @@ def stationarity_cost(
     wrap_x, wrap_y = (True, True) if domain is None else domain.wraps
     windows = _windows(height, sigma, wrap_y), _windows(width, sigma, wrap_x)
     if measure == "moments":
-        unit = lab if like is None else like
-        return sum(_moment_cost(lab[..., c], unit[..., c], order, *windows) for c in range(3))
+        return _moment_cost(lab, lab if like is None else like, order, *windows)
+    ranges: Iterable[tuple[float, float]] = RANGES
+
+    def planes(band: slice) -> Iterable[np.ndarray]:
+        return np.moveaxis(lab[band], 2, 0)
+
+    def filtered(band: slice) -> Iterable[np.ndarray]:
+        around = rows_around(lab, band, RADIUS, wrap_y)
+        return (p[RADIUS:-RADIUS] for c in range(3) for p in responses(around[..., c], (wrap_x, False)))
+
     if measure == "steerable":
-        planes = ((p, RESPONSE_RANGES[c]) for c in range(3) for p in responses(lab[..., c], (wrap_x, wrap_y)))
-    else:
-        planes = ((lab[..., c], RANGES[c]) for c in range(3))
-    return sum(_histogram_cost(plane, *limits, *windows) for plane, limits in planes)
+        ranges = [limits for limits in RESPONSE_RANGES for _ in range(ORIENTATIONS)]
+    return _histogram_cost(row_bands(lab), filtered if measure == "steerable" else planes, list(ranges), *windows)
 
 
-def _histogram_cost(plane: np.ndarray, low: float, high: float, down: np.ndarray, right: np.ndarray) -> float:
-    """Earth mover's distances between local histograms of a plane.
+def _histogram_cost(
+    bands: Iterable[slice], planes: Callable[[slice], Iterable[np.ndarray]], ranges: list[tuple[float, float]],
+    down: np.ndarray, right: np.ndarray,
+) -> float:  # fmt: skip
+    """Earth mover's distances between local histograms of planes.
 
     In one dimension it is the area between the cumulatives; per bin, the mean over all pairs is a Gini mean
     difference, which sorting gives exactly in N log N.
     """
+    from scipy.sparse import csc_array  # when it is needed: it is slow to import
+
     n = down.shape[0] * right.shape[0]
-    rank = 2.0 * np.arange(1, n + 1) - n - 1.0
-    bin_width = (high - low) / (BINS - 1)
-    place = np.clip((plane - low) / bin_width, 0.0, BINS - 1.0).astype(np.float32)
-    total = 0.0
-    for b in range(int(place.min()), min(BINS - 1, int(place.max()) + 1)):  # elsewhere all cumulatives are 0 or 1
-        below = down @ np.clip(np.float32(b + 1) - place, np.float32(0), np.float32(1)) @ right.T
-        total += (rank * np.sort(below, axis=None)).sum() / max(n * (n - 1) / 2.0, 1.0) * bin_width
-    return float(total)
+    local = np.zeros((len(ranges), down.shape[0], BINS * right.shape[0]))  # histograms
+    for band in bands:
+        for k, (plane, (low, high)) in enumerate(zip(planes(band), ranges, strict=True)):
+            place = np.clip((plane.T - low) / ((high - low) / (BINS - 1)), 0.0, BINS - 1.0)
+            first = np.minimum(place.astype(np.int32), BINS - 2)  # what lies between two bins is shared by them
+            share, width, height = place - first, *place.shape
+            bins = (first + np.arange(height, dtype=np.int32) * BINS)[..., None] + np.arange(2, dtype=np.int32)
+            shares = np.stack([1.0 - share, share], -1).astype(np.float64)
+            begins = np.arange(width + 1) * (2 * height)
+            members = csc_array((shares.ravel(), bins.ravel(), begins), (height * BINS, width))
+            local[k] += down[:, band] @ (members @ right.T).reshape(height, -1)
+    below = local.reshape(len(ranges), down.shape[0], BINS, -1).cumsum(2)[:, :, :-1]
+    ordered = np.sort(np.moveaxis(below, 2, 1).reshape(len(ranges), BINS - 1, n), -1)
+    pairs = (ordered @ (2.0 * np.arange(1, n + 1) - n - 1.0)).sum(1) / max(n * (n - 1) / 2.0, 1.0)
+    return float(sum(apart * (high - low) / (BINS - 1) for apart, (low, high) in zip(pairs, ranges, strict=True)))
 
 
-def _moment_cost(plane: np.ndarray, unit: np.ndarray, order: int, down: np.ndarray, right: np.ndarray) -> float:
-    """Squared differences between local moments of a plane: over all pairs, twice their variance."""
-    mean, deviation = float(unit.mean(dtype=np.float64)), float(unit.std(dtype=np.float64))
-    if deviation <= FLAT:
-        return 0.0
-    z = (plane.astype(np.float64) - mean) / deviation
+def _moment_cost(lab: SomeRows, unit: SomeRows, order: int, down: np.ndarray, right: np.ndarray) -> float:
+    """Squared differences between local moments of channels: over all pairs, twice their variance."""
+    mean, deviation = _mean_and_deviation(unit)
+    varies = np.flatnonzero(deviation > FLAT).tolist()
+    local = np.zeros((3, order, down.shape[0], right.shape[0]))
+    for band in row_bands(lab):
+        for c in varies:
+            z = (lab[band][..., c] - mean[c]) / deviation[c]
+            for p in range(1, order + 1):
+                local[c, p - 1] += down[:, band] @ (z**p @ right.T)
     n = down.shape[0] * right.shape[0]
-    spreads = ((down @ z**p @ right.T).var() / POWER_VARIANCES[p] for p in range(1, order + 1))
-    return float(deviation**2 * sum(spreads) * 2.0 * n / max(n - 1, 1))
+    spreads = (local.var((2, 3)) / POWER_VARIANCES[1 : order + 1]).sum(1)
+    return float((deviation**2 * spreads).sum() * 2.0 * n / max(n - 1, 1))
 
 
-def texture_cost(lab: np.ndarray, exemplar: np.ndarray, matches: SourceMap, patch: int = 11) -> float:
+def _mean_and_deviation(rows: SomeRows) -> tuple[np.ndarray, np.ndarray]:
+    """Of each channel, float64; of a constant one the deviation is 0 to the bit."""
+    count, start = rows.shape[0] * rows.shape[1], rows[0:1][0, 0].astype(np.float64)
+    sums, squares = np.zeros((2, 3))
+    for band in row_bands(rows):
+        away = (rows[band] - start).reshape(-1, 3)
+        sums, squares = sums + away.sum(0), squares + (away * away).sum(0)
+    mean = sums / count
+    return start + mean, np.sqrt(np.maximum(squares / count - mean * mean, 0.0))
+
+
+def texture_cost(
+    lab: np.ndarray, exemplar: SomeRows, matches: SourceMap, patch: int = 11, most: int = PATCHES
+) -> float:
     """MJH17 eq. 5 for a given field of matches: how unlike the exemplar the texture is, seen through patches.
 
     With matches found by PatchMatch it is an upper bound of the cost, which takes the best ones.
@@ -116,26 +156,33 @@ def texture_cost(lab: np.ndarray, exemplar: np.ndarray, matches: SourceMap, patc
         there. Patches that cross the border of the texture wrap.
     patch : int
         Side of a patch.
+    most : int
+        Of so many patches or more, those on a grid are compared.
 
     Returns
     -------
     float
-        Mean squared Lab difference per patch pixel; of `_PATCHES` patches or more, of those on a grid.
+        Mean squared Lab difference per patch pixel.
     """
-    step = max(1, math.isqrt(matches.packed.size // _PATCHES))
-    rows, columns = matches.packed.shape
-    match_y, match_x = matches[::step, ::step].yx
-    y, x = np.arange(0, rows, step), np.arange(0, columns, step)
-    total = 0.0
-    for dy in range(patch):
-        for dx in range(patch):
-            here = lab[np.ix_((y + dy) % lab.shape[0], (x + dx) % lab.shape[1])]
-            total += float(((here - exemplar[match_y + dy, match_x + dx]).astype(np.float64) ** 2).sum())
-    return total / (y.size * x.size * patch * patch)
+    step = max(1, math.isqrt(matches.packed.size // most))
+    chosen = matches[::step, ::step]
+    height, width = lab.shape[:2]
+    high, total = max(1, _EXEMPLAR_BYTES // (12 * exemplar.shape[1])), 0.0
+    for band in row_bands(chosen.packed, PATCHES_AT_ONCE):
+        places: np.ndarray = np.indices(chosen.packed[band].shape) + np.array([band.start, 0])[:, None, None]
+        (y, x), (match_y, match_x) = places * step, chosen[band].yx
+        for top in range(0, exemplar.shape[0] - patch + 1, high):
+            near, here = exemplar[top : top + high + patch - 1], (match_y >= top) & (match_y < top + high)
+            own_y, own_x, other_y, other_x = y[here], x[here], match_y[here] - top, match_x[here]
+            for dy in range(patch):
+                for dx in range(patch):
+                    own = lab[(own_y + dy) % height, (own_x + dx) % width]
+                    total += float(((own - near[other_y + dy, other_x + dx]).astype(np.float64) ** 2).sum())
+    return total / (chosen.packed.size * patch * patch)
 
 
 def _windows(size: int, sigma: float, wrap: bool) -> np.ndarray:
-    """Normalised Gaussian weights of all pixels of one axis, a row for every site: (sites, size) float32."""
+    """Normalised Gaussian weights of all pixels of one axis, a row for every site: (sites, size) float64."""
     sites = np.arange(min(SITES, size)) * size / min(SITES, size)
     away = np.abs(np.arange(size)[None, :] - sites[:, None])
     if wrap:
@@ -143,4 +190,4 @@ def _windows(size: int, sigma: float, wrap: bool) -> np.ndarray:
         weights = np.exp(-0.5 * ((away[..., None] + turns) / sigma) ** 2).sum(-1)
     else:
         weights = np.exp(-0.5 * (away / sigma) ** 2)
-    return (weights / weights.sum(1, keepdims=True)).astype(np.float32)
+    return np.asarray(weights / weights.sum(1, keepdims=True))

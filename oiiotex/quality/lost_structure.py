@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What of a photo's structure its tile has lost: of its lattice, of its texture."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+from ..core.demand import MadeRows, SomeRows
+from ..core.source_map import SourceMap
+from ..deferred import np
+from ..errors import ImageError
+from ..patchmatch.recipe import Recipe
+from ..patchmatch.use_prices import Lost
+from ..regularity.regularity import peaks_over_floor
+
+if TYPE_CHECKING:
+    from ..regularity.lattice import Lattice
+    from ..regularity.offset_prices import InStep
+
+log = logging.getLogger("oiiotex")
+
+_MUCH = 0.08  # of a tile: texture that is lost
+_TOO_MUCH = 0.1  # of a tile of a photo that is flat for the most part
+_SIDE = 1024  # px at most of what regularity is measured of
+_BYTES = 288  # of each of them
+
+
+def regularity_of(photo: SomeRows, source: SourceMap, recipe: Recipe) -> dict[str, float]:
+    """How regular a photo, (height, width, 3) Lab, and its tile are, by the lattice that the recipe keeps."""
+    kept = cast("InStep", recipe.in_step)
+    height, width = photo.shape[:2]
+    own = MadeRows(
+        (height, width), np.uint64,
+        lambda first, last: SourceMap.of(np.arange(first, last)[:, None], np.arange(width)[None, :], 32).packed,
+    )  # fmt: skip
+    lattice, torus = replace(kept.lattice, frequencies=kept.wanted), recipe.wrap_x and recipe.wrap_y
+    return {
+        "regular_photo": _regularity(SourceMap(cast("np.ndarray", own), 32), photo, kept.lattice, False),
+        "regular": _regularity(source, photo, lattice, torus),
+    }
+
+
+def _regularity(places: SourceMap, photo: SomeRows, lattice: Lattice, torus: bool) -> float:
+    """Of those pixels of a photo; of more than `_SIDE` a side those in the middle, every so many for long steps."""
+    size = places.packed.shape
+    most, step = max(size), 1
+    if most > _SIDE:
+        most = max(_SIDE, math.ceil(4 * np.abs(lattice.first_vectors()).max()))
+        step, torus = math.ceil(most / _SIDE), False
+    (top, left), (high, wide) = ([max(0, n - most) // 2 for n in size], [min(n, most) for n in size])
+    seen = places[top : top + high][::step, left : left + wide : step].gather(photo)
+    return float(min(peaks_over_floor(seen, lattice.scaled(1 / step, 1 / step), torus)))
+
+
+def regularity_bytes(*sizes: tuple[int, int]) -> int:
+    """What that takes, of images of these (width, height)."""
+    return _BYTES * max(min(width * height, _SIDE**2) for width, height in sizes)
+
+
+def say_what_was_lost(flag: str, lost: Lost) -> None:
+    """Log how much of a photo's texture its tile lacks, and warn where that is much.
+
+    Parameters
+    ----------
+    flag : str
+        Of the op.
+    lost : Lost
+
+    Raises
+    ------
+    ImageError
+        Most of it is gone where some of the photo is flat, or much where most is.
+    """
+    shares = f"{100 * lost.own:.0f} % of the photo is texture, {100 * lost.shown:.0f} % of the tile"
+    log.info("%s: %s; the rest is flat (an eighth as active as texture, or less)", flag, shares)
+    if lost.share <= _MUCH:
+        return
+    if lost.own >= 1 - _MUCH:  # no flat part is to blame
+        log.warning("%s: texture is lost: %s: more iterations= keep more", flag, shares)
+        return
+    offer = "leave flat parts out by mask=1 with the mask that --texdominant makes"
+    if lost.shown < 0.5 * lost.own or (lost.own < 0.5 and lost.share > _TOO_MUCH):
+        raise ImageError(f"too much of the texture is lost: {shares}: {offer}")
+    log.warning("%s: texture is lost: %s: %s", flag, shares, offer)

@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The texture cost of an image of copies (MJH17 eq. 5): matches begin with the copies themselves."""
+
+from __future__ import annotations
+
+from ..core.demand import SomeRows
+from ..core.source_map import SourceMap
+from ..core.window import Domain, Window
+from ..deferred import np
+from ..patchmatch.exemplar_rows import LEAST_ROWS, piece_halo
+from ..patchmatch.field import Geometry
+from ..patchmatch.matcher import match_patches
+from ..session import Session
+from ..stationarity.costs import PATCHES, PATCHES_AT_ONCE, texture_cost
+from ..stationarity.row_bands import row_bands
+
+WHOLE = 1 << 22  # pixels of an image that is matched as a whole; of a larger one it is windows of that many in all
+_ACROSS = 4  # windows along each axis
+_PATCH_BYTES = 160  # of a patch that is compared
+
+
+def texture_of(
+    session: Session, lab: SomeRows, source: SourceMap, exemplar: SomeRows, patch: int, wraps: tuple[bool, bool]
+) -> float | None:
+    """The cost; None of an image, or an exemplar, with no room for a patch.
+
+    Parameters
+    ----------
+    session : Session
+    lab : (height, width, 3) float32
+    source : SourceMap
+        Of every pixel.
+    exemplar : (h, w, 3) float32
+    patch : int
+        Side, px.
+    wraps : (bool, bool)
+        The image is a torus along x, along y.
+    """
+    height, width = lab.shape[:2]
+    if min(height, width, *exemplar.shape[:2]) < patch:
+        return None
+    windows, most = [Window(0, 0, width, height)], PATCHES
+    if width * height > WHOLE:
+        windows, wraps, most = _windows(width, height), (False, False), PATCHES // _ACROSS**2
+    costs = []
+    for window in windows:
+        domain = Domain(*window.size, *wraps)
+        rows, columns = window.inside(Window(0, 0, width, height))
+        start = _patches(source[rows], columns, domain, exemplar.shape, patch)
+        here = lab[rows][:, columns]
+        matches = match_patches(session.device, here, exemplar, start, patch, domain, 0, session.budget)
+        costs.append(texture_cost(here, exemplar, matches, patch, most))
+        session.advance(1, 1)  # who does not want to know any more is let go
+    return float(np.mean(costs))
+
+
+def texture_bytes(size: tuple[int, int], exemplar: tuple[int, int], patch: int) -> int:
+    """What it takes at least, of an image and an exemplar of these (width, height)."""
+    pixels, (width, height) = min(size[0] * size[1], WHOLE), exemplar
+    side = max(1, pixels // size[0])
+    geometry = Geometry(size[0], side, True, True, exemplar_width=width, exemplar_height=height, patch=patch)
+    rows = min(height, piece_halo(patch) + LEAST_ROWS)
+    matched = sum(geometry.layout(None, rows).values()) + 28 * pixels + width * height  # Lab and where matches begin
+    return matched + _PATCH_BYTES * min(pixels, PATCHES_AT_ONCE)
+
+
+def _windows(width: int, height: int) -> list[Window]:
+    side = round((WHOLE / _ACROSS**2) ** 0.5)
+    high, wide = min(height, side), min(width, side)
+    tops, lefts = (
+        [round(k * (n - own) / (_ACROSS - 1)) for k in range(_ACROSS)] for n, own in ((height, high), (width, wide))
+    )
+    return [Window.sized(left, top, wide, high) for top in tops for left in lefts]
+
+
+def _patches(source: SourceMap, columns: slice, domain: Domain, shape: tuple[int, ...], patch: int) -> SourceMap:
+    """Where the exemplar's patches begin that the copies belong to."""
+    reach = [n if wraps else n - patch + 1 for n, wraps in zip(domain.size, domain.wraps, strict=True)]
+    packed = np.empty((reach[1], reach[0]), np.uint32)
+    for band in row_bands(packed):
+        y, x = source[band].yx
+        places = (np.minimum(at[:, columns][:, : reach[0]], n - patch) for at, n in zip((y, x), shape, strict=False))
+        packed[band] = SourceMap.of(*places).packed
+    return SourceMap(packed)
