@@ -226,7 +226,7 @@ def test_a_language_says_what_is_refused_and_why(monkeypatch):
     class Modifiers:
         depth: int = param(0, help="how deep", ge=0)
 
-    dig = Option("--dig", ("WHERE",), "a hole", lambda *_: None, Modifiers, aliases=("-D",))
+    dig = Option("--dig WHERE", lambda *_: None, Modifiers, "a hole", aliases=("-D",))
     work = ModuleType("work")
     work.OPTIONS = (dig,)
     monkeypatch.setitem(sys.modules, "work", work)

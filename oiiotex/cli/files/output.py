@@ -56,9 +56,8 @@ class WriteModifiers:
     fileformatname: str = param("", help="the format, whatever the name's extension")
 
 
-def write_output(chain: Chain, path: str, **modifiers: Any) -> None:
-    """Write the top image, or all, or its UDIM tiles."""
-    given = WriteModifiers(**modifiers)
+def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
+    """Write the top image, or all, or its UDIM tiles; a run that fails leaves the old file as it was."""
     if given.udim is not None:
         return _write_tiles(chain, chain.expressed(path), given.udim, dataclasses.replace(given, udim=None))
     if given.all is None:
@@ -316,8 +315,7 @@ def _adjust_time(path: str, image: Image) -> None:
 
 
 def write_profile(chain: Chain, path: str) -> None:
-    """Write the top image's ICC profile to a file of its own."""
-
+    """Write the top image's ICC profile to a file."""
     profile = chain.top.first.spec.getattribute("ICCProfile")
     if profile is None:
         raise ImageError(f"{chain.top.source} has no ICC profile")
@@ -330,15 +328,7 @@ def write_profile(chain: Chain, path: str) -> None:
 
 
 OPTIONS = (
-    Option(
-        "-o",
-        ("FILE",),
-        "write the top image; a run that fails leaves the old file as it was",
-        write_output,
-        WriteModifiers,
-        late=True,
-        writes=True,
-    ),
+    Option("-o FILE", write_output, WriteModifiers, late=True, writes=True),
     *output_settings.OPTIONS,
-    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile, writes=True),
+    Option("--iccwrite FILE", write_profile, writes=True),
 )

@@ -78,8 +78,7 @@ _ELSEWHERE = {"wrap", "swrap", "twrap", "type", "tile", "handed", "fileformatnam
 def write_texture(mode: str) -> Any:
     """What writes the top image as a texture of that kind."""
 
-    def run(chain: Chain, path: str, **modifiers: Any) -> None:
-        given = TextureModifiers(**modifiers)
+    def run(chain: Chain, path: str, given: TextureModifiers) -> None:
         require_flat([chain.top])
         part = chain.top.first
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
@@ -140,10 +139,10 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
 
 
 OPTIONS = tuple(
-    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers, writes=True)
-    for name, help, mode in (
-        ("-otex", "write the top image as a MIP-mapped texture", "MakeTxTexture"),
-        ("-oenv", "write the top image as a latitude-longitude environment map", "MakeTxEnvLatl"),
-        ("-obump", "write the top image as a bump map with slopes and their moments", "MakeTxBumpWithSlopes"),
+    Option(f"{name} FILE", write_texture(mode), TextureModifiers, text, writes=True)
+    for name, text, mode in (
+        ("-otex", "Write the top image as a MIP-mapped texture", "MakeTxTexture"),
+        ("-oenv", "Write the top image as a latitude-longitude environment map", "MakeTxEnvLatl"),
+        ("-obump", "Write the top image as a bump map with slopes and their moments", "MakeTxBumpWithSlopes"),
     )
 )

@@ -10,57 +10,46 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...core.op import Op
-from ...core.parameters import nearest, parse_modifiers
+from ...core.parameters import Parameter, declared, nearest, parse_modifiers
 from ...deferred import Shelf
 from ...errors import ParameterError
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option that is not an op: what it is called, what follows it, what it does.
+    """An option that is not an op, declared by how it is called: `Option("--tile WIDTH HEIGHT", set_tile)`."""
 
-    Attributes
-    ----------
-    name : str
-    arguments : tuple of str
-        What follows it, for help.
-    help : str
-    run : callable or None
-        Called with the chain, the arguments as text and the modifiers as keywords. None: a setting that holds for the
-        whole run wherever it stands.
-    modifiers : type or None
-        A frozen dataclass whose `param` fields are its modifiers.
-    needs : int
-        Images that must be on the stack; with fewer it waits for the next ones, as ops do.
-    flat : bool
-        It looks at the pixels of those images, which may not be deep.
-    state : bool
-        It only sets what later options use, so it may stand between an op and the operands that the op waits for.
-    throughout : bool
-        It sets something for the whole run, too, wherever it stands.
-    control : bool
-        It decides what is done: it is seen even where steps are skipped.
-    late : bool
-        It evaluates the expressions in its arguments itself.
-    writes : bool
-        Its last argument names a file that it writes.
-    aliases : tuple of str
-        Other spellings.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    help: str
-    run: Callable[..., None] | None = None
-    modifiers: type | None = None
-    needs: int = 0
-    flat: bool = False
-    state: bool = False
-    throughout: bool = False
-    late: bool = False
-    writes: bool = False
-    control: bool = False
+    call: str
+    run: Callable[..., None] | None = None  # of (chain, *arguments, modifiers); None: a setting of the whole run
+    modifiers: type | None = None  # a frozen dataclass whose `param` fields they are
+    text: str = ""  # help; default: the first line of run's docstring
+    needs: int = 0  # images that must be on the stack; with fewer it waits for the next ones, as ops do
+    flat: bool = False  # it reads the pixels of those images, which may not be deep
+    state: bool = False  # it only sets what later options use: it may stand between an op and operands it waits for
+    throughout: bool = False  # it also sets something for the whole run, wherever it stands
+    late: bool = False  # it evaluates the expressions in its arguments itself
+    writes: bool = False  # its last argument names a file that it writes
+    control: bool = False  # it decides what is done: it is seen even where steps are skipped
     aliases: tuple[str, ...] = ()
+
+    @functools.cached_property
+    def name(self) -> str:
+        """The option itself."""
+        return self.call.partition(" ")[0]
+
+    @functools.cached_property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the words that follow it, for help."""
+        return tuple(self.call.split()[1:])
+
+    @property
+    def help(self) -> str:
+        """What it does, in one sentence."""
+        return self.text or (self.run.__doc__ or "").partition("\n")[0].rstrip(".")
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its modifiers, as declared."""
+        return declared(self.modifiers)[1] if self.modifiers else ()
 
 
 @dataclass(frozen=True)

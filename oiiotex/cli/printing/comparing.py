@@ -110,12 +110,12 @@ _ORDER = ("PASS", "WARNING", "FAILURE")
 
 
 def difference(chain: Chain) -> None:
-    """Print how the two top images differ; the exit code is 1 where they do."""
+    """Print how the two top images differ; exit 1 if they do."""
     _difference(chain, perceptual=False)
 
 
 def perceptual_difference(chain: Chain) -> None:
-    """Print how visibly the two top images differ (Yee's metric); the exit code is 1 where they do."""
+    """Print how visibly the two top images differ (Yee's perceptual metric); hold both images in memory."""
     _difference(chain, perceptual=True)
 
 
@@ -241,9 +241,8 @@ class FlipModifiers:
     print: bool = param(True, help="print the errors")
 
 
-def flip_difference(chain: Chain, **modifiers: Any) -> None:
-    """Replace two images by the map of their visible differences (FLIP), and print its mean and largest value."""
-    given = FlipModifiers(**modifiers)
+def flip_difference(chain: Chain, given: FlipModifiers) -> None:
+    """Replace two images by the map of their visible differences (FLIP)."""
     test, reference = chain.image(0), chain.image(1)
     a, b = reference.first, test.first
     _require(chain, a, b, _FLIP_BYTES, "--flipdiff")
@@ -312,33 +311,19 @@ def _setting(name: str) -> Any:
     return run
 
 
-def _limit(name: str, argument: str, help: str) -> Option:
-    return Option(f"--{name}", (argument,), help, _setting(name), state=True)
-
-
 OPTIONS = (
-    Option("--diff", (), "print how two images differ; exits 1 where they do", difference, needs=2, flat=True),
-    Option(
-        "--pdiff",
-        (),
-        "the same by Yee's perceptual metric; holds both images",
-        perceptual_difference,
-        needs=2,
-        flat=True,
+    Option("--diff", difference, needs=2, flat=True),
+    Option("--pdiff", perceptual_difference, needs=2, flat=True),
+    Option("--flipdiff", flip_difference, FlipModifiers, needs=2, flat=True),
+    *(
+        Option(f"--{name} {argument}", _setting(name), text=text, state=True)
+        for name, argument, text in (
+            ("fail", "THRESHOLD", "Difference above which a pixel fails --diff (1e-6)"),
+            ("failpercent", "PERCENT", "Pixels that may fail (0)"),
+            ("hardfail", "THRESHOLD", "Difference that no pixel may exceed"),
+            ("warn", "THRESHOLD", "Difference above which --diff warns of a pixel (1e-6)"),
+            ("warnpercent", "PERCENT", "Pixels that may warn (0)"),
+            ("hardwarn", "THRESHOLD", "Difference in any one pixel that --diff warns of"),
+        )
     ),
-    Option(
-        "--flipdiff",
-        (),
-        "replace two images by the map of their visible differences (FLIP)",
-        flip_difference,
-        FlipModifiers,
-        needs=2,
-        flat=True,
-    ),
-    _limit("fail", "THRESHOLD", "difference above which a pixel fails --diff (1e-6)"),
-    _limit("failpercent", "PERCENT", "pixels that may fail (0)"),
-    _limit("hardfail", "THRESHOLD", "difference that no pixel may exceed"),
-    _limit("warn", "THRESHOLD", "difference above which --diff warns of a pixel (1e-6)"),
-    _limit("warnpercent", "PERCENT", "pixels that may warn (0)"),
-    _limit("hardwarn", "THRESHOLD", "difference in any one pixel that --diff warns of"),
 )

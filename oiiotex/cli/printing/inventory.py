@@ -102,7 +102,7 @@ def _wrapped(text: str, indent: int, margin: int) -> str:
 
 
 OPTIONS = (
-    Option("--list-formats", (), "print the file formats and their extensions", list_formats, state=True),
-    Option("--buildinfo", (), "print what OpenImageIO was built from", build_info, state=True),
-    Option("--colorconfiginfo", (), "print what the colour config holds", colour_config_info, state=True),
+    Option("--list-formats", list_formats, state=True),
+    Option("--buildinfo", build_info, state=True),
+    Option("--colorconfiginfo", colour_config_info, state=True),
 )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from ...core.hash import sha1
 from ...core.image import Image, Part, dtype_of
+from ...core.parameters import param
 from ...core.window import Window
 from ...deferred import np, oiio
 from ...errors import ParameterError
@@ -22,10 +23,10 @@ _LEADING = "resolution, width, height, depth, channels"  # what --metamatch is h
 
 @dataclass(frozen=True, kw_only=True)
 class Dump:
-    """How --dumpdata prints pixels: those that are black too, and as an array of C where it has a name."""
+    """Of --dumpdata."""
 
-    empty: bool = True
-    array: str = ""
+    empty: bool = param(True, help="black pixels too")
+    C: str = param("", help="as an array of C of this name")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +66,7 @@ class Asked:
     @property
     def prefix(self) -> str:
         """What makes a line a comment where pixels are printed as C."""
-        return "// " if self.dump and self.dump.array else ""
+        return "// " if self.dump and self.dump.C else ""
 
 
 def metadata_text(image: Image, verbose: bool, native: bool) -> str:
@@ -238,10 +239,10 @@ def dumped(part: Part, how: Dump) -> Iterator[str]:
     """The values of all pixels, as --dumpdata prints them."""
     kind = np.dtype(dtype_of(part.spec))
     whole_numbers = kind.kind in "ui"
-    if how.array:
+    if how.C:
         size = f"[{part.spec.height}][{part.spec.width}][{part.spec.nchannels}]"
-        yield f"{part.spec.format}{'_t' if whole_numbers else ''} {how.array}{size} =\n{{\n"
-    separator = ", " if how.array else " "
+        yield f"{part.spec.format}{'_t' if whole_numbers else ''} {how.C}{size} =\n{{\n"
+    separator = ", " if how.C else " "
     for window in full_rows(part.window):
         pixels = part.read(window)
         scaled = as_floats(part.buffer(window), window) if whole_numbers else pixels
@@ -251,15 +252,15 @@ def dumped(part: Part, how: Dump) -> Iterator[str]:
                 values = pixels[y, x]
                 if not how.empty and not values.any():
                     continue
-                text = _values(values, scaled[y, x] if whole_numbers else None, separator, bool(how.array))
+                text = _values(values, scaled[y, x] if whole_numbers else None, separator, bool(how.C))
                 place = f"({x + window.left}, {y + window.top}): "
-                if how.array:
+                if how.C:
                     ends = " }" if x == window.width - 1 else ""
                     lines.append(f"  {'{ ' if x == 0 else '  '}/* {place}*/ {{ {text}{ends} }},\n")
                 else:
                     lines.append(f"    Pixel {place}{text}\n")
             yield "".join(lines)
-    if how.array:
+    if how.C:
         yield "};\n"
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from ... import __version__
 from ...core.op import Op
-from ...core.parameters import Parameter, declared
+from ...core.parameters import Parameter
 from ...errors import ParameterError
 from ..language.parse import Option
 from ..vocabulary import LANGUAGE
@@ -71,8 +71,7 @@ def declarations() -> Iterator[tuple[str, tuple[str, ...], str, tuple[Parameter,
         for op in ops:
             yield op.flag(), tuple(p.name.upper() for p in op.arguments()), summary(op), op.modifiers()
     for option in LANGUAGE.options:
-        modifiers = declared(option.modifiers)[1] if option.modifiers else ()
-        yield option.name, option.arguments, option.help, modifiers
+        yield option.name, option.arguments, option.help, option.parameters()
 
 
 def _fish() -> str:
@@ -132,8 +131,8 @@ def _op_lines(op: type[Op]) -> Iterator[str]:
 
 
 def _option_lines(option: Option) -> Iterator[str]:
-    yield from _entry(" ".join((option.name, *option.arguments)), option.help)
-    yield from _modifier_lines(declared(option.modifiers)[1] if option.modifiers else ())
+    yield from _entry(option.call, option.help)
+    yield from _modifier_lines(option.parameters())
 
 
 def _modifier_lines(modifiers: Iterable[Parameter]) -> Iterator[str]:

@@ -24,11 +24,14 @@ from ...io.checkpoint import Checkpoint
 from ...session import Session
 from ..language.parse import Option
 
-OPTIONS = (
-    Option("--share", ("I/N",), "compute share I of N of what is written, into FILE.parts; --join makes FILE of them"),
-    Option("--join", (), "write what shares of the same line have left in FILE.parts; what is missing is computed"),
-    Option("--farm", ("ENGINE",), "spread the line: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
-    Option("--openjd", (), "tell progress and failure as Open Job Description's runners read it"),
+OPTIONS = tuple(
+    Option(call, text=text)
+    for call, text in (
+        ("--share I/N", "Compute share I of N of what is written, into FILE.parts; --join makes FILE of them"),
+        ("--join", "Write what shares of the same line have left in FILE.parts; what is missing is computed"),
+        ("--farm ENGINE", "Spread the line: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
+        ("--openjd", "Tell progress and failure as Open Job Description's runners read it"),
+    )
 )
 _SPREAD = {"share": 1, "join": 0, "farm": 1, "openjd": 0}  # options, and how many words are behind each
 _HOW = _SPREAD | {  # what says how a line is run and not what it makes

@@ -181,7 +181,8 @@ class Chain:
         if option.flat:
             require_flat(self.stack[-option.needs :])
         assert option.run is not None
-        option.run(self, *texts, **values)
+        modifiers = (option.modifiers(**values),) if option.modifiers else ()
+        option.run(self, *texts, *modifiers)
 
     @functools.cached_property
     def _expressions(self) -> Expressions:
