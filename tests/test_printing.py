@@ -11,8 +11,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.cli.printing.comparing import Thresholds, compare
-from oiiotex.cli.printing.metadata import metadata_text, shortest
-from oiiotex.cli.printing.pixel_statistics import statistics, statistics_text
+from oiiotex.cli.printing.metadata import shortest
 from oiiotex.cli.running.line_run import run
 from oiiotex.core.hash import sha1
 from oiiotex.errors import Error
@@ -325,14 +324,6 @@ def test_a_hash_that_would_be_wrong_is_refused(folder, tmp_path):
     _write(tmp_path / "ids.exr", (spec, np.ones((3, 4, 2), np.float32)))
     with pytest.raises(Error, match="whole and of broken numbers"):
         run(["--hash", "ids.exr"], tmp_path)
-
-
-def test_texts_for_expressions(folder):
-    image = read(folder / "parts.exr")
-    assert metadata_text(image, verbose=False, native=True).startswith("  64 x   72, 4 channel, half ")
-    assert metadata_text(image, verbose=True, native=False).count("channel list") == 2
-    assert statistics_text(image).startswith("Stats Min: ")
-    assert len(statistics(image).avg) == 4
 
 
 @pytest.mark.parametrize(

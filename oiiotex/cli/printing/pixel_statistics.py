@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from ...core.demand import stream
-from ...core.image import Image, Part, cropped, dtype_of, pixels_of
+from ...core.image import Part, cropped, dtype_of, pixels_of
 from ...core.window import Window
 from ...deferred import np, oiio
 
@@ -104,22 +104,7 @@ def is_monochrome(part: Part) -> bool:
     return all(bool((pixels == pixels[..., :1]).all()) for _, pixels in stream(part, full_rows(part.window)))
 
 
-def statistics(image: Image) -> Statistics:
-    """The statistics of the first part."""
-    return part_statistics(image.first)
-
-
-def constant_colour(image: Image) -> Sequence[float] | None:
-    """The colour that all pixels of the first part have, if there is one."""
-    return part_colour(image.first)
-
-
 # --- text ---
-
-
-def statistics_text(image: Image) -> str:
-    """The statistics of the first part, as --printstats prints them."""
-    return part_statistics_text(image.first)
 
 
 def part_statistics_text(

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,9 +27,7 @@ from ..language.titles import title_of
 from .first_image import First
 
 if TYPE_CHECKING:
-    from ..language.expressions import Expressions
     from ..running.shares import Shares
-    from .access import ChainAccess
 
 log = logging.getLogger("oiiotex")
 
@@ -184,21 +181,17 @@ class Chain:
         modifiers = (option.modifiers(**values),) if option.modifiers else ()
         option.run(self, *texts, *modifiers)
 
-    @functools.cached_property
-    def _expressions(self) -> Expressions:
-        from ..language.expressions import Expressions  # few lines have any
-
-        return Expressions(self._access())
-
-    def _access(self) -> ChainAccess:
-        """What expressions see of the stack."""
-        from .access import ChainAccess
-
-        return ChainAccess(self)
-
     def expressed(self, text: str) -> str:
         """The text with its expressions evaluated."""
-        return self._expressions.substitute(text) if self.evaluating and "{" in text else text
+        if not self.evaluating or "{" not in text:
+            return text
+        from ..language.expressions import substituted  # few lines have any
+
+        return substituted(text, self)
+
+    def known(self, image: Image) -> Image:
+        """The image, of which an expression asks something: a line that is only looked through may not know it yet."""
+        return image
 
     def _nothing_waits(self) -> None:
         """Refuse to go on past an op that still lacks operands: what follows would happen to the wrong image."""

@@ -15,7 +15,7 @@ import functools
 import logging
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -32,7 +32,6 @@ from ..files.reading import read_input
 from ..language.parse import Step
 from ..language.sequences import Frame
 from . import output_settings
-from .access import ChainAccess
 from .chain import Chain
 
 if TYPE_CHECKING:
@@ -151,28 +150,6 @@ class _Closed(PieceCache):
         raise Unseen
 
 
-class _Access(ChainAccess):
-    """What expressions may ask of images that are not made yet: nothing."""
-
-    def image(self, index: int) -> Image:
-        """The image at that depth."""
-        return _known(super().image(index))
-
-    def read(self, path: str) -> Image:
-        """The image of a file."""
-        return _known(super().read(path))
-
-    def labels(self) -> Mapping[str, Image]:
-        """The images of --label."""
-        return {name: _known(image) for name, image in super().labels().items()}
-
-
-def _known(image: Image) -> Image:
-    if is_foreseen(image):
-        raise Unseen
-    return image
-
-
 class _Rehearsal(Chain):
     """A chain that does everything but compute, print and write."""
 
@@ -239,8 +216,11 @@ class _Rehearsal(Chain):
             self._certain = True
             raise
 
-    def _access(self) -> ChainAccess:
-        return _Access(self)
+    def known(self, image: Image) -> Image:
+        """The image, unless it is not made yet: nothing can be said of it."""
+        if is_foreseen(image):
+            raise Unseen
+        return image
 
     def acts(self, *parts: Part) -> bool:
         """No."""
