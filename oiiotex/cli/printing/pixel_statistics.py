@@ -99,9 +99,8 @@ def part_colour(part: Part) -> tuple[float, ...] | None:
 
 def is_monochrome(part: Part) -> bool:
     """Whether the channels of every pixel are equal."""
-    if part.spec.nchannels < 2:
-        return True
-    return all(bool((pixels == pixels[..., :1]).all()) for _, pixels in stream(part, full_rows(part.window)))
+    bands = stream(part, full_rows(part.window), buffers=True)
+    return all(oiio.ImageBufAlgo.isMonochrome(buffer) for _, buffer in bands)
 
 
 # --- text ---
@@ -182,13 +181,9 @@ def colour_counts(part: Part, colours: np.ndarray, tolerance: np.ndarray) -> lis
     return counts
 
 
-def range_counts(part: Part, low: np.ndarray, high: np.ndarray) -> tuple[int, int, int]:
+def range_counts(part: Part, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[int, int, int]:
     """How many pixels have a value below `low`, how many one above `high`, how many neither."""
-    below = above = within = 0
-    for window, buffer in stream(part, full_rows(part.window), buffers=True):
-        pixels = as_floats(buffer, window)
-        under, over = (over_channels(np.logical_or, far) for far in (pixels < low, pixels > high))
-        below += int(under.sum())
-        above += int(over.sum())
-        within += int((~(under | over)).sum())
+    bands = stream(part, full_rows(part.window), buffers=True)
+    counts = [oiio.ImageBufAlgo.color_range_check(buffer, low, high) for _, buffer in bands]
+    below, above, within = map(sum, zip(*counts, strict=True))
     return below, above, within

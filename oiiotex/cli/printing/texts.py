@@ -4,12 +4,11 @@
 Where we depart from oiiotool
 -----------------------------
 1. Regular expressions of --metamatch are Python's, with the letter classes of POSIX added.
-2. --buildinfo does not know the C++ standard that OpenImageIO was built with.
-3. --stats of unsigned 32 bit images are of 4294967295; oiiotool multiplies by -1. --dumpdata prints int8 as numbers.
-4. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
-5. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
+2. --stats of unsigned 32 bit images are of 4294967295; oiiotool multiplies by -1. --dumpdata prints int8 as numbers.
+3. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
+4. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
    been at work, and for all parts alike.
-6. --hash refuses files with channels of integers and of floats. Of deep files only --info and --printinfo print.
+5. --hash refuses files with channels of integers and of floats. Of deep files only --info and --printinfo print.
 """
 
 from __future__ import annotations
@@ -188,10 +187,7 @@ def check_range(chain: Chain, low: str, high: str) -> None:
 
     part = chain.top.first
     count = part.spec.nchannels
-    bounds = (
-        np.array(numbers_for_channels(low, count, 0.0), np.float32),
-        np.array(numbers_for_channels(high, count, 1.0), np.float32),
-    )
+    bounds = numbers_for_channels(low, count, 0.0), numbers_for_channels(high, count, 1.0)
     if not chain.acts(part):
         return
     below, above, within = range_counts(part, *bounds)
