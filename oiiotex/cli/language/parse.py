@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,20 +78,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Language:
-    """All that a command line may say.
+    """All that a command line may say."""
 
-    Attributes
-    ----------
-    shelves : tuple of Shelf
-        Of ops and options, in the order of help. A shelf's module is imported when a line names something of it.
-    refused : tuple of Refused
-    further : callable
-        The ops of other packages, whose names are known once they are imported: where no other has the name.
-    """
-
-    shelves: tuple[Shelf, ...]
+    shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names something of it
     refused: tuple[Refused, ...] = ()
-    further: Callable[[], tuple[type[Op], ...]] = tuple
+    further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages, known by name once they are imported
 
     @functools.cached_property
     def ops(self) -> dict[str, tuple[type[Op], ...]]:
@@ -126,13 +117,7 @@ class Language:
         return places | {refused.name: refused for refused in self.refused}
 
     def find(self, name: str) -> type[Op] | Option | Refused:
-        """What an option's name means; one dash or two mean the same, as in oiiotool.
-
-        Raises
-        ------
-        ParameterError
-            Nothing; the text names the nearest one.
-        """
+        """What an option's name means; one dash or two mean the same, as in oiiotool."""
         bare = name.lstrip("-")
         spellings = (name, f"--{bare}", f"-{bare}")
         for spelling in spellings:
@@ -180,28 +165,14 @@ class CommandLine:
         return next(iter(self.settings.get(name, ())), None)
 
     def whole_number(self, name: str) -> int:
-        """The number behind a setting; 0 where it is not there.
-
-        Raises
-        ------
-        ParameterError
-            It is no whole number from 0 on.
-        """
-        text = self.first(name) or "0"
-        if not (text.isascii() and text.isdigit()):
-            raise ParameterError(f"{name} {text}: allowed is a whole number >= 0")
-        return int(text)
+        """The number behind a setting; 0 where it is not there."""
+        return whole_number(self.first(name) or "0", name)
 
 
 def parse(words: list[str], language: Language) -> CommandLine:
     """Read a command line.
 
     What can be known to be wrong before any work begins is refused here.
-
-    Raises
-    ------
-    ParameterError
-        An unknown or refused option, a missing argument, a malformed or unknown modifier.
     """
     settings: dict[str, tuple[str, ...]] = {}
     steps: list[Step] = []
@@ -251,13 +222,7 @@ def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
 
 
 def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
-    """The modifiers' values by name; None stands for a text that is not known yet.
-
-    Raises
-    ------
-    ParameterError
-        An unknown modifier, or a value that is not allowed.
-    """
+    """The modifiers' values by name; None stands for a text that is not known yet."""
     declaring = step.op or (step.option.modifiers if step.option else None)
     if declaring is None:
         if modifiers:
@@ -267,13 +232,7 @@ def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]
 
 
 def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
-    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes, or an expression, may hold colons.
-
-    Raises
-    ------
-    ParameterError
-        A modifier without a value, twice the same, or an open quote.
-    """
+    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes, or an expression, may hold colons."""
     pieces, quote, braces = [""], "", 0
     for letter in word:
         if quote:
@@ -306,8 +265,21 @@ def _argument(left: Iterator[str], option: str, argument: str) -> str:
     return value
 
 
-def whole_number(text: str) -> int:
-    """A text that must be a whole number from 0 on."""
+def whole_number(text: str, name: str = "") -> int:
+    """A text that must be an integer from 0 on; `name`: of the setting, for the error."""
     if not (text.isascii() and text.isdigit()):
-        raise ParameterError(f"'{text}': allowed is a whole number >= 0")
+        raise ParameterError(f"{f'{name} {text}' if name else repr(text)}: allowed is a whole number >= 0")
     return int(text)
+
+
+def without(words: Sequence[str], options: Mapping[str, int]) -> tuple[str, ...]:
+    """Words less some options (names without dashes) with as many words after each."""
+    left = iter(words)
+    rest: list[str] = []
+    for word in left:
+        name = word.partition(":")[0].lstrip("-")
+        if word.startswith("-") and name in options:
+            tuple(itertools.islice(left, options[name]))
+        else:
+            rest.append(word)
+    return tuple(rest)

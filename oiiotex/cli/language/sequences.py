@@ -81,11 +81,6 @@ def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
 
     `takes` says how many words belong to an option ('--echo' -> 1), to tell input files from other words that hold
     `<UDIM>`. Frame wildcards count wherever they stand, as in oiiotool.
-
-    Raises
-    ------
-    ParameterError
-        A range that cannot be read or is too long, sequences of different length, inputs or tiles without files.
     """
     survey = _survey(words)
     lines: list[Frame] = []

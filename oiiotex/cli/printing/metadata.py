@@ -31,37 +31,19 @@ class Dump:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What is to be said of an image.
+    """What is to be said of an image."""
 
-    Attributes
-    ----------
-    verbose : bool
-        All metadata, not only the size.
-    all_parts : bool
-        All parts and levels, not only the first.
-    native : bool
-        Pixel types as they are in the file, not as ops see them.
-    xml : bool
-    match, no_match : str
-        Regular expressions: metadata whose names are printed, and not printed.
-    hash, statistics : bool
-    window, channels
-        Of the statistics, as `part_statistics` takes them.
-    dump : Dump or None
-        Print the pixels.
-    """
-
-    verbose: bool = False
-    all_parts: bool = False
-    native: bool = False
+    verbose: bool = False  # all metadata, not only the size
+    all_parts: bool = False  # and their levels, not only the first
+    native: bool = False  # pixel types of the file, not as ops see them
     xml: bool = False
-    match: str = ""
+    match: str = ""  # regular expression: names of metadata to print
     no_match: str = ""
     hash: bool = False
     statistics: bool = False
-    window: Window | None = None
+    window: Window | None = None  # of the statistics, and so are `channels`
     channels: int | None = None
-    dump: Dump | None = None
+    dump: Dump | None = None  # print the pixels
 
     @property
     def prefix(self) -> str:
@@ -75,23 +57,7 @@ def metadata_text(image: Image, verbose: bool, native: bool) -> str:
 
 
 def description(image: Image, asked: Asked, filename: str = "") -> Iterator[str]:
-    """The text on an image, piece by piece.
-
-    Parameters
-    ----------
-    image : Image
-    asked : Asked
-    filename : str
-        The image is that of a file which has just been read: its name leads the text, and what is said is that which
-        the file says.
-
-    Raises
-    ------
-    ParameterError
-        A regular expression is none.
-    ImageError
-        Pixels cannot be read.
-    """
+    """The text on an image, piece by piece; `filename` leads that of a file which has just been read."""
     wanted, unwanted = _pattern(asked.match), _pattern(asked.no_match)
     for number, part in enumerate(image.parts if asked.all_parts else image.parts[:1]):
         yield _metadata(image, number, asked, filename, wanted, unwanted)

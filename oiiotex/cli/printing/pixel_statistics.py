@@ -50,16 +50,7 @@ def over_channels(combine: Callable[..., np.ndarray], values: np.ndarray) -> np.
 
 
 def part_statistics(part: Part, window: Window | None = None, channels: int | None = None) -> Statistics:
-    """The statistics of a part.
-
-    Parameters
-    ----------
-    part : Part
-    window : Window, optional
-        The data window when left out. It may reach beyond: what lies there is black.
-    channels : int, optional
-        How many channels are looked at; all when left out.
-    """
+    """The statistics of a part, or of a window (black beyond the part) and its first channels."""
     window = part.window if window is None else window
     seen = part if window & part.window == window else cropped(part, window)
     count = part.spec.nchannels
@@ -109,16 +100,7 @@ def is_monochrome(part: Part) -> bool:
 def part_statistics_text(
     part: Part, indent: str = "", window: Window | None = None, channels: int | None = None
 ) -> str:
-    """The statistics of a part as oiiotool prints them: in whole numbers where its file has such.
-
-    Parameters
-    ----------
-    part : Part
-    indent : str
-        In front of every line.
-    window, channels
-        As `part_statistics` takes them. Whether it has one colour is always said of the whole part.
-    """
+    """The statistics as oiiotool prints them: integers where the file has such. One color is said of the whole part."""
     stats = part_statistics(part, window, channels)
     scale = largest_value(part.spec)
     footer = f"(of {scale})" if scale else "(float)"

@@ -57,14 +57,10 @@ def _row(name: str, text: str) -> str:
     return f"  {name:28s} {text}" if len(name) <= 28 else f"  {name}\n{' ' * 31}{text}"
 
 
-def page(name: str) -> str:
-    """The page of an op or an option, or with `:NAME` behind it what one modifier means.
-
-    Raises
-    ------
-    ParameterError
-        There is none of that name.
-    """
+def page(name: str = "") -> str:
+    """The page of an op or an option, with `:NAME` after it of one modifier; without a name that of everything."""
+    if not name:
+        return overview()
     name, colon, modifier = name.partition(":")
     try:  # a bare name means the filter first: there is a --warp of the host, and a --texwarp
         declaration = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")

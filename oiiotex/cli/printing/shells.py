@@ -44,13 +44,7 @@ complete -c oiiotex -a '(__oiiotex_modifiers)'
 
 
 def completion(shell: str) -> str:
-    """A script for the shell that completes options, modifiers and files.
-
-    Raises
-    ------
-    ParameterError
-        It is for a shell that we have none for.
-    """
+    """A script for the shell that completes options, modifiers and files."""
     if shell == "fish":
         return _fish()
     if shell not in ("bash", "zsh"):

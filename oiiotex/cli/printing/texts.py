@@ -48,16 +48,7 @@ def _verbose(chain: Chain) -> bool:
 
 
 def print_input(chain: Chain, image: Image, info: int | None = None, infoformat: str = "") -> None:
-    """Print what --info, --stats, --hash and --dumpdata ask of every file that is read.
-
-    Parameters
-    ----------
-    chain : Chain
-    image : Image
-        As its file has it, before anything is done to it.
-    info, infoformat
-        Modifiers of -i: 0 no, 1 as --info does, 2 all metadata of all parts; None and '' leave it to --info.
-    """
+    """Print what --info, --stats, --hash and --dumpdata ask of a file, or -i by its modifiers (info: 0, 1, 2)."""
     settings = chain.settings
     level = int("--info" in settings) if info is None else info
     if any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash")):

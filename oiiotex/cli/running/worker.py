@@ -23,17 +23,7 @@ from .streams import drop, quiet_libraries
 
 
 def serve(level: int, debugging: bool, folder: str) -> None:
-    """Do jobs until the parent has no more.
-
-    Parameters
-    ----------
-    level : int
-        Of the log.
-    debugging : bool
-        Libraries print what they like, and an error says where it comes from.
-    folder : str
-        The parent's current one.
-    """
+    """Do jobs until the parent has no more."""
     end_on_signals()
     with open(os.dup(0), "rb") as requests, open(os.dup(1), "wb") as answers:
         drop(0)  # neither libraries nor what they start read or write there

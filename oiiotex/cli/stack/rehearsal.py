@@ -45,21 +45,11 @@ _MOST_STEPS = 2000  # of loops, the rest is left to the run
 
 @dataclass(frozen=True)
 class Foresight:
-    """What a line has shown.
+    """What a line has shown."""
 
-    Attributes
-    ----------
-    steps : int
-        How many of its first steps print, write or decide something: the others are in vain.
-    notes : tuple of (int, str)
-        Logging level and text of what there is to say of it, and will not be said by the run.
-    files : tuple of str
-        Of each use of an op the file that is written next, as far as it is known.
-    """
-
-    steps: int
-    notes: tuple[tuple[int, str], ...] = ()
-    files: tuple[str, ...] = ()
+    steps: int  # of its first ones, up to the last that prints, writes or decides something: the others are in vain
+    notes: tuple[tuple[int, str], ...] = ()  # logging level and text of what the run will not say
+    files: tuple[str, ...] = ()  # of each use of an op the file that is written next, as far as it is known
 
 
 @dataclass
@@ -70,13 +60,7 @@ class Rehearsals:
     files: dict[str, Image] = field(default_factory=dict)  # that would be written, by their real paths
 
     def foresight(self, steps: Sequence[Step], frame: Frame | None) -> Foresight:
-        """What can be said of the steps.
-
-        Raises
-        ------
-        Error
-            One would fail, and with it the line.
-        """
+        """What can be said of the steps."""
         chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.measure)
         try:
             with _quiet(), chain.globals:
