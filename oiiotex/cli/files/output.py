@@ -196,9 +196,7 @@ def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
 def _attributes(chain: Chain, path: str, given: WriteModifiers) -> dict[str, Any]:
     settings = chain.settings
     attributes: dict[str, Any] = {"oiio:SHA-1": None, "oiio:ConstantColor": None, "oiio:AverageColor": None}
-    for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):
-        if option in settings:
-            attributes[attribute] = settings[option]
+    attributes |= compression(chain)
     planar = "separate" if given.separate else "contig" if given.contig else settings.get("--planarconfig")
     if planar:
         attributes["planarconfig"] = planar
@@ -208,6 +206,12 @@ def _attributes(chain: Chain, path: str, given: WriteModifiers) -> dict[str, Any
         seed = FarmHash64(path) & 0xFFFFFFFF  # as oiiotool hashes names; OpenImageIO wants 32 bits with a sign, not 0
         attributes["oiio:dither"] = seed - (seed >> 31 << 32) or 1
     return attributes | software(chain)
+
+
+def compression(chain: Chain) -> dict[str, Any]:
+    """What --compression and --quality have set, as attributes of a spec."""
+    names = {"--compression": "compression", "--quality": "CompressionQuality"}
+    return {name: chain.settings[option] for option, name in names.items() if option in chain.settings}
 
 
 def software(chain: Chain) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ...io.reading import checked_name, keep_readable
 from ...io.writing import require_arrived
 from ..language.parse import Option
 from ..stack.chain import Chain, require_flat
-from .output import is_left, may_write, software
+from .output import compression, is_left, may_write, software
 
 log = logging.getLogger("oiiotex")
 
@@ -125,9 +125,8 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
         del values["filtername"]
     for name, value in values.items():
         config.attribute(f"maketx:{name}", int(value) if isinstance(value, bool) else value)
-    for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):
-        if option in chain.settings:
-            config.attribute(attribute, chain.settings[option])
+    for name, value in compression(chain).items():
+        config.attribute(name, value)
     if given.fileformatname:
         config.attribute("maketx:fileformatname", given.fileformatname)
     if given.handed:

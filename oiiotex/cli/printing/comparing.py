@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core.demand import stream
@@ -34,20 +35,16 @@ _FLIP_BYTES = 160
 _LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
 
 
-def _threshold(value: float) -> Any:
-    return field(default_factory=lambda: np.float32(value))
-
-
 @dataclass(frozen=True)
 class Thresholds:
     """What --fail, --warn and their kin have set. Percentages are of pixels, all else is a difference of values."""
 
-    fail: np.float32 = _threshold(1e-6)
-    failpercent: np.float32 = _threshold(0)
-    hardfail: np.float32 = _threshold(_LARGEST)
-    warn: np.float32 = _threshold(1e-6)
-    warnpercent: np.float32 = _threshold(0)
-    hardwarn: np.float32 = _threshold(_LARGEST)
+    fail: float = 1e-6
+    failpercent: float = 0
+    hardfail: float = _LARGEST
+    warn: float = 1e-6
+    warnpercent: float = 0
+    hardwarn: float = _LARGEST
 
 
 @dataclass
@@ -122,24 +119,21 @@ def perceptual_difference(chain: Chain) -> None:
 def _difference(chain: Chain, perceptual: bool) -> None:
     first, second = chain.image(1), chain.image(0)
     everything = chain.session.all_parts
-    if perceptual:
-        for a, b in list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]:
-            _require(chain, a, b, _YEE_BYTES, "--pdiff")
+    pairs = list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]
+    for a, b in pairs if perceptual else ():
+        _require(chain, a, b, _YEE_BYTES, "--pdiff")
     if not chain.acts(*first.parts, *second.parts):
         return
     kind = "perceptual " if perceptual else ""
     print(f'Computing {kind}diff of "{first.title}" vs "{second.title}"')
     verdict = 0
-    for number, (a, b) in enumerate(zip(first.parts, second.parts, strict=False)):
-        if number and not everything:
-            break
-        pairs = [(a, b), *zip(a.levels, b.levels, strict=False)] if everything else [(a, b)]
-        for level, pair in enumerate(pairs):
-            if level and len(a.levels) != len(b.levels):
-                break
+    for number, (a, b) in enumerate(pairs):
+        alike = len(a.levels) == len(b.levels)
+        levels = list(zip(a.levels, b.levels, strict=True)) if everything and alike else []
+        for level, pair in enumerate([(a, b), *levels]):
             title = _title(first, number, level) if everything else ""
             verdict = max(verdict, _compared(chain, *pair, title, perceptual, verdict))
-        if everything and a.levels and len(a.levels) != len(b.levels):
+        if everything and a.levels and not alike:
             print("Files do not match in their number of MIPmap levels")
             verdict = 2
     counts = len(first.parts), len(second.parts)
@@ -163,7 +157,7 @@ def _title(image: Image, number: int, level: int) -> str:
 
 def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, before: int) -> int:
     """Compare two parts and report, if there is something to report or was before: 0 same, 1 warning, 2 failure."""
-    limits = Thresholds(**{name: chain.settings[f"--{name}"] for name in _NAMES if f"--{name}" in chain.settings})
+    limits = chain.settings.get("--diff", Thresholds())
     pixels = max(1, a.spec.width * a.spec.height)
     with chain.session.stats.time("diff"):
         comparison = _yee(a, b) if perceptual else compare(a, b, limits)
@@ -179,30 +173,21 @@ def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, befo
 
 
 def _report(a: Part, b: Part, comparison: Comparison, limits: Thresholds, pixels: int, perceptual: bool) -> list[str]:
-    lines = []
-    if not perceptual:
-        lines += [
-            f"  Mean error = {comparison.mean:.6g}",
-            f"  RMS error = {comparison.rms:.6g}",
-            f"  Peak SNR = {comparison.psnr:.6g}",
-        ]
+    means = (("Mean error", comparison.mean), ("RMS error", comparison.rms), ("Peak SNR", comparison.psnr))
+    lines = [] if perceptual else [f"  {name} = {value:.6g}" for name, value in means]
     line = f"  Max error  = {shortest(comparison.max_error)}"
     if comparison.max_error != 0:
         names = a.spec.channelnames if comparison.channel < a.spec.nchannels else b.spec.channelnames
         values = " vs ".join(_values_at(part, comparison.x, comparison.y) for part in (a, b))
         line += f" @ ({comparison.x}, {comparison.y}, {names[comparison.channel]})  values are {values}"
     lines.append(line)
-
-    def over(count: int, limit: str) -> str:
-        return f"  {count} pixels ({100 * count / pixels:.3g}%) {limit}"
-
-    if perceptual:
-        return [*lines, over(comparison.failed, "failed the perceptual test")]
-    return [
-        *lines,
-        over(comparison.warned, f"over {shortest(limits.warn)}"),
-        over(comparison.failed, f"over {shortest(limits.fail)}"),
+    counts = [
+        (comparison.warned, f"over {shortest(limits.warn)}"),
+        (comparison.failed, f"over {shortest(limits.fail)}"),
     ]
+    if perceptual:
+        counts = [(comparison.failed, "failed the perceptual test")]
+    return [*lines, *(f"  {count} pixels ({100 * count / pixels:.3g}%) {limit}" for count, limit in counts)]
 
 
 def _values_at(part: Part, x: int, y: int) -> str:
@@ -297,16 +282,14 @@ def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, An
 
 # --- thresholds ---
 
-_NAMES = ("fail", "failpercent", "hardfail", "warn", "warnpercent", "hardwarn")
 
-
-def _setting(name: str) -> Any:
+def _setting(name: str) -> Callable[[Chain, str], None]:
     def run(chain: Chain, text: str) -> None:
         try:
             value = np.float32(float(text))
         except ValueError:
             raise ParameterError(f"'{text}': allowed is a number") from None
-        chain.settings[f"--{name}"] = value
+        chain.settings["--diff"] = replace(chain.settings.get("--diff", Thresholds()), **{name: value})
 
     return run
 
