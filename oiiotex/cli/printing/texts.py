@@ -33,7 +33,7 @@ def _asked(chain: Chain) -> Asked:
     settings = chain.settings
     info = settings.get("--info")
     return Asked(
-        verbose=_verbose(chain) or bool(info and info.verbose),
+        verbose=bool(settings.get("-v") or (info and info.verbose)),
         all_parts=chain.session.all_parts,
         match=settings.get("--metamatch", ""),
         no_match=settings.get("--no-metamatch", ""),
@@ -43,19 +43,15 @@ def _asked(chain: Chain) -> Asked:
     )
 
 
-def _verbose(chain: Chain) -> bool:
-    return bool(chain.settings.get("-v"))
-
-
 def print_input(chain: Chain, image: Image, info: int | None = None, infoformat: str = "") -> None:
     """Print what --info, --stats, --hash and --dumpdata ask of a file, or -i by its modifiers (info: 0, 1, 2)."""
     settings = chain.settings
     level = int("--info" in settings) if info is None else info
-    if any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash")):
-        require_flat([image])
-    if not (level or any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash"))):
-        return
     asked = _asked(chain)
+    if asked.reads_pixels:
+        require_flat([image])
+    elif not level:
+        return
     form = infoformat or (settings["--info"].format if "--info" in settings else "")
     asked = replace(
         asked, verbose=asked.verbose or level > 1, all_parts=asked.all_parts or level > 1, xml=form.lower() == "xml"
@@ -64,8 +60,7 @@ def print_input(chain: Chain, image: Image, info: int | None = None, infoformat:
 
 
 def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None:
-    looked_at = asked.statistics or asked.hash or asked.dump
-    if not chain.acts(*(image.parts if looked_at else ())):
+    if not chain.acts(*(image.parts if asked.reads_pixels else ())):
         return
     with chain.session.stats.time("print"):
         for text in description(image, asked, filename):
