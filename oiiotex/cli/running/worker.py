@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A process that does jobs as `parallel.Workers` sends them: `oiiotex.cli.worker LEVEL DEBUGGING FOLDER`.
+"""A process that does jobs as `parallel.Workers` sends them: `oiiotex.cli.running.worker LEVEL DEBUGGING FOLDER`.
 
 It is started deaf to Ctrl-C, which is for its parent, and stays so. Where the parent goes, however that is ended, it
 goes too, and leaves nothing half.
