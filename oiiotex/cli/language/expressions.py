@@ -29,7 +29,7 @@ from ...core.parameters import nearest
 from ...deferred import np, oiio
 from ...errors import ImageError, ParameterError
 from ..printing.metadata import metadata_text
-from ..printing.pixel_statistics import part_colour, part_statistics, part_statistics_text
+from ..printing.pixel_statistics import part_color, part_statistics, part_statistics_text
 from .expression_values import (
     NUMBER,
     PRODUCTS,
@@ -88,7 +88,7 @@ def _described(verbose: bool, native: bool) -> Callable[[Image], str]:
 
 
 def _is_black(image: Image) -> bool:
-    color = part_colour(image.first)
+    color = part_color(image.first)
     return color is not None and color[0] == 0  # oiiotool looks at no other channel
 
 
@@ -110,7 +110,7 @@ _PROPERTIES: dict[str, Callable[[Image], object]] = {
     "METABRIEF": _described(verbose=False, native=False),
     "METANATIVEBRIEF": _described(verbose=False, native=True),
     "STATS": lambda image: part_statistics_text(image.first).removesuffix("\n"),
-    "IS_CONSTANT": lambda image: int(part_colour(image.first) is not None),
+    "IS_CONSTANT": lambda image: int(part_color(image.first) is not None),
     "IS_BLACK": lambda image: int(_is_black(image)),
     "SUBIMAGES": lambda image: len(image.parts),
 }

@@ -221,7 +221,7 @@ class FlipModifiers:
     medianluminance: float = param(0.18, ge=0, help="luminance to which the median is exposed")
     ppd: float = param(0.0, ge=0, help="pixels per degree of the viewer's eye; 0: those of a desk")
     tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="how exposures are shown")
-    colormap: str = param("", help="show the map in colours: inferno, viridis, magma, turbo ...")
+    colormap: str = param("", help="show the map in colors: inferno, viridis, magma, turbo ...")
     fail: float = param(10.0, ge=0, help="fail if the largest error is above this")
     print: bool = param(True, help="print the errors")
 
@@ -239,20 +239,20 @@ def flip_difference(chain: Chain, given: FlipModifiers) -> None:
     spec = error.spec()
     facts = {p.name: p.value for p in spec.extra_attribs if p.name.startswith("FLIP:")}
     if given.colormap:
-        error = _in_colours(error, given.colormap, facts)
+        error = _in_colors(error, given.colormap, facts)
     del chain.stack[-2:]
     chain.push(Image((in_memory(a.name, error),), "flipdiff"))
     chain.unwritten = True
     _print_flip(chain, reference, test, facts, given)
 
 
-def _in_colours(error: oiio.ImageBuf, colormap: str, facts: dict[str, Any]) -> oiio.ImageBuf:
-    coloured = oiio.ImageBufAlgo.color_map(error, 0, colormap)
-    if coloured.has_error:
-        raise ImageError(one_line(coloured.geterror()))
+def _in_colors(error: oiio.ImageBuf, colormap: str, facts: dict[str, Any]) -> oiio.ImageBuf:
+    colored = oiio.ImageBufAlgo.color_map(error, 0, colormap)
+    if colored.has_error:
+        raise ImageError(one_line(colored.geterror()))
     for name, value in facts.items():
-        coloured.specmod().attribute(name, value)
-    return coloured
+        colored.specmod().attribute(name, value)
+    return colored
 
 
 def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, Any], given: FlipModifiers) -> None:

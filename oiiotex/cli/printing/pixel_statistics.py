@@ -77,11 +77,11 @@ def _numbers(values: np.ndarray) -> tuple[float, ...]:
     return tuple(map(float, values.astype(np.float32)))
 
 
-def part_colour(part: Part) -> tuple[float, ...] | None:
-    """The colour that all pixels of a part have, if there is one."""
+def part_color(part: Part) -> tuple[float, ...] | None:
+    """The color that all pixels of a part have, if there is one."""
     corner = Window.sized(part.window.left, part.window.top, 1, 1)
     first = part.read(corner)
-    if part.spec.width * part.spec.height > 1:  # a single NaN is a colour too
+    if part.spec.width * part.spec.height > 1:  # a single NaN is a color too
         for _, pixels in stream(part, full_rows(part.window)):
             if not (pixels == first).all():
                 return None
@@ -121,10 +121,10 @@ def part_statistics_text(
             ("FiniteCount", stats.finitecount),
         )
     ]
-    colour = part_colour(part)
-    lines.append(f"Constant: {'No' if colour is None else 'Yes'}")
-    if colour is not None:
-        lines.append(f"Constant Color: {''.join(f'{_number(value, scale, False)} ' for value in colour)}{footer}")
+    color = part_color(part)
+    lines.append(f"Constant: {'No' if color is None else 'Yes'}")
+    if color is not None:
+        lines.append(f"Constant Color: {''.join(f'{_number(value, scale, False)} ' for value in color)}{footer}")
     lines.append(f"Monochrome: {'Yes' if is_monochrome(part) else 'No'}")
     return "".join(f"{indent}{line}\n" for line in lines)
 
@@ -152,13 +152,13 @@ def _number(value: float, scale: int, whole: bool) -> str:
 # --- counting ---
 
 
-def colour_counts(part: Part, colours: np.ndarray, tolerance: np.ndarray) -> list[int]:
-    """How many pixels have each of some colours (colours x channels), to a tolerance per channel; NaN is any colour."""
-    counts = [0] * len(colours)
+def color_counts(part: Part, colors: np.ndarray, tolerance: np.ndarray) -> list[int]:
+    """How many pixels have each of some colors (colors x channels), to a tolerance per channel; NaN is any color."""
+    counts = [0] * len(colors)
     for window, buffer in stream(part, full_rows(part.window), buffers=True):
         pixels = as_floats(buffer, window)
-        for n, colour in enumerate(colours):
-            other = over_channels(np.logical_or, np.abs(pixels - colour) > tolerance)
+        for n, color in enumerate(colors):
+            other = over_channels(np.logical_or, np.abs(pixels - color) > tolerance)
             counts[n] += other.size - int(other.sum())
     return counts
 

@@ -89,7 +89,7 @@ _EXIT = (
     ("130, 143", "Stopped by SIGINT, by SIGTERM."),
 )
 _ENVIRONMENT = (
-    ("OCIO", "The colour config, unless --colorconfig says one."),
+    ("OCIO", "The color config, unless --colorconfig says one."),
     ("OIIOTEX_DEVICE", "The OpenCL device, unless --device says one."),
     ("TMPDIR", "Where intermediate results lie that do not fit the budget."),
     ("XDG_CACHE_HOME", "Where the cache folder lies: see --cache-info."),

@@ -25,7 +25,7 @@ from ..language.parse import Option
 from ..stack.chain import Chain, require_flat
 from ..stack.output_settings import set_text, state
 from .metadata import Asked, Dump, description, unescaped
-from .pixel_statistics import colour_counts, range_counts
+from .pixel_statistics import color_counts, range_counts
 
 
 def _asked(chain: Chain) -> Asked:
@@ -153,17 +153,17 @@ class CountModifiers:
     eps: str = param("0.001", help="how far a value may be off, per channel")
 
 
-def count_colours(chain: Chain, text: str, given: CountModifiers) -> None:
+def count_colors(chain: Chain, text: str, given: CountModifiers) -> None:
     """Count the pixels of each color: R,G,B;R,G,B ..."""
     from ...host.arithmetic import numbers_for_channels
 
     part = chain.top.first
     words = text.split(":" if ":" in text else ";")
-    colours = np.array([numbers_for_channels(word, part.spec.nchannels, 0.0) for word in words], np.float32)
+    colors = np.array([numbers_for_channels(word, part.spec.nchannels, 0.0) for word in words], np.float32)
     tolerance = np.array(numbers_for_channels(given.eps, part.spec.nchannels, 0.001), np.float32)
     if not chain.acts(part):
         return
-    for word, count in zip(words, colour_counts(part, colours, tolerance), strict=True):
+    for word, count in zip(words, color_counts(part, colors, tolerance), strict=True):
         print(f"{count:8}  {word}")
 
 
@@ -205,7 +205,7 @@ OPTIONS = (
     Option("--dumpdata", dump_inputs, Dump, state=True),
     Option("--metamatch REGEX", set_text("--metamatch"), text="Which metadata to print, by name", state=True),
     Option("--no-metamatch REGEX", set_text("--no-metamatch"), text="Which metadata not to print", state=True),
-    Option("--colorcount COLORS", count_colours, CountModifiers, needs=1, flat=True),
+    Option("--colorcount COLORS", count_colors, CountModifiers, needs=1, flat=True),
     Option("--rangecheck LOW HIGH", check_range, needs=1, flat=True),
     Option("--echo TEXT", echo, EchoModifiers, state=True),
 )
