@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import os
 import shutil
-import subprocess
 from pathlib import Path
+from subprocess import PIPE
 
+from ...core.machine import start
 from ...deferred import oiio
 from ...errors import Error, one_line
 from ..language.parse import Option
@@ -25,7 +27,8 @@ def build_info(chain: Chain) -> None:
 
 def color_config_info(chain: Chain) -> None:
     """Print the contents of the color config."""
-    _say(chain, "--colorconfig", chain.session.color.path, "--colorconfiginfo")
+    path = chain.session.color.path
+    _say(chain, "--colorconfig", os.path.abspath(path) if os.path.isfile(path) else path, "--colorconfiginfo")
 
 
 def _say(chain: Chain, *words: str) -> None:
@@ -36,10 +39,11 @@ def _say(chain: Chain, *words: str) -> None:
     program = shutil.which("oiiotool", path=folder)
     if program is None:
         raise Error(f"expected oiiotool in {folder}: install OpenImageIO from PyPI")
-    done = subprocess.run([program, *words], capture_output=True, text=True)
-    if done.returncode:
-        raise Error(one_line(done.stderr or done.stdout))
-    print(done.stdout, end="")
+    process = start([program, *words], stdout=PIPE, stderr=PIPE, text=True)
+    text, errors = process.communicate()
+    if process.returncode:
+        raise Error(one_line(errors or text))
+    print(text, end="")
 
 
 OPTIONS = (
