@@ -26,9 +26,9 @@ MODULES = (
     "hashlib", "platformdirs", "pytools", "ziglang", "mmh3", "threadpoolctl", "tqdm", "sqlite3", "contextlib",
     "dataclasses", "traceback", "zoneinfo",
 )  # fmt: skip
-PROGRAMS = tuple(
-    ["oiiotool", "sh", "cat", "ld", "ld.lld", "gcc", "cc", "clang", "ffmpeg", "python3", "uname", "lscpu", "xdg-open"]
-)
+PROGRAMS = (
+    "oiiotool", "sh", "cat", "ld", "ld.lld", "gcc", "cc", "clang", "ffmpeg", "python3", "uname", "lscpu", "xdg-open",
+)  # fmt: skip
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n'
 
 # Each is a script in a Python of ours whose current folder is the planted one; `folder` is another one.
