@@ -102,7 +102,6 @@ LINES = [
     "a.png --add b.tif -o OUT.tif",
     "a.png --mad b.tif a.png -o OUT.tif",
     "--sub a.png -d half b.tif -o OUT.exr",
-    "a.png b.tif -o:all=1 OUT.%d.tif",
     # parts
     "parts.exr -o OUT.exr",
     "parts.exr --subimage 1 -o OUT.exr",
@@ -157,21 +156,11 @@ LINES = [
 def test_the_same_chain_gives_the_same_image(folder, line):
     for old in folder.glob("*ours*"):
         old.unlink()
-    words = shlex.split(line)
-    if "%d" in line:
-        return _same_numbered(folder, words)
-    same(folder, *words)
-    return None
-
-
-def _same_numbered(folder: Path, words: list[str]) -> None:
-    subprocess.run([OIIOTOOL, *(w.replace("OUT.", "theirs.") for w in words)], cwd=folder, check=True)
-    assert run([w.replace("OUT.", "ours.") for w in words], folder) == 0
-    for n in (1, 2):
-        assert_same_file(folder / f"ours.{n}.tif", folder / f"theirs.{n}.tif")
+    same(folder, *shlex.split(line))
 
 
 SEQUENCES = [
+    "a.png f.0001.png -o:all=1 OUT.%d.tif",
     "f.#.png --flip -o OUT.#.png",
     "f.%04d.png --addc 0.1 -o OUT.%04d.png",
     "--frames 1-3x2 f.#.png --flip -o OUT.#.png",
@@ -198,16 +187,7 @@ def test_the_same_sequence_gives_the_same_files(folder, tmp_path, line):
 
 
 def test_dither_has_the_seed_of_oiiotool(folder, tmp_path):
-    words = [
-        "../a.png",
-        "--mulc",
-        "0.77",
-        "--dither",
-        "-d",
-        "uint8",
-        "-o",
-        "of a name that is longer than 32 letters.png",
-    ]
+    words = shlex.split("../a.png --mulc 0.77 --dither -d uint8 -o 'of a name that is longer than 32 letters.png'")
     for name in ("theirs", "ours"):
         (tmp_path / name).mkdir()
     save(load(folder / "a.png") / 255, tmp_path / "a.png")
@@ -296,10 +276,7 @@ def test_no_error_exit_goes_on(folder, tmp_path, caplog):
         ("a.png --stackextract 4", "there is no image 4"),
         ("a.png --subimage 3", "has no part '3'; it has 0"),
         ("a.png -o:tiel=3x3 x.png", "unknown modifier 'tiel', did you mean 'tile'?"),
-        ("a.png --flipp", "unknown option '--flipp', did you mean '--flip'?"),
-        ("a.png --capture", "save the camera's picture to a file"),
         ("a.png -o:all=0 100%.png", "allowed is one %d"),
-        ("a.png --addc:colour=3 1", "unknown modifier 'colour'"),
         ("a.png --addc x", "value=x"),
         ("a.png --echo '{TOP.widht}'", "widht"),
     ],

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import OpenImageIO as oiio
@@ -15,10 +16,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.language.expressions import Expressions, Value
-from oiiotex.core.image import Image
+from oiiotex.cli.files.reading import read_input
+from oiiotex.cli.language.expression_values import Value
+from oiiotex.cli.language.expressions import substituted
+from oiiotex.cli.language.sequences import Frame
+from oiiotex.cli.stack.chain import Chain
 from oiiotex.errors import ParameterError
 from oiiotex.io.reading import read
+from oiiotex.session import Session
 
 OIIOTOOL = Path(sys.executable).parent / "oiiotool"
 FILES = ("constant.exr", "plain.tif", "ramp.exr")  # from the bottom of the stack up
@@ -29,50 +34,13 @@ VARIABLES: dict[str, Value] = {
 DECLARED = [f"--set{':type=string' if isinstance(v, str) else ''}" for v in VARIABLES.values()]
 
 
-class Stack:
+def chain_of(*files: str) -> Chain:
     """The images of FILES, the bottom one labelled L, at frame 7 of a sequence padded to four digits."""
-
-    def __init__(self, folder: Path, files: Sequence[str] = FILES):
-        with contextlib.chdir(folder):
-            self._stack = [read(name) for name in files]
-            self._labels = {"L": self._stack[0]} if files else {}
-
-    def depth(self) -> int:
-        return len(self._stack)
-
-    def image(self, index: int) -> Image:
-        assert 0 <= index < len(self._stack)
-        return self._stack[-1 - index]
-
-    def read(self, path: str) -> Image:
-        return read(path)
-
-    def labels(self) -> Mapping[str, Image]:
-        return self._labels
-
-    def variables(self) -> Mapping[str, Value]:
-        return VARIABLES
-
-    def frame_number(self) -> int | None:
-        return 7 if self._stack else None
-
-    def frame_padding(self) -> int:
-        return 4 if self._stack else 0
-
-    def pixel_type(self, image: Image, native: bool) -> str:
-        return str(image.first.spec.format) if native else "float"
-
-    def statistics(self, image: Image) -> oiio.PixelStats:
-        return oiio.ImageBufAlgo.computePixelStats(oiio.ImageBuf(image.source))
-
-    def constant_colour(self, image: Image) -> Sequence[float] | None:
-        return oiio.ImageBufAlgo.isConstantColor(oiio.ImageBuf(image.source))
-
-    def metadata_text(self, image: Image, verbose: bool, native: bool) -> str:
-        return f"{image.source}\n  {verbose=} {native=}\n"
-
-    def statistics_text(self, image: Image) -> str:
-        return f"statistics of {image.source}\n"
+    chain = Chain(Session(), read_input, Frame(7, (), 4) if files else None)
+    chain.stack = [read(name) for name in files]
+    chain.labelled = {"L": chain.stack[0]} if files else {}
+    chain.user = dict(VARIABLES)
+    return chain
 
 
 @pytest.fixture(scope="module")
@@ -106,8 +74,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
-def stack(folder: Path) -> Expressions:
-    return Expressions(Stack(folder))
+def value_of(folder: Path) -> Callable[[str], str]:
+    """What a text is with its expressions evaluated."""
+    return functools.partial(substituted, chain=chain_of(*FILES))
 
 
 SAME = r"""
@@ -186,25 +155,11 @@ def theirs(folder: Path) -> list[str]:
     return [text.removesuffix("\n") for text in done.stdout.split("\x1e")[1:]]
 
 
-def test_values_are_those_of_oiiotool(stack, theirs):
+def test_values_are_those_of_oiiotool(value_of, theirs):
     assert len(SAME) == len(theirs) >= 60
-    ours = [stack.substitute(text) for text in SAME]
+    ours = [value_of(text) for text in SAME]
     different = [f"{t}: {a!r}, oiiotool says {b!r}" for t, a, b in zip(SAME, ours, theirs, strict=True) if a != b]
     assert not different, "\n".join(different)
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("{TOP.META}", "ramp.exr\n  verbose=True native=False"),
-        ("{TOP.METANATIVE}", "ramp.exr\n  verbose=True native=True"),
-        ("{IMG[1].METABRIEF}", "plain.tif\n  verbose=False native=False"),
-        ("{IMG[1].METANATIVEBRIEF}", "plain.tif\n  verbose=False native=True"),
-        ("{TOP.STATS}", "statistics of ramp.exr"),
-    ],
-)
-def test_reports_come_from_the_printing_room(stack, text, value):
-    assert stack.substitute(text) == value
 
 
 @pytest.mark.parametrize(
@@ -217,12 +172,12 @@ def test_reports_come_from_the_printing_room(stack, text, value):
         ("{- TOP.width}", "-20"),
     ],
 )
-def test_what_oiiotool_gets_wrong(stack, text, value):
-    assert stack.substitute(text) == value
+def test_what_oiiotool_gets_wrong(value_of, text, value):
+    assert value_of(text) == value
 
 
-def test_outside_of_a_sequence_the_frame_is_0(folder):
-    assert Expressions(Stack(folder, ())).substitute("{FRAME_NUMBER} {FRAME_NUMBER_PAD} {NIMAGES}") == "0 0 0"
+def test_outside_of_a_sequence_the_frame_is_0():
+    assert substituted("{FRAME_NUMBER} {FRAME_NUMBER_PAD} {NIMAGES}", chain_of()) == "0 0 0"
 
 
 REFUSED = {
@@ -292,17 +247,17 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED)
-def test_malformed_expressions_are_refused_in_one_line_that_quotes_them(stack, text):
+def test_malformed_expressions_are_refused_in_one_line_that_quotes_them(value_of, text):
     with pytest.raises(ParameterError, match=REFUSED[text]) as caught:
-        stack.substitute(f"before {{1}} {text} behind")
+        value_of(f"before {{1}} {text} behind")
     assert str(caught.value).startswith(" ".join(text.split()))
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["{TOP.x}", "{BOTTOM.x}", "{IMG[0].x}"])
-def test_an_empty_stack_has_no_image(folder, text):
+def test_an_empty_stack_has_no_image(text):
     with pytest.raises(ParameterError, match="no image at"):
-        Expressions(Stack(folder, ())).substitute(text)
+        substituted(text, chain_of())
 
 
 ODD = ("//", "<=", "&&", "{:", "getattribute(", "\\", "\0", "\n", "É", "²", "٣")
@@ -312,8 +267,8 @@ TEXTS = st.lists(st.one_of(st.sampled_from(WORDS), st.text(max_size=3)), max_siz
 
 @settings(max_examples=400, deadline=None, derandomize=True, database=None)
 @given(text=st.one_of(TEXTS, TEXTS.map("{{{}}}".format), TEXTS.map('{{format("{{:{}}}",1,2.5,3)}}'.format)))
-def test_any_text_is_substituted_or_refused(stack, text):
+def test_any_text_is_substituted_or_refused(value_of, text):
     try:
-        assert isinstance(stack.substitute(text), str)
+        assert isinstance(value_of(text), str)
     except ParameterError as error:
         assert len(str(error).splitlines()) == 1

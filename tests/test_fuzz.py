@@ -83,7 +83,7 @@ CRASHES: dict[tuple[str, int], str] = {}
 
 BATCH = """
 import contextlib, io, os, sys
-from oiiotex.cli.running import run
+from oiiotex.cli.running.line_run import run
 from oiiotex.errors import Error
 
 log, output, *names = sys.argv[1:]

@@ -26,7 +26,9 @@ MODULES = (
     "hashlib", "platformdirs", "pytools", "ziglang", "mmh3", "threadpoolctl", "tqdm", "sqlite3", "contextlib",
     "dataclasses", "traceback", "zoneinfo",
 )  # fmt: skip
-PROGRAMS = ("sh", "cat", "ld", "ld.lld", "gcc", "cc", "clang", "ffmpeg", "python3", "uname", "lscpu", "xdg-open")
+PROGRAMS = (
+    "oiiotool", "sh", "cat", "ld", "ld.lld", "gcc", "cc", "clang", "ffmpeg", "python3", "uname", "lscpu", "xdg-open",
+)  # fmt: skip
 RECIPE = 'schema = 1\n[[product]]\nname = "tile"\nline = "$maps --flip $outputs"\n'
 
 # Each is a script in a Python of ours whose current folder is the planted one; `folder` is another one.
@@ -96,6 +98,9 @@ connect(Settings.of(Session())).end()
 """,
     "a JPEG": """
 program("photo.png", "-o", "out.jpg")
+""",
+    "oiiotool of the wheel": """
+program("--list-formats", "--buildinfo", "--colorconfiginfo")
 """,
     "a movie": """
 from pathlib import Path

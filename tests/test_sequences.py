@@ -10,12 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from oiiotex.cli.language.sequences import (
-    MOST_FRAMES,
-    OPTIONS,
-    Frame,
-    frame_numbers,
-)
+from oiiotex.cli.language.sequences import MOST_FRAMES, Frame, frame_numbers
 from oiiotex.cli.language.sequences import frames as all_frames
 from oiiotex.errors import ParameterError
 
@@ -327,8 +322,3 @@ def test_a_pattern_without_files_is_a_literal_name_with_a_warning(folder):
 def test_framepadding_wants_digits(digits, folder):
     with pytest.raises(ParameterError, match="--framepadding"):
         frames(["--framepadding", digits])
-
-
-def test_settings_name_all_that_is_read(folder):
-    for option in OPTIONS:
-        assert option.help and len(option.arguments) == (option.name in ("--frames", "--framepadding", "--views"))

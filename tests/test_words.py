@@ -32,27 +32,12 @@ TEXTS |= {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.O
 WRONG = {"--resize:fliter=box", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value", "--op:modifier"}
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
-    "--no-build-isolation", "--extra-index-url", "--protocol",
-    "--no-dashboard",
+    "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard",
 }  # fmt: skip
 OURS = {
-    ".json",
-    ".yaml",
-    ".npz",
-    ".gif",
-    ".mp4",
-    ".gpl",
-    ".aco",
-    ".icc",
-    ".md",
-    ".py",
-    ".cl",
-    ".ocio",
-    ".pyi",
-    ".toml",
-    ".obj",
-    ".zip",
-}
+    ".json", ".yaml", ".npz", ".gif", ".mp4", ".gpl", ".aco", ".icc", ".md", ".py", ".cl", ".ocio", ".pyi", ".toml",
+    ".obj", ".zip",
+}  # fmt: skip
 SPACES = r"--iscolorspace (?:\"([^\"]+)\"|([A-Za-z]\w+))"
 PLACEHOLDERS = {"NAME", "SPACE"}  # for a colour space
 NO_MODIFIERS = {"colorspace", "lines"}  # of Python alone: where a call says the space, and of `Output`

@@ -12,100 +12,47 @@ REFUSED = (
     Refused("--gpu", 0, "OpenImageIO's own GPU support is not in its wheel; --device chooses where --tex... ops run"),
 )
 
-_OPTIONS = tuple(
-    Shelf(heading, f"{__package__}.{module}", tuple(names.split()), attribute)
-    for heading, module, attribute, names in (
-        (
-            "Reading",
-            "files.reading",
-            "OPTIONS",
-            "-i --iconfig --missingfile --testread -a --native --no-autopremult --autopremult --autoorient"
-            " --auto-orient --autocc --noautocc",
-        ),
-        (
-            "Writing",
-            "files.output",
-            "OPTIONS",
-            "-o -d --scanline --tile --compression --quality --dither --planarconfig --adjust-time --noautocrop"
-            " --autotrim --history --no-history --nosoftwareattrib -n -u --no-clobber --noclobber --create-dir"
-            " --iccwrite",
-        ),
-        (
-            "Writing",
-            "files.textures",
-            "OPTIONS",
-            "-otex -oenv -obump",
-        ),
-        (
-            "The stack, and parts of images",
-            "stack.moves",
-            "OPTIONS",
-            "--label --dup --swap --pop --popbottom --stackreverse --stackextract --stackclear --subimage"
-            " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get --thumbnail-set",
-        ),
-        (
-            "Printing and comparing",
-            "printing.texts",
-            "OPTIONS",
-            "--info --printinfo --stats --printstats --hash --dumpdata --metamatch --no-metamatch --colorcount"
-            " --rangecheck --echo",
-        ),
-        (
-            "Printing and comparing",
-            "printing.comparing",
-            "OPTIONS",
-            "--diff --pdiff --flipdiff --fail --failpercent --hardfail --warn --warnpercent --hardwarn",
-        ),
-        (
-            "Printing and comparing",
-            "printing.inventory",
-            "OPTIONS",
-            "--list-formats --buildinfo --colorconfiginfo",
-        ),
-        (
-            "Looking",
-            "files.viewing",
-            "OPTIONS",
-            "--tev",
-        ),
-        (
-            "Looking",
-            "running.living",
-            "OPTIONS",
-            "--texlive",
-        ),
-        (
-            "Control flow",
-            "language.control",
-            "OPTIONS",
-            "--set --if --else --endif --while --endwhile --for --endfor --evaloff --evalon --oiioattrib",
-        ),
-        (
-            "The run",
-            "language.control",
-            "STATES",
-            "-v --verbose --maxloop --no-error-exit --metamerge --sansattrib --autotile --experimental",
-        ),
-        (
-            "The run",
-            "running.run_settings",
-            "OPTIONS",
-            "--device --devices --threads --cache --colorconfig --interchange -q --noprogress --runstats"
-            " --debug --version --completion --manpage --plugin-path --cache-info --cache-clear --help -h",
-        ),
-        (
-            "The run",
-            "language.sequences",
-            "OPTIONS",
-            "--frames --framepadding --views --wildcardoff --wildcardon --skip-bad-frames --parallel-frames",
-        ),
-        (
-            "The run",
-            "running.shares",
-            "OPTIONS",
-            "--share --join --farm --openjd",
-        ),
-    )
+_OPTIONS: dict[str, dict[str, str]] = {  # by heading and module, in the order of help
+    "Reading": {
+        "files.reading": "-i --iconfig --missingfile --testread -a --native --no-autopremult --autopremult"
+        " --autoorient --auto-orient --autocc --noautocc",
+    },
+    "Writing": {
+        "files.output": "-o -d --scanline --tile --compression --quality --dither --planarconfig --adjust-time"
+        " --noautocrop --autotrim --history --no-history --nosoftwareattrib -n -u --no-clobber --noclobber"
+        " --create-dir --iccwrite",
+        "files.textures": "-otex -oenv -obump",
+    },
+    "The stack, and parts of images": {
+        "stack.moves": "--label --dup --swap --pop --popbottom --stackreverse --stackextract --stackclear --subimage"
+        " --sisplit --siappend --siappendall --layersplit --unmip --selectmip --thumbnail-get --thumbnail-set",
+    },
+    "Printing and comparing": {
+        "printing.texts": "--info --printinfo --stats --printstats --hash --dumpdata --metamatch --no-metamatch"
+        " --colorcount --rangecheck --echo",
+        "printing.comparing": "--diff --pdiff --flipdiff --fail --failpercent --hardfail --warn --warnpercent"
+        " --hardwarn",
+        "printing.inventory": "--list-formats --buildinfo --colorconfiginfo",
+    },
+    "Looking": {"files.viewing": "--tev", "running.living": "--texlive"},
+    "Control flow": {
+        "language.control": "--set --if --else --endif --while --endwhile --for --endfor --evaloff --evalon"
+        " --oiioattrib",
+    },
+    "The run": {
+        "language.control:STATES": "-v --verbose --maxloop --no-error-exit --metamerge --sansattrib --autotile"
+        " --experimental",
+        "running.run_settings": "--device --devices --threads --cache --colorconfig --interchange -q --noprogress"
+        " --runstats --debug --version --completion --manpage --plugin-path --cache-info --cache-clear --help -h",
+        "language.sequences": "--frames --framepadding --views --wildcardoff --wildcardon --skip-bad-frames"
+        " --parallel-frames",
+        "running.shares": "--share --join --farm --openjd",
+    },
+}
+_SHELVES = tuple(
+    Shelf(heading, f"{__package__}.{module}", tuple(names.split()), attribute or "OPTIONS")
+    for heading, modules in _OPTIONS.items()
+    for (module, _, attribute), names in ((place.partition(":"), names) for place, names in modules.items())
 )
 
-LANGUAGE = Language((*filters.SHELVES, *host.SHELVES, *_OPTIONS), REFUSED, filters.further)
+LANGUAGE = Language((*filters.SHELVES, *host.SHELVES, *_SHELVES), REFUSED, filters.further)

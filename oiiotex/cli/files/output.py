@@ -24,7 +24,7 @@ from ...errors import ImageError, ParameterError
 from ...io.atomic import make_folders, require_place, temporary_beside
 from ...io.formats import Format
 from ...io.writing import write
-from ..language.parse import Option
+from ..language.parse import Option, without
 from ..language.sequences import Tile, names_tiles, tile_name
 from ..stack import output_settings
 from ..stack.chain import Chain
@@ -56,9 +56,8 @@ class WriteModifiers:
     fileformatname: str = param("", help="the format, whatever the name's extension")
 
 
-def write_output(chain: Chain, path: str, **modifiers: Any) -> None:
-    """Write the top image, or all, or its UDIM tiles."""
-    given = WriteModifiers(**modifiers)
+def write_output(chain: Chain, path: str, given: WriteModifiers) -> None:
+    """Write the top image, or all, or its UDIM tiles; a run that fails leaves the old file as it was."""
     if given.udim is not None:
         return _write_tiles(chain, chain.expressed(path), given.udim, dataclasses.replace(given, udim=None))
     if given.all is None:
@@ -134,23 +133,7 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
 
 
 def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
-    """Whether the image is to be written there, now; makes the file's folder where --create-dir says so.
-
-    Parameters
-    ----------
-    chain : Chain
-        Its -n and --create-dir count.
-    image : Image
-    path : str
-        The file, which need not exist.
-    how : Format
-        What kind of file it would be.
-
-    Raises
-    ------
-    ImageError
-        The folder cannot be made.
-    """
+    """Whether the image is to be written there, now; makes the file's folder where --create-dir says so."""
     chain.will_write(image, path, how)
     if chain.settings.get("-n"):
         chain.note(logging.INFO, f"{path} would be written")
@@ -167,13 +150,7 @@ def may_write(chain: Chain, image: Image, path: str, how: Format) -> bool:
 
 
 def is_left(chain: Chain, path: str) -> bool:
-    """Whether the file stays as it is: by --no-clobber, or by -u because it is newer than what it is made of.
-
-    Raises
-    ------
-    ParameterError
-        A filter has just written its own there.
-    """
+    """Whether the file stays as it is: by --no-clobber, or by -u because it is newer than what it is made of."""
     chain.require_free(path)
     chain.unwritten, chain.used = False, True
     if not os.path.exists(path):
@@ -219,9 +196,7 @@ def _format(chain: Chain, path: str, given: WriteModifiers) -> Format:
 def _attributes(chain: Chain, path: str, given: WriteModifiers) -> dict[str, Any]:
     settings = chain.settings
     attributes: dict[str, Any] = {"oiio:SHA-1": None, "oiio:ConstantColor": None, "oiio:AverageColor": None}
-    for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):
-        if option in settings:
-            attributes[attribute] = settings[option]
+    attributes |= compression(chain)
     planar = "separate" if given.separate else "contig" if given.contig else settings.get("--planarconfig")
     if planar:
         attributes["planarconfig"] = planar
@@ -233,13 +208,19 @@ def _attributes(chain: Chain, path: str, given: WriteModifiers) -> dict[str, Any
     return attributes | software(chain)
 
 
+def compression(chain: Chain) -> dict[str, Any]:
+    """What --compression and --quality have set, as attributes of a spec."""
+    names = {"--compression": "compression", "--quality": "CompressionQuality"}
+    return {name: chain.settings[option] for option, name in names.items() if option in chain.settings}
+
+
 def software(chain: Chain) -> dict[str, Any]:
     """What a file says of the program that wrote it: a hash of the command line, or with --history the line itself."""
     if chain.settings.get("--nosoftwareattrib"):
         return {}
-    words = list(chain.session.words)
+    words = chain.session.words
     if chain.settings.get("--sansattrib"):
-        words = _without_attributes(words)
+        words = without(words, {"attrib": 2, "sattrib": 2})
     line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
     # OpenImageIO believes a texture's hash and average colour only where this begins with its own name
     program = f"OpenImageIO {oiio.__version__}, oiiotex {__version__}"
@@ -249,18 +230,6 @@ def software(chain: Chain) -> dict[str, Any]:
         before = chain.top.first.spec.get_string_attribute("Exif:ImageHistory") if chain.stack else ""
         attributes["Exif:ImageHistory"] = f"{before.rstrip()}\n{line}".lstrip()
     return attributes
-
-
-def _without_attributes(words: list[str]) -> list[str]:
-    """A command line less its --attrib and --sattrib, each of which is three words."""
-    kept, skip = [], 0
-    for word in words:
-        if word.split(":")[0].lstrip("-") in ("attrib", "sattrib") and word.startswith("-"):
-            skip = 3
-        if not skip:
-            kept.append(word)
-        skip = max(0, skip - 1)
-    return kept
 
 
 def _with_provenance(chain: Chain, image: Image) -> Image:
@@ -316,8 +285,7 @@ def _adjust_time(path: str, image: Image) -> None:
 
 
 def write_profile(chain: Chain, path: str) -> None:
-    """Write the top image's ICC profile to a file of its own."""
-
+    """Write the top image's ICC profile to a file."""
     profile = chain.top.first.spec.getattribute("ICCProfile")
     if profile is None:
         raise ImageError(f"{chain.top.source} has no ICC profile")
@@ -330,15 +298,7 @@ def write_profile(chain: Chain, path: str) -> None:
 
 
 OPTIONS = (
-    Option(
-        "-o",
-        ("FILE",),
-        "write the top image; a run that fails leaves the old file as it was",
-        write_output,
-        WriteModifiers,
-        late=True,
-        writes=True,
-    ),
+    Option("-o FILE", write_output, WriteModifiers, late=True, writes=True),
     *output_settings.OPTIONS,
-    Option("--iccwrite", ("FILE",), "write the top image's ICC profile to a file", write_profile, writes=True),
+    Option("--iccwrite FILE", write_profile, writes=True),
 )

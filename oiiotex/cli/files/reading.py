@@ -7,7 +7,6 @@ import dataclasses
 import functools
 import logging
 from dataclasses import dataclass
-from typing import Any
 
 from ...core.attributes import set_attribute
 from ...core.image import Image, Part, from_buffer, in_memory, pixels_of, type_named
@@ -19,7 +18,7 @@ from ..language.control import SetModifiers
 from ..language.parse import Option
 from ..stack.chain import Chain
 from ..stack.first_image import merged_type
-from ..stack.output_settings import switch
+from ..stack.output_settings import state
 
 log = logging.getLogger("oiiotex")
 
@@ -44,9 +43,11 @@ class ReadModifiers:
     index: int = param(0, ge=0, le=0, help="with get_thumbnail: which one; OpenImageIO gives only the first")
 
 
-def read_input(chain: Chain, path: str, **modifiers: Any) -> None:
-    """Put an image file, or the image of that label, on the stack."""
-    given = ReadModifiers(**modifiers)
+_PLAIN = ReadModifiers()
+
+
+def read_input(chain: Chain, path: str, given: ReadModifiers = _PLAIN) -> None:
+    """Read an image (as naming it does) and put it on the stack."""
     if path in chain.labelled:
         chain.push(chain.labelled[path])
         return
@@ -145,9 +146,9 @@ def _substitute(chain: Chain, error: ImageError) -> Image:
 def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
     """What is done to an image as soon as it has been read."""
     if given.get_thumbnail:
-        from ..stack.moves import thumbnail
+        from ..stack.moves import ThumbnailModifiers, thumbnail
 
-        thumbnail(chain, given.fail, given.index)
+        thumbnail(chain, ThumbnailModifiers(given.fail, given.index))
     if chain.settings.get("--autoorient"):
         from ...host.spatial.placing import Reorient
 
@@ -169,26 +170,17 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
 
 
 def missing_file(chain: Chain, policy: str) -> None:
-    """What a file that cannot be read is replaced by."""
+    """Replace files that cannot be read: error, black or checker."""
     if policy not in ("error", "black", "checker"):
         raise ParameterError(f"'{policy}': allowed is error, black or checker")
     chain.settings["--missingfile"] = policy
 
 
-def input_attribute(chain: Chain, name: str, text: str, type: str | None = None) -> None:
-    """A hint for the reader of the next file.
-
-    Parameters
-    ----------
-    chain : Chain
-    name, text : str
-        The hint and its value; an empty one takes back the hint.
-    type : str, optional
-        int, float, string ...; by the looks of the value when left out.
-    """
+def input_attribute(chain: Chain, name: str, text: str, given: SetModifiers) -> None:
+    """Give a hint to the reader of the next file; an empty one is taken back."""
     config = chain.settings.setdefault("--iconfig", oiio.ImageSpec())
     if text:
-        set_attribute(config, name, text, type)
+        set_attribute(config, name, text, given.type)
     else:
         config.erase_attribute(name)
 
@@ -205,7 +197,7 @@ def test_read(chain: Chain, path: str) -> None:
 
 
 def native_types(chain: Chain) -> None:
-    """Ops work on the pixel types of files from here on, of those too that wait on the stack."""
+    """Let ops work on the pixel type of the file instead of float."""
     chain.settings["--native"] = True
     for n, image in enumerate(chain.stack):
         waits = [part.depth == 0 and part.stored is not None for part in image.parts]
@@ -214,7 +206,7 @@ def native_types(chain: Chain) -> None:
 
 
 def all_parts(chain: Chain) -> None:
-    """Ops work on all parts from here on."""
+    """Let ops work on all parts (subimages), not on the first alone."""
     chain.session.all_parts = True
 
 
@@ -225,62 +217,27 @@ class AutoccModifiers:
     unpremult: bool = param(False, help="convert colours undone of alpha")
 
 
-def autocc_on(chain: Chain, unpremult: bool = False) -> None:
-    """Convert from and to the colour spaces that names of files say, from here on."""
+def autocc_on(chain: Chain, given: AutoccModifiers) -> None:
+    """Convert from and to the color spaces that the config's file rules find in names of files."""
     chain.session.autocc = True
-    chain.settings["--autocc unpremult"] = unpremult
+    chain.settings["--autocc unpremult"] = given.unpremult
 
 
 def autocc_off(chain: Chain) -> None:
-    """No longer convert by names of files."""
+    """End --autocc."""
     chain.session.autocc = False
 
 
 OPTIONS = (
-    Option("-i", ("FILE",), "read an image (as naming it does) and put it on the stack", read_input, ReadModifiers),
-    Option(
-        "--iconfig",
-        ("NAME", "VALUE"),
-        "a hint for the reader of the next file",
-        input_attribute,
-        SetModifiers,
-        state=True,
-    ),
-    Option(
-        "--missingfile", ("POLICY",), "files that cannot be read: error, black or checker", missing_file, state=True
-    ),
-    Option("--testread", ("FILE",), "read a file and forget it", test_read, state=True),
-    Option("-a", (), "ops work on all parts (subimages), not on the first alone", all_parts, state=True),
-    Option("--native", (), "ops work on the pixel type of the file instead of float", native_types, state=True),
-    Option(
-        "--no-autopremult",
-        (),
-        "colours of files with unassociated alpha stay as they are",
-        switch("--no-autopremult"),
-        state=True,
-    ),
-    Option(
-        "--autopremult",
-        (),
-        "colours of files with unassociated alpha are multiplied by it (as is the rule)",
-        switch("--no-autopremult", False),
-        state=True,
-    ),
-    Option(
-        "--autoorient",
-        (),
-        "turn images upright as they are read",
-        switch("--autoorient"),
-        state=True,
-        aliases=("--auto-orient",),
-    ),
-    Option(
-        "--autocc",
-        (),
-        "convert from and to the colour spaces that names of files say, by the config's file rules",
-        autocc_on,
-        AutoccModifiers,
-        state=True,
-    ),
-    Option("--noautocc", (), "no longer convert by names of files", autocc_off, state=True),
+    Option("-i FILE", read_input, ReadModifiers),
+    Option("--iconfig NAME VALUE", input_attribute, SetModifiers, state=True),
+    Option("--missingfile POLICY", missing_file, state=True),
+    Option("--testread FILE", test_read, state=True),
+    Option("-a", all_parts, state=True),
+    Option("--native", native_types, state=True),
+    state("--no-autopremult", "Keep unassociated alpha unassociated"),
+    state("--autopremult", "Multiply colors by unassociated alpha (default)", sets=("--no-autopremult", False)),
+    state("--autoorient", "Turn images upright as they are read", "--auto-orient"),
+    Option("--autocc", autocc_on, AutoccModifiers, state=True),
+    Option("--noautocc", autocc_off, state=True),
 )

@@ -19,7 +19,7 @@ from ...io.reading import checked_name, keep_readable
 from ...io.writing import require_arrived
 from ..language.parse import Option
 from ..stack.chain import Chain, require_flat
-from .output import is_left, may_write, software
+from .output import compression, is_left, may_write, software
 
 log = logging.getLogger("oiiotex")
 
@@ -78,8 +78,7 @@ _ELSEWHERE = {"wrap", "swrap", "twrap", "type", "tile", "handed", "fileformatnam
 def write_texture(mode: str) -> Any:
     """What writes the top image as a texture of that kind."""
 
-    def run(chain: Chain, path: str, **modifiers: Any) -> None:
-        given = TextureModifiers(**modifiers)
+    def run(chain: Chain, path: str, given: TextureModifiers) -> None:
         require_flat([chain.top])
         part = chain.top.first
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
@@ -126,9 +125,8 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
         del values["filtername"]
     for name, value in values.items():
         config.attribute(f"maketx:{name}", int(value) if isinstance(value, bool) else value)
-    for option, attribute in (("--compression", "compression"), ("--quality", "CompressionQuality")):
-        if option in chain.settings:
-            config.attribute(attribute, chain.settings[option])
+    for name, value in compression(chain).items():
+        config.attribute(name, value)
     if given.fileformatname:
         config.attribute("maketx:fileformatname", given.fileformatname)
     if given.handed:
@@ -140,10 +138,10 @@ def _config(chain: Chain, stored: oiio.TypeDesc | None, given: TextureModifiers)
 
 
 OPTIONS = tuple(
-    Option(name, ("FILE",), help, write_texture(mode), TextureModifiers, writes=True)
-    for name, help, mode in (
-        ("-otex", "write the top image as a MIP-mapped texture", "MakeTxTexture"),
-        ("-oenv", "write the top image as a latitude-longitude environment map", "MakeTxEnvLatl"),
-        ("-obump", "write the top image as a bump map with slopes and their moments", "MakeTxBumpWithSlopes"),
+    Option(f"{name} FILE", write_texture(mode), TextureModifiers, text, writes=True)
+    for name, text, mode in (
+        ("-otex", "Write the top image as a MIP-mapped texture", "MakeTxTexture"),
+        ("-oenv", "Write the top image as a latitude-longitude environment map", "MakeTxEnvLatl"),
+        ("-obump", "Write the top image as a bump map with slopes and their moments", "MakeTxBumpWithSlopes"),
     )
 )

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...color.config import as_float
 from ...core.demand import bands, cached, stream
@@ -34,9 +34,8 @@ class ViewModifiers:
     name: str = param("", help="what it is called there; the image's own name when left out")
 
 
-def show(chain: Chain, **modifiers: Any) -> None:
-    """Show the top image."""
-    given = ViewModifiers(**modifiers)
+def show(chain: Chain, given: ViewModifiers) -> None:
+    """Show the top image in the viewer tev while it is made."""
     with _tev(given) as viewer:
         if not chain.acts(*chain.top.parts):  # somebody listens, that is all there is to see now
             return
@@ -79,8 +78,4 @@ def _tev(given: ViewModifiers) -> Iterator[Ipc]:
         raise Error(f"--tev: no tev listens at {given.host}:{given.port} ({text}): start it first") from error
 
 
-OPTIONS = (
-    Option(
-        "--tev", (), "show the top image in the viewer tev while it is made", show, ViewModifiers, needs=1, flat=True
-    ),
-)
+OPTIONS = (Option("--tev", show, ViewModifiers, needs=1, flat=True),)

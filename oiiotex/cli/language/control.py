@@ -11,7 +11,7 @@ from ...core.parameters import Numbers, Parameter, param
 from ...deferred import oiio
 from ...errors import ParameterError
 from ..stack.chain import Chain
-from ..stack.output_settings import switch
+from ..stack.output_settings import state, switch
 from .parse import Option, whole_number
 
 
@@ -26,7 +26,7 @@ class Block:
     rounds: int = 0  # of --while, so far
 
 
-MOST_ROUNDS = 100_000  # of a loop, unless --maxloop says another number
+MOST_ROUNDS = 100_000  # of --while, unless --maxloop says another number
 
 _FALSE = ("", "0", "false", "no", "off", "f", "n")
 
@@ -59,24 +59,24 @@ def _close(chain: Chain, name: str, end: str) -> Block:
 
 
 def begin_if(chain: Chain, value: str) -> None:
-    """Do the steps up to --else or --endif where the value holds."""
+    """Do what follows, to --else or --endif, if VALUE is not 0 or empty."""
     _open(chain, "--if", not chain.skipping and truth(chain.expressed(value)))
 
 
 def otherwise(chain: Chain) -> None:
-    """Do the steps up to --endif where the value of --if does not hold."""
+    """Do what follows, to --endif, if the VALUE of --if is 0 or empty."""
     block = _innermost(chain, "--if", "--else")
     block.holds = not block.holds
     chain.skipping = block.outer or not block.holds
 
 
 def end_if(chain: Chain) -> None:
-    """End what --if began."""
+    """End --if."""
     _close(chain, "--if", "--endif")
 
 
 def begin_while(chain: Chain, value: str) -> None:
-    """Do the steps up to --endwhile as long as the value holds."""
+    """Do what follows, to --endwhile, while VALUE is not 0 or empty."""
     holds = not chain.skipping and truth(chain.expressed(value))
     if not (chain.loops and chain.loops[-1].start == chain.position - 1):
         return _open(chain, "--while", holds)
@@ -90,7 +90,7 @@ def begin_while(chain: Chain, value: str) -> None:
 
 
 def end_while(chain: Chain) -> None:
-    """Ask the condition of --while again."""
+    """End --while."""
     block = _innermost(chain, "--while", "--endwhile")
     if block.holds and not block.outer:
         block.rounds += 1
@@ -100,7 +100,7 @@ def end_while(chain: Chain) -> None:
 
 
 def most_rounds(chain: Chain, text: str) -> None:
-    """How many rounds a --while may have."""
+    """Refuse a loop of more than N rounds. Default: 100000."""
     chain.settings["--maxloop"] = whole_number(text)
 
 
@@ -108,7 +108,7 @@ _RANGE = Parameter("RANGE", (Numbers,), None, "")
 
 
 def begin_for(chain: Chain, variable: str, text: str) -> None:
-    """Do the steps up to --endfor for each value of a variable."""
+    """Do what follows, to --endfor, for each value of END, START,END or START,END,STEP (without END itself)."""
     again = bool(chain.loops) and chain.loops[-1].start == chain.position - 1
     if chain.skipping and not again:
         return _open(chain, "--for", False)
@@ -140,7 +140,7 @@ def _range(text: str) -> tuple[float, float, float]:
 
 
 def end_for(chain: Chain) -> None:
-    """Go back to --for, unless it has come to its end."""
+    """End --for."""
     block = _innermost(chain, "--for", "--endfor")
     if block.holds and not block.outer:
         chain.position = block.start
@@ -160,42 +160,17 @@ class SetModifiers:
     type: str | None = param(None, help="type of the value: int, float, string ...; by its looks when left out")
 
 
-def set_variable(chain: Chain, name: str, text: str, type: str | None = None) -> None:
-    """Give a variable a value for expressions.
-
-    Parameters
-    ----------
-    chain : Chain
-    name : str
-        Letters, digits and _, no digit first.
-    text : str
-        The value.
-    type : str, optional
-        int, float, string ...; by the looks of the value when left out.
-    """
+def set_variable(chain: Chain, name: str, text: str, given: SetModifiers) -> None:
+    """Set a variable for expressions."""
     _check_name(name)
-    value = attribute_value(text, type)
+    value = attribute_value(text, given.type)
     chain.user[name] = value if isinstance(value, (int, float, str)) else text
 
 
-def set_oiio_attribute(chain: Chain, name: str, text: str, type: str | None = None) -> None:
-    """Set an attribute of OpenImageIO itself, for the whole process.
-
-    Parameters
-    ----------
-    chain : Chain
-    name, text : str
-        The attribute and its value.
-    type : str, optional
-        int, float, string ...; default: by the look of the value.
-
-    Raises
-    ------
-    ParameterError
-        OpenImageIO does not have the attribute, or has it with another type.
-    """
-    value = attribute_value(text, type)
-    kind = oiio.TypeDesc(type) if type else oiio.TypeDesc({int: "int", float: "float"}.get(value.__class__, "string"))
+def set_oiio_attribute(chain: Chain, name: str, text: str, given: SetModifiers) -> None:
+    """Set an attribute of OpenImageIO itself, for the whole process."""
+    value = attribute_value(text, given.type)
+    kind = oiio.TypeDesc(given.type or {int: "int", float: "float"}.get(value.__class__, "string"))
     before = oiio.getattribute(name, kind)
     if before is None:
         raise ParameterError(f"{name}: expected an attribute of OpenImageIO of type {kind}")
@@ -203,76 +178,37 @@ def set_oiio_attribute(chain: Chain, name: str, text: str, type: str | None = No
 
 
 def evaluation_off(chain: Chain) -> None:
-    """Braces mean themselves."""
+    """Let braces mean themselves from here on."""
     chain.evaluating = False
 
 
 def evaluation_on(chain: Chain) -> None:
-    """Braces hold expressions."""
+    """Let braces hold expressions from here on (default)."""
     chain.evaluating = True
 
 
 OPTIONS = (
-    Option("--set", ("NAME", "VALUE"), "set a variable for expressions", set_variable, SetModifiers, state=True),
-    Option(
-        "--if", ("VALUE",), "do what follows, to --else or --endif, if VALUE is not 0 or empty", begin_if, control=True
-    ),
-    Option("--else", (), "do what follows, to --endif, if the VALUE of --if was 0 or empty", otherwise, control=True),
-    Option("--endif", (), "end of --if", end_if, control=True),
-    Option(
-        "--while",
-        ("VALUE",),
-        "do what follows, to --endwhile, while VALUE is not 0 or empty",
-        begin_while,
-        control=True,
-    ),
-    Option("--endwhile", (), "end of --while", end_while, control=True),
-    Option(
-        "--for",
-        ("VARIABLE", "RANGE"),
-        "do what follows, to --endfor, for each value: END, START,END or START,END,STEP (without END itself)",
-        begin_for,
-        control=True,
-    ),
-    Option("--endfor", (), "end of --for", end_for, control=True),
-    Option("--evaloff", (), "from here on, braces mean themselves", evaluation_off, state=True),
-    Option("--evalon", (), "from here on, braces hold expressions", evaluation_on, state=True),
-    Option(
-        "--oiioattrib",
-        ("NAME", "VALUE"),
-        "set an attribute of OpenImageIO",
-        set_oiio_attribute,
-        SetModifiers,
-        state=True,
-    ),
+    Option("--set NAME VALUE", set_variable, SetModifiers, state=True),
+    Option("--if VALUE", begin_if, control=True),
+    Option("--else", otherwise, control=True),
+    Option("--endif", end_if, control=True),
+    Option("--while VALUE", begin_while, control=True),
+    Option("--endwhile", end_while, control=True),
+    Option("--for VARIABLE RANGE", begin_for, control=True),
+    Option("--endfor", end_for, control=True),
+    Option("--evaloff", evaluation_off, state=True),
+    Option("--evalon", evaluation_on, state=True),
+    Option("--oiioattrib NAME VALUE", set_oiio_attribute, SetModifiers, state=True),
 )
 
+_SAY = "Say what is done, and measure the results"
+_IGNORED = "Accepted and ignored, for oiiotool compatibility"
 STATES = (
-    Option(
-        "-v",
-        (),
-        "say what is done, and measure the results",
-        switch("-v"),
-        state=True,
-        throughout=True,
-        aliases=("--verbose",),
-    ),
-    Option(
-        "--maxloop",
-        ("N",),
-        f"Largest number of rounds of --while and --for. Default: {MOST_ROUNDS}.",
-        most_rounds,
-        state=True,
-    ),
-    Option("--no-error-exit", (), "go on with the next step where one fails", switch("--no-error-exit"), state=True),
-    Option("--metamerge", (), "results have the metadata of all their inputs", switch("--metamerge"), state=True),
-    Option("--sansattrib", (), "--history without --attrib and --sattrib", switch("--sansattrib"), state=True),
-    Option(
-        "--autotile",
-        ("SIZE",),
-        "nothing: images are always read piece by piece here",
-        lambda chain, size: None,
-        state=True,
-    ),
-    Option("--experimental", (), "nothing: no op is experimental here", lambda chain: None, state=True),
+    Option("-v", switch("-v"), text=_SAY, state=True, throughout=True, aliases=("--verbose",)),
+    Option("--maxloop N", most_rounds, state=True),
+    state("--no-error-exit", "Continue with the next step after an error"),
+    state("--metamerge", "Give results the metadata of all their inputs"),
+    state("--sansattrib", "Leave --attrib and --sattrib out of --history"),
+    Option("--autotile SIZE", lambda chain, size: None, text=_IGNORED, state=True),
+    Option("--experimental", lambda chain: None, text=_IGNORED, state=True),
 )

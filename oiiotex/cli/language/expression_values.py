@@ -127,13 +127,7 @@ class _Formatter(string.Formatter):
 
 
 def filled(template: str, arguments: Sequence[str]) -> str:
-    """What format() makes of a template of the fmt library and its values.
-
-    Raises
-    ------
-    ParameterError
-        The template is malformed, wants more values, or other ones.
-    """
+    """What format() makes of a template of the fmt library and its values."""
     try:
         return _Formatter().vformat(template, [_argument(text) for text in arguments], {})
     except IndexError:

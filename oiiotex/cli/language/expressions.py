@@ -21,18 +21,19 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
 from ...core.image import Image
 from ...core.parameters import nearest
 from ...deferred import np, oiio
 from ...errors import ImageError, ParameterError
+from ..printing.metadata import metadata_text
+from ..printing.pixel_statistics import part_color, part_statistics, part_statistics_text
 from .expression_values import (
     NUMBER,
     PRODUCTS,
     SUMS,
-    Value,
     filled,
     integer_in,
     is_quoted,
@@ -43,72 +44,20 @@ from .expression_values import (
 )
 
 if TYPE_CHECKING:
-    from ..printing.pixel_statistics import Statistics
+    from ..stack.chain import Chain
 
 
-class ImageAccess(Protocol):
-    """What expressions ask of the image stack and its surroundings."""
-
-    def depth(self) -> int:
-        """How many images are on the stack."""
-
-    def image(self, index: int) -> Image:
-        """An image of the stack, counted from its top: 0 <= index < depth()."""
-
-    def read(self, path: str) -> Image:
-        """The image of a file that exists; raises ImageError where it is none."""
-
-    def labels(self) -> Mapping[str, Image]:
-        """The images of --label."""
-
-    def variables(self) -> Mapping[str, Value]:
-        """The user variables of --set and --for."""
-
-    def frame_number(self) -> int | None:
-        """The frame of the sequence that is worked on, if any."""
-
-    def frame_padding(self) -> int:
-        """Digits of --framepadding; 0 when left out."""
-
-    def pixel_type(self, image: Image, native: bool) -> str:
-        """The type of an image's first part in memory ('float', whatever the file holds), or in its file."""
-
-    def statistics(self, image: Image) -> Statistics:
-        """Per channel of the first part: min, max, avg, nancount, infcount."""
-
-    def constant_colour(self, image: Image) -> Sequence[float] | None:
-        """The colour that all pixels of the first part have, if there is one, as isConstantColor() sees it."""
-
-    def metadata_text(self, image: Image, verbose: bool, native: bool) -> str:
-        """What --printinfo shows: verbose of all parts, else a line on the first; pixel types in memory or native."""
-
-    def statistics_text(self, image: Image) -> str:
-        """The statistics of the first part, as --printstats shows them."""
-
-
-class Expressions:
-    """Evaluates the {expressions} of words against a stack of images."""
-
-    def __init__(self, images: ImageAccess):
-        self._images = images
-
-    def substitute(self, text: str) -> str:
-        """`text` with every {expression} replaced by its value; a brace that is not closed stays as it is.
-
-        Raises
-        ------
-        ParameterError
-            One line that quotes the expression and says what is wrong with it.
-        """
-        result, at = "", 0
-        while (opening := text.find("{", at)) >= 0 and (end := _after_braces(text, opening)):
-            expression = text[opening + 1 : end - 1]
-            try:
-                value = _Evaluation(expression, self._images).value()
-            except (ParameterError, ImageError) as error:
-                raise ParameterError(" ".join(f"{{{expression}}}: {error}".split())) from error
-            result, at = result + text[at:opening] + value, end
-        return result + text[at:]
+def substituted(text: str, chain: Chain) -> str:
+    """`text` with every {expression} replaced by its value; a brace that is not closed stays as it is."""
+    result, at = "", 0
+    while (opening := text.find("{", at)) >= 0 and (end := _after_braces(text, opening)):
+        expression = text[opening + 1 : end - 1]
+        try:
+            value = _Evaluation(expression, chain).value()
+        except (ParameterError, ImageError) as error:
+            raise ParameterError(" ".join(f"{{{expression}}}: {error}".split())) from error
+        result, at = result + text[at:opening] + value, end
+    return result + text[at:]
 
 
 def _after_braces(text: str, opening: int) -> int:
@@ -134,51 +83,54 @@ def _listed(numbers: Iterable[float]) -> str:
     return ",".join(shown(number) for number in numbers)
 
 
-def _described(verbose: bool, native: bool) -> Callable[[ImageAccess, Image], str]:
-    return lambda access, image: access.metadata_text(image, verbose, native).removesuffix("\n")
+def _described(verbose: bool, native: bool) -> Callable[[Image], str]:
+    return lambda image: metadata_text(image, verbose, native).removesuffix("\n")
 
 
-def _is_black(access: ImageAccess, image: Image) -> bool:
-    colour = access.constant_colour(image)
-    return colour is not None and bool(colour[0] == 0)  # oiiotool looks at no other channel
+def _is_black(image: Image) -> bool:
+    color = part_color(image.first)
+    return color is not None and color[0] == 0  # oiiotool looks at no other channel
 
 
-_PROPERTIES: dict[str, Callable[[ImageAccess, Image], str]] = {
-    "filename": lambda access, image: image.title,
-    "file_extension": lambda access, image: os.path.splitext(image.title)[1],
-    "file_noextension": lambda access, image: os.path.splitext(image.title)[0],
-    "MINCOLOR": lambda access, image: _listed(access.statistics(image).min),
-    "MAXCOLOR": lambda access, image: _listed(access.statistics(image).max),
-    "AVGCOLOR": lambda access, image: _listed(access.statistics(image).avg),
-    "NONFINITE_COUNT": lambda access, image: str(
-        sum(access.statistics(image).nancount) + sum(access.statistics(image).infcount)
-    ),
+def _nonfinite_count(image: Image) -> int:
+    statistics = part_statistics(image.first)
+    return sum(statistics.nancount) + sum(statistics.infcount)
+
+
+_PROPERTIES: dict[str, Callable[[Image], object]] = {
+    "filename": lambda image: image.title,
+    "file_extension": lambda image: os.path.splitext(image.title)[1],
+    "file_noextension": lambda image: os.path.splitext(image.title)[0],
+    "MINCOLOR": lambda image: _listed(part_statistics(image.first).min),
+    "MAXCOLOR": lambda image: _listed(part_statistics(image.first).max),
+    "AVGCOLOR": lambda image: _listed(part_statistics(image.first).avg),
+    "NONFINITE_COUNT": _nonfinite_count,
     "META": _described(verbose=True, native=False),
     "METANATIVE": _described(verbose=True, native=True),
     "METABRIEF": _described(verbose=False, native=False),
     "METANATIVEBRIEF": _described(verbose=False, native=True),
-    "STATS": lambda access, image: access.statistics_text(image).removesuffix("\n"),
-    "IS_CONSTANT": lambda access, image: str(int(access.constant_colour(image) is not None)),
-    "IS_BLACK": lambda access, image: str(int(_is_black(access, image))),
-    "SUBIMAGES": lambda access, image: str(len(image.parts)),
+    "STATS": lambda image: part_statistics_text(image.first).removesuffix("\n"),
+    "IS_CONSTANT": lambda image: int(part_color(image.first) is not None),
+    "IS_BLACK": lambda image: int(_is_black(image)),
+    "SUBIMAGES": lambda image: len(image.parts),
 }
 
 
-def _attribute(access: ImageAccess, image: Image, name: str) -> str | None:
+def _attribute(image: Image, name: str) -> str | None:
     """What an image says under `name`, or None. Metadata come before our own words, and in any case of letters."""
-    if name == "nativeformat":
-        return access.pixel_type(image, native=True)
     spec = image.first.spec
+    if name == "nativeformat":
+        return str(spec.format)
     for param in spec.extra_attribs:
         if param.name.lower() == name.lower():
             text = spec.metadata_val(param)
             return text[1:-1] if param.type.basetype == oiio.STRING else text  # it comes in quotes
     if name.lower() == "format":
-        return access.pixel_type(image, native=False)
+        return str(image.first.working_type)
     if name.lower() in _DIMENSIONS:
         value = spec.getattribute(name)
         return ", ".join(map(str, value)) if isinstance(value, tuple) else str(value)
-    return _PROPERTIES[name](access, image) if name in _PROPERTIES else None
+    return str(_PROPERTIES[name](image)) if name in _PROPERTIES else None
 
 
 def _unknown_attribute(image: Image, name: str) -> ParameterError:
@@ -207,9 +159,9 @@ _VALUES = ("TOP", "BOTTOM", "IMG", "FRAME_NUMBER", "FRAME_NUMBER_PAD", "NIMAGES"
 class _Evaluation:
     """One expression on its way from text to value, by recursive descent."""
 
-    def __init__(self, text: str, images: ImageAccess):
+    def __init__(self, text: str, chain: Chain):
         self._text = text
-        self._images = images
+        self._chain = chain
         self._at = 0
         self._nesting = 0
 
@@ -289,54 +241,52 @@ class _Evaluation:
         return self._named(name)
 
     def _named(self, name: str) -> str:
+        chain = self._chain
         if name in ("TOP", "BOTTOM"):
-            if not self._images.depth():
+            if not chain.stack:
                 raise ParameterError(f"there is no image at {name}")
-            return self._of_image(self._images.image(0 if name == "TOP" else self._images.depth() - 1))
+            return self._of_image(chain.stack[-1 if name == "TOP" else 0])
         if name == "IMG" and self._take(r"\["):
             which = self._take(r"[^\]]+").strip()
             self._want("]", "of IMG[...]")
             return self._of_image(self._image(which))
-        if name == "FRAME_NUMBER":
-            return str(self._images.frame_number() or 0)
-        if name == "FRAME_NUMBER_PAD":
-            digits, frame = self._images.frame_padding(), self._images.frame_number() or 0
-            return f'"{frame:0{digits}d}"' if digits else str(frame)
+        if name in ("FRAME_NUMBER", "FRAME_NUMBER_PAD"):
+            frame, digits = (chain.frame.number or 0, chain.frame.padding) if chain.frame else (0, 0)
+            return f'"{frame:0{digits}d}"' if digits and name.endswith("_PAD") else str(frame)
         if name == "NIMAGES":
-            return str(self._images.depth())
-        if name in self._images.variables():
+            return str(len(chain.stack))
+        if name in chain.user:
             return self._variable(name)
-        known = [*_VALUES, *_FUNCTIONS, *self._images.variables()]
+        known = [*_VALUES, *_FUNCTIONS, *chain.user]
         raise ParameterError(f"unknown name '{name}'{nearest(name, known)}")
 
     def _variable(self, name: str) -> str:
         """The user variable's text, '' where there is none; var() sees it in any case of letters."""
-        variables = self._images.variables()
-        by_lower = {known.lower(): value for known, value in variables.items()}
-        value = variables.get(name, by_lower.get(name.lower(), ""))
+        by_lower = {known.lower(): value for known, value in self._chain.user.items()}
+        value = self._chain.user.get(name, by_lower.get(name.lower(), ""))
         return shown(np.float32(value)) if isinstance(value, float) else str(value)
 
     # images
 
     def _image(self, which: str) -> Image:
         """What IMG[which] means: a label, a place in the stack, a file, or an expression for one of the latter."""
-        labels = self._images.labels()
+        labels = self._chain.labelled
         if which in labels:
             return labels[which]
         if integer_in(which) is None and os.path.exists(which):
-            return self._images.read(which)
+            return self._chain.opened(which)
         try:
-            value = _Evaluation(which, self._images).value()
+            value = _Evaluation(which, self._chain).value()
         except ParameterError as error:
             known = nearest(which, labels)
             raise ParameterError(f"IMG[{which}] is no label, file or number{known} ({error})") from error
-        index = integer_in(value)
+        index, depth = integer_in(value), len(self._chain.stack)
         if index is not None:
-            if not 0 <= index < self._images.depth():
-                raise ParameterError(f"no image at IMG[{value}], there are {self._images.depth()}, counted from 0")
-            return self._images.image(index)
+            if not 0 <= index < depth:
+                raise ParameterError(f"no image at IMG[{value}], there are {depth}, counted from 0")
+            return self._chain.image(index)
         if os.path.exists(value):
-            return self._images.read(value)
+            return self._chain.opened(value)
         raise ParameterError(f"IMG[{value}] is no label, file or number{nearest(value, labels)}")
 
     def _of_image(self, image: Image) -> str:
@@ -352,7 +302,7 @@ class _Evaluation:
             raise ParameterError(f"names with ':' need quotes, as in TOP[\"{name}:{self._take(_NAME)}\"]")
         if bracket == "[":
             self._want("]", f"behind '{name}'")
-        value = _attribute(self._images, image, name)
+        value = _attribute(self._chain.known(image), name)
         if value is None and bracket == ".":
             raise _unknown_attribute(image, name)
         return value or ""

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ...core.op import Op
-from ...core.parameters import nearest, parse_modifiers
+from ...core.parameters import Parameter, declared, nearest, parse_modifiers
 from ...deferred import Shelf
 from ...errors import ParameterError
 
@@ -19,50 +19,39 @@ MOST_THREADS, MOST_MB = 4096, 1 << 40
 
 @dataclass(frozen=True)
 class Option:
-    """An option that is not an op: what it is called, what follows it, what it does.
+    """An option that is not an op, declared by how it is called: `Option("--tile WIDTH HEIGHT", set_tile)`."""
 
-    Attributes
-    ----------
-    name : str
-    arguments : tuple of str
-        What follows it, for help.
-    help : str
-    run : callable or None
-        Called with the chain, the arguments as text and the modifiers as keywords. None: a setting that holds for the
-        whole run wherever it stands.
-    modifiers : type or None
-        A frozen dataclass whose `param` fields are its modifiers.
-    needs : int
-        Images that must be on the stack; with fewer it waits for the next ones, as ops do.
-    flat : bool
-        It looks at the pixels of those images, which may not be deep.
-    state : bool
-        It only sets what later options use, so it may stand between an op and the operands that the op waits for.
-    throughout : bool
-        It sets something for the whole run, too, wherever it stands.
-    control : bool
-        It decides what is done: it is seen even where steps are skipped.
-    late : bool
-        It evaluates the expressions in its arguments itself.
-    writes : bool
-        Its last argument names a file that it writes.
-    aliases : tuple of str
-        Other spellings.
-    """
-
-    name: str
-    arguments: tuple[str, ...]
-    help: str
-    run: Callable[..., None] | None = None
-    modifiers: type | None = None
-    needs: int = 0
-    flat: bool = False
-    state: bool = False
-    throughout: bool = False
-    late: bool = False
-    writes: bool = False
-    control: bool = False
+    call: str
+    run: Callable[..., None] | None = None  # of (chain, *arguments, modifiers); None: a setting of the whole run
+    modifiers: type | None = None  # a frozen dataclass whose `param` fields they are
+    text: str = ""  # help; default: the first line of run's docstring
+    needs: int = 0  # images that must be on the stack; with fewer it waits for the next ones, as ops do
+    flat: bool = False  # it reads the pixels of those images, which may not be deep
+    state: bool = False  # it only sets what later options use: it may stand between an op and operands it waits for
+    throughout: bool = False  # it also sets something for the whole run, wherever it stands
+    late: bool = False  # it evaluates the expressions in its arguments itself
+    writes: bool = False  # its last argument names a file that it writes
+    control: bool = False  # it decides what is done: it is seen even where steps are skipped
     aliases: tuple[str, ...] = ()
+
+    @functools.cached_property
+    def name(self) -> str:
+        """The option itself."""
+        return self.call.partition(" ")[0]
+
+    @functools.cached_property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the words that follow it, for help."""
+        return tuple(self.call.split()[1:])
+
+    @property
+    def help(self) -> str:
+        """What it does, in one sentence."""
+        return self.text or (self.run.__doc__ or "").partition("\n")[0].rstrip(".")
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its modifiers, as declared."""
+        return declared(self.modifiers)[1] if self.modifiers else ()
 
 
 @dataclass(frozen=True)
@@ -91,20 +80,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Language:
-    """All that a command line may say.
+    """All that a command line may say."""
 
-    Attributes
-    ----------
-    shelves : tuple of Shelf
-        Of ops and options, in the order of help. A shelf's module is imported when a line names something of it.
-    refused : tuple of Refused
-    further : callable
-        The ops of other packages, whose names are known once they are imported: where no other has the name.
-    """
-
-    shelves: tuple[Shelf, ...]
+    shelves: tuple[Shelf, ...]  # of ops and options, in the order of help; imported when a line names something of it
     refused: tuple[Refused, ...] = ()
-    further: Callable[[], tuple[type[Op], ...]] = tuple
+    further: Callable[[], tuple[type[Op], ...]] = tuple  # ops of other packages, known by name once they are imported
 
     @functools.cached_property
     def ops(self) -> dict[str, tuple[type[Op], ...]]:
@@ -139,13 +119,7 @@ class Language:
         return places | {refused.name: refused for refused in self.refused}
 
     def find(self, name: str) -> type[Op] | Option | Refused:
-        """What an option's name means; one dash or two mean the same, as in oiiotool.
-
-        Raises
-        ------
-        ParameterError
-            Nothing; the text names the nearest one.
-        """
+        """What an option's name means; one dash or two mean the same, as in oiiotool."""
         bare = name.lstrip("-")
         spellings = (name, f"--{bare}", f"-{bare}")
         for spelling in spellings:
@@ -193,28 +167,14 @@ class CommandLine:
         return next(iter(self.settings.get(name, ())), None)
 
     def whole_number(self, name: str, most: int) -> int:
-        """The number after a setting; 0 where it is not there.
-
-        Raises
-        ------
-        ParameterError
-            It is no integer from 0 to `most`.
-        """
-        text = self.first(name) or "0"
-        if not (text.isascii() and text.isdigit()) or int(text) > most:
-            raise ParameterError(f"{name} {text}: expected an integer from 0 to {most}")
-        return int(text)
+        """The number after a setting, 0 to `most`; 0 where it is not there."""
+        return whole_number(self.first(name) or "0", name, most)
 
 
 def parse(words: list[str], language: Language) -> CommandLine:
     """Read a command line.
 
     What can be known to be wrong before any work begins is refused here.
-
-    Raises
-    ------
-    ParameterError
-        An unknown or refused option, a missing argument, a malformed or unknown modifier.
     """
     settings: dict[str, tuple[str, ...]] = {}
     steps: list[Step] = []
@@ -264,13 +224,7 @@ def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
 
 
 def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]:
-    """The modifiers' values by name; None stands for a text that is not known yet.
-
-    Raises
-    ------
-    ParameterError
-        An unknown modifier, or a value that is not allowed.
-    """
+    """The modifiers' values by name; None stands for a text that is not known yet."""
     declaring = step.op or (step.option.modifiers if step.option else None)
     if declaring is None:
         if modifiers:
@@ -280,13 +234,7 @@ def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]
 
 
 def split_modifiers(word: str) -> tuple[str, dict[str, str]]:
-    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes, or an expression, may hold colons.
-
-    Raises
-    ------
-    ParameterError
-        A modifier without a value, twice the same, or an open quote.
-    """
+    """'--op:a=1:b="x:y"' -> ('--op', {'a': '1', 'b': 'x:y'}); a value in quotes, or an expression, may hold colons."""
     pieces, quote, braces = [""], "", 0
     for letter in word:
         if quote:
@@ -319,8 +267,22 @@ def _argument(left: Iterator[str], option: str, argument: str) -> str:
     return value
 
 
-def whole_number(text: str) -> int:
-    """A text that must be a whole number from 0 on."""
-    if not (text.isascii() and text.isdigit()):
-        raise ParameterError(f"'{text}': allowed is a whole number >= 0")
+def whole_number(text: str, name: str = "", most: int = MOST_MB) -> int:
+    """A text that must be an integer from 0 to `most`; `name`: of the setting, for the error."""
+    if not (text.isascii() and text.isdigit()) or int(text) > most:
+        given = f"{name} {text}" if name else repr(text)
+        raise ParameterError(f"{given}: expected an integer from 0" + (f" to {most}" if most < MOST_MB else ""))
     return int(text)
+
+
+def without(words: Sequence[str], options: Mapping[str, int]) -> tuple[str, ...]:
+    """Words less some options (names without dashes) with as many words after each."""
+    left = iter(words)
+    rest: list[str] = []
+    for word in left:
+        name = word.partition(":")[0].lstrip("-")
+        if word.startswith("-") and name in options:
+            tuple(itertools.islice(left, options[name]))
+        else:
+            rest.append(word)
+    return tuple(rest)

@@ -28,14 +28,17 @@ from .parse import Option
 MOST_FRAMES = 100_000  # more than an hour at 24 fps; each holds a whole command line
 MOST_DIGITS = 255  # of a padded number: what file systems allow a name to have
 
-OPTIONS = (
-    Option("--frames", ("RANGE",), "frames that #, @ and %04d stand for: 1-10, 1-10x2, 10-1, 1-10y3, 1,5,7-9"),
-    Option("--framepadding", ("DIGITS",), "digits of # and @, 1 to 9"),
-    Option("--views", ("NAMES",), "views that %V stands for (%v: their first letters); left,right when left out"),
-    Option("--wildcardoff", (), "take the names behind it as they are"),
-    Option("--wildcardon", (), "look for wildcards again"),
-    Option("--skip-bad-frames", (), "go on with the next frame where one fails"),
-    Option("--parallel-frames", (), "run several frames at a time"),
+OPTIONS = tuple(
+    Option(call, text=text)
+    for call, text in (
+        ("--frames RANGE", "Frames that #, @ and %04d stand for: 1-10, 1-10x2, 10-1, 1-10y3, 1,5,7-9"),
+        ("--framepadding DIGITS", "Digits of # and @, 1 to 9"),
+        ("--views NAMES", "Views that %V stands for (%v: their first letters); default: left,right"),
+        ("--wildcardoff", "Take the names after it as they are"),
+        ("--wildcardon", "Look for wildcards again"),
+        ("--skip-bad-frames", "Continue with the next frame where one fails"),
+        ("--parallel-frames", "Run several frames at a time"),
+    )
 )
 
 _WILDCARD = r"[#@]+|%[0-9]*d"
@@ -78,11 +81,6 @@ def frames(words: Sequence[str], takes: Callable[[str], int]) -> list[Frame]:
 
     `takes` says how many words belong to an option ('--echo' -> 1), to tell input files from other words that hold
     `<UDIM>`. Frame wildcards count wherever they stand, as in oiiotool.
-
-    Raises
-    ------
-    ParameterError
-        A range that cannot be read or is too long, sequences of different length, inputs or tiles without files.
     """
     survey = _survey(words)
     lines: list[Frame] = []

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core.demand import stream
@@ -34,20 +35,16 @@ _FLIP_BYTES = 160
 _LARGEST = (2 - 2**-23) * 2.0**127  # that a 32-bit float holds
 
 
-def _threshold(value: float) -> Any:
-    return field(default_factory=lambda: np.float32(value))
-
-
 @dataclass(frozen=True)
 class Thresholds:
     """What --fail, --warn and their kin have set. Percentages are of pixels, all else is a difference of values."""
 
-    fail: np.float32 = _threshold(1e-6)
-    failpercent: np.float32 = _threshold(0)
-    hardfail: np.float32 = _threshold(_LARGEST)
-    warn: np.float32 = _threshold(1e-6)
-    warnpercent: np.float32 = _threshold(0)
-    hardwarn: np.float32 = _threshold(_LARGEST)
+    fail: float = 1e-6
+    failpercent: float = 0
+    hardfail: float = _LARGEST
+    warn: float = 1e-6
+    warnpercent: float = 0
+    hardwarn: float = _LARGEST
 
 
 @dataclass
@@ -110,36 +107,33 @@ _ORDER = ("PASS", "WARNING", "FAILURE")
 
 
 def difference(chain: Chain) -> None:
-    """Print how the two top images differ; the exit code is 1 where they do."""
+    """Print how the two top images differ; exit 1 if they do."""
     _difference(chain, perceptual=False)
 
 
 def perceptual_difference(chain: Chain) -> None:
-    """Print how visibly the two top images differ (Yee's metric); the exit code is 1 where they do."""
+    """Print how visibly the two top images differ (Yee's perceptual metric); hold both images in memory."""
     _difference(chain, perceptual=True)
 
 
 def _difference(chain: Chain, perceptual: bool) -> None:
     first, second = chain.image(1), chain.image(0)
     everything = chain.session.all_parts
-    if perceptual:
-        for a, b in list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]:
-            _require(chain, a, b, _YEE_BYTES, "--pdiff")
+    pairs = list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]
+    for a, b in pairs if perceptual else ():
+        _require(chain, a, b, _YEE_BYTES, "--pdiff")
     if not chain.acts(*first.parts, *second.parts):
         return
     kind = "perceptual " if perceptual else ""
     print(f'Computing {kind}diff of "{first.title}" vs "{second.title}"')
     verdict = 0
-    for number, (a, b) in enumerate(zip(first.parts, second.parts, strict=False)):
-        if number and not everything:
-            break
-        pairs = [(a, b), *zip(a.levels, b.levels, strict=False)] if everything else [(a, b)]
-        for level, pair in enumerate(pairs):
-            if level and len(a.levels) != len(b.levels):
-                break
+    for number, (a, b) in enumerate(pairs):
+        alike = len(a.levels) == len(b.levels)
+        levels = list(zip(a.levels, b.levels, strict=True)) if everything and alike else []
+        for level, pair in enumerate([(a, b), *levels]):
             title = _title(first, number, level) if everything else ""
             verdict = max(verdict, _compared(chain, *pair, title, perceptual, verdict))
-        if everything and a.levels and len(a.levels) != len(b.levels):
+        if everything and a.levels and not alike:
             print("Files do not match in their number of MIPmap levels")
             verdict = 2
     counts = len(first.parts), len(second.parts)
@@ -163,7 +157,7 @@ def _title(image: Image, number: int, level: int) -> str:
 
 def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, before: int) -> int:
     """Compare two parts and report, if there is something to report or was before: 0 same, 1 warning, 2 failure."""
-    limits = Thresholds(**{name: chain.settings[f"--{name}"] for name in _NAMES if f"--{name}" in chain.settings})
+    limits = chain.settings.get("--diff", Thresholds())
     pixels = max(1, a.spec.width * a.spec.height)
     with chain.session.stats.time("diff"):
         comparison = _yee(a, b) if perceptual else compare(a, b, limits)
@@ -179,30 +173,21 @@ def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, befo
 
 
 def _report(a: Part, b: Part, comparison: Comparison, limits: Thresholds, pixels: int, perceptual: bool) -> list[str]:
-    lines = []
-    if not perceptual:
-        lines += [
-            f"  Mean error = {comparison.mean:.6g}",
-            f"  RMS error = {comparison.rms:.6g}",
-            f"  Peak SNR = {comparison.psnr:.6g}",
-        ]
+    means = (("Mean error", comparison.mean), ("RMS error", comparison.rms), ("Peak SNR", comparison.psnr))
+    lines = [] if perceptual else [f"  {name} = {value:.6g}" for name, value in means]
     line = f"  Max error  = {shortest(comparison.max_error)}"
     if comparison.max_error != 0:
         names = a.spec.channelnames if comparison.channel < a.spec.nchannels else b.spec.channelnames
         values = " vs ".join(_values_at(part, comparison.x, comparison.y) for part in (a, b))
         line += f" @ ({comparison.x}, {comparison.y}, {names[comparison.channel]})  values are {values}"
     lines.append(line)
-
-    def over(count: int, limit: str) -> str:
-        return f"  {count} pixels ({100 * count / pixels:.3g}%) {limit}"
-
-    if perceptual:
-        return [*lines, over(comparison.failed, "failed the perceptual test")]
-    return [
-        *lines,
-        over(comparison.warned, f"over {shortest(limits.warn)}"),
-        over(comparison.failed, f"over {shortest(limits.fail)}"),
+    counts = [
+        (comparison.warned, f"over {shortest(limits.warn)}"),
+        (comparison.failed, f"over {shortest(limits.fail)}"),
     ]
+    if perceptual:
+        counts = [(comparison.failed, "failed the perceptual test")]
+    return [*lines, *(f"  {count} pixels ({100 * count / pixels:.3g}%) {limit}" for count, limit in counts)]
 
 
 def _values_at(part: Part, x: int, y: int) -> str:
@@ -236,14 +221,13 @@ class FlipModifiers:
     medianluminance: float = param(0.18, ge=0, help="luminance to which the median is exposed")
     ppd: float = param(0.0, ge=0, help="pixels per degree of the viewer's eye; 0: those of a desk")
     tonemapper: str = param("aces", choices=("aces", "hable", "reinhard"), help="how exposures are shown")
-    colormap: str = param("", help="show the map in colours: inferno, viridis, magma, turbo ...")
+    colormap: str = param("", help="show the map in colors: inferno, viridis, magma, turbo ...")
     fail: float = param(10.0, ge=0, help="fail if the largest error is above this")
     print: bool = param(True, help="print the errors")
 
 
-def flip_difference(chain: Chain, **modifiers: Any) -> None:
-    """Replace two images by the map of their visible differences (FLIP), and print its mean and largest value."""
-    given = FlipModifiers(**modifiers)
+def flip_difference(chain: Chain, given: FlipModifiers) -> None:
+    """Replace two images by the map of their visible differences (FLIP)."""
     test, reference = chain.image(0), chain.image(1)
     a, b = reference.first, test.first
     _require(chain, a, b, _FLIP_BYTES, "--flipdiff")
@@ -255,20 +239,20 @@ def flip_difference(chain: Chain, **modifiers: Any) -> None:
     spec = error.spec()
     facts = {p.name: p.value for p in spec.extra_attribs if p.name.startswith("FLIP:")}
     if given.colormap:
-        error = _in_colours(error, given.colormap, facts)
+        error = _in_colors(error, given.colormap, facts)
     del chain.stack[-2:]
     chain.push(Image((in_memory(a.name, error),), "flipdiff"))
     chain.unwritten = True
     _print_flip(chain, reference, test, facts, given)
 
 
-def _in_colours(error: oiio.ImageBuf, colormap: str, facts: dict[str, Any]) -> oiio.ImageBuf:
-    coloured = oiio.ImageBufAlgo.color_map(error, 0, colormap)
-    if coloured.has_error:
-        raise ImageError(one_line(coloured.geterror()))
+def _in_colors(error: oiio.ImageBuf, colormap: str, facts: dict[str, Any]) -> oiio.ImageBuf:
+    colored = oiio.ImageBufAlgo.color_map(error, 0, colormap)
+    if colored.has_error:
+        raise ImageError(one_line(colored.geterror()))
     for name, value in facts.items():
-        coloured.specmod().attribute(name, value)
-    return coloured
+        colored.specmod().attribute(name, value)
+    return colored
 
 
 def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, Any], given: FlipModifiers) -> None:
@@ -298,47 +282,31 @@ def _print_flip(chain: Chain, reference: Image, test: Image, facts: dict[str, An
 
 # --- thresholds ---
 
-_NAMES = ("fail", "failpercent", "hardfail", "warn", "warnpercent", "hardwarn")
 
-
-def _setting(name: str) -> Any:
+def _setting(name: str) -> Callable[[Chain, str], None]:
     def run(chain: Chain, text: str) -> None:
         try:
             value = np.float32(float(text))
         except ValueError:
             raise ParameterError(f"'{text}': allowed is a number") from None
-        chain.settings[f"--{name}"] = value
+        chain.settings["--diff"] = replace(chain.settings.get("--diff", Thresholds()), **{name: value})
 
     return run
 
 
-def _limit(name: str, argument: str, help: str) -> Option:
-    return Option(f"--{name}", (argument,), help, _setting(name), state=True)
-
-
 OPTIONS = (
-    Option("--diff", (), "print how two images differ; exits 1 where they do", difference, needs=2, flat=True),
-    Option(
-        "--pdiff",
-        (),
-        "the same by Yee's perceptual metric; holds both images",
-        perceptual_difference,
-        needs=2,
-        flat=True,
+    Option("--diff", difference, needs=2, flat=True),
+    Option("--pdiff", perceptual_difference, needs=2, flat=True),
+    Option("--flipdiff", flip_difference, FlipModifiers, needs=2, flat=True),
+    *(
+        Option(f"--{name} {argument}", _setting(name), text=text, state=True)
+        for name, argument, text in (
+            ("fail", "THRESHOLD", "Difference above which a pixel fails --diff (1e-6)"),
+            ("failpercent", "PERCENT", "Pixels that may fail (0)"),
+            ("hardfail", "THRESHOLD", "Difference that no pixel may exceed"),
+            ("warn", "THRESHOLD", "Difference above which --diff warns of a pixel (1e-6)"),
+            ("warnpercent", "PERCENT", "Pixels that may warn (0)"),
+            ("hardwarn", "THRESHOLD", "Difference in any one pixel that --diff warns of"),
+        )
     ),
-    Option(
-        "--flipdiff",
-        (),
-        "replace two images by the map of their visible differences (FLIP)",
-        flip_difference,
-        FlipModifiers,
-        needs=2,
-        flat=True,
-    ),
-    _limit("fail", "THRESHOLD", "difference above which a pixel fails --diff (1e-6)"),
-    _limit("failpercent", "PERCENT", "pixels that may fail (0)"),
-    _limit("hardfail", "THRESHOLD", "difference that no pixel may exceed"),
-    _limit("warn", "THRESHOLD", "difference above which --diff warns of a pixel (1e-6)"),
-    _limit("warnpercent", "PERCENT", "pixels that may warn (0)"),
-    _limit("hardwarn", "THRESHOLD", "difference in any one pixel that --diff warns of"),
 )

@@ -11,17 +11,7 @@ from ...opencl.runtime import Trial
 
 
 def device_list(wanted: str | None, threads: int, verbose: bool) -> str:
-    """One line per OpenCL device, with `verbose` all that is known of each; what does not work is tried anew.
-
-    Parameters
-    ----------
-    wanted : str or None
-        As `device.choose` takes it: which device would be used.
-    threads : int
-        CPU threads; 0: as many as the process may use.
-    verbose : bool
-        Say what was tried.
-    """
+    """One line per OpenCL device, with `verbose` all that is known of each; what does not work is tried anew."""
     trials = [(info, device.trial_of(info, again=True)) for info in device.devices(threads)]
     lines = []
     try:

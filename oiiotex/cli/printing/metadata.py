@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import re
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 from ...core.hash import sha1
 from ...core.image import Image, Part, dtype_of
+from ...core.parameters import param
 from ...core.window import Window
 from ...deferred import np, oiio
 from ...errors import ParameterError
@@ -22,50 +24,47 @@ _LEADING = "resolution, width, height, depth, channels"  # what --metamatch is h
 
 @dataclass(frozen=True, kw_only=True)
 class Dump:
-    """How --dumpdata prints pixels: those that are black too, and as an array of C where it has a name."""
+    """Of --dumpdata."""
 
-    empty: bool = True
-    array: str = ""
+    empty: bool = param(True, help="black pixels too")
+    C: str = param("", help="as an array of C of this name")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What is to be said of an image.
+    """What is to be said of an image."""
 
-    Attributes
-    ----------
-    verbose : bool
-        All metadata, not only the size.
-    all_parts : bool
-        All parts and levels, not only the first.
-    native : bool
-        Pixel types as they are in the file, not as ops see them.
-    xml : bool
-    match, no_match : str
-        Regular expressions: metadata whose names are printed, and not printed.
-    hash, statistics : bool
-    window, channels
-        Of the statistics, as `part_statistics` takes them.
-    dump : Dump or None
-        Print the pixels.
-    """
-
-    verbose: bool = False
-    all_parts: bool = False
-    native: bool = False
+    verbose: bool = False  # all metadata, not only the size
+    all_parts: bool = False  # and their levels, not only the first
+    native: bool = False  # pixel types of the file, not as ops see them
     xml: bool = False
-    match: str = ""
+    match: str = ""  # regular expression: names of metadata to print
     no_match: str = ""
     hash: bool = False
     statistics: bool = False
-    window: Window | None = None
+    window: Window | None = None  # of the statistics, and so are `channels`
     channels: int | None = None
-    dump: Dump | None = None
+    dump: Dump | None = None  # print the pixels
+
+    @property
+    def reads_pixels(self) -> bool:
+        """Whether pixels are needed for it."""
+        return bool(self.statistics or self.hash or self.dump)
+
+    @functools.cached_property
+    def wanted(self) -> re.Pattern[str]:
+        """What the names of printed metadata match."""
+        return _pattern(self.match)
+
+    def passes(self, line: str) -> bool:
+        """Whether a line of metadata is printed, by its name."""
+        name = line.partition(": ")[0]
+        return not (self.no_match and _pattern(self.no_match).search(name)) and bool(self.wanted.search(name))
 
     @property
     def prefix(self) -> str:
         """What makes a line a comment where pixels are printed as C."""
-        return "// " if self.dump and self.dump.array else ""
+        return "// " if self.dump and self.dump.C else ""
 
 
 def metadata_text(image: Image, verbose: bool, native: bool) -> str:
@@ -74,36 +73,17 @@ def metadata_text(image: Image, verbose: bool, native: bool) -> str:
 
 
 def description(image: Image, asked: Asked, filename: str = "") -> Iterator[str]:
-    """The text on an image, piece by piece.
-
-    Parameters
-    ----------
-    image : Image
-    asked : Asked
-    filename : str
-        The image is that of a file which has just been read: its name leads the text, and what is said is that which
-        the file says.
-
-    Raises
-    ------
-    ParameterError
-        A regular expression is none.
-    ImageError
-        Pixels cannot be read.
-    """
-    wanted, unwanted = _pattern(asked.match), _pattern(asked.no_match)
+    """The text on an image, piece by piece; `filename` leads that of a file which has just been read."""
     for number, part in enumerate(image.parts if asked.all_parts else image.parts[:1]):
-        yield _metadata(image, number, asked, filename, wanted, unwanted)
+        yield _metadata(image, number, asked, filename)
         if filename and asked.dump:
             yield from dumped(part, asked.dump)
-        if asked.statistics and (wanted is None or wanted.search("stats")):
+        if asked.statistics and asked.wanted.search("stats"):
             yield from _statistics(part, asked)
 
 
-def _pattern(text: str) -> re.Pattern[str] | None:
-    """A POSIX extended regular expression that ignores case; None of none."""
-    if not text:
-        return None
+def _pattern(text: str) -> re.Pattern[str]:
+    """A POSIX extended regular expression that ignores case."""
     classes = {"alpha": "a-zA-Z", "digit": "0-9", "alnum": "a-zA-Z0-9", "space": r"\s", "upper": "A-Z", "lower": "a-z"}
     translated = re.sub(r"\[:(\w+):\]", lambda match: classes.get(match[1], match[0]), text)
     try:
@@ -112,45 +92,27 @@ def _pattern(text: str) -> re.Pattern[str] | None:
         raise ParameterError(f"'{text}' is no regular expression: {error}") from None
 
 
-def _metadata(
-    image: Image,
-    number: int,
-    asked: Asked,
-    filename: str,
-    wanted: re.Pattern[str] | None,
-    unwanted: re.Pattern[str] | None,
-) -> str:
-    part = image.parts[number]
-    leading = wanted is None or bool(wanted.search(_LEADING))
+def _metadata(image: Image, number: int, asked: Asked, filename: str) -> str:
+    part, leading = image.parts[number], asked.wanted.search(_LEADING)
     spec = part.spec if filename else _shown_spec(image, part, asked.native)
-    kind = file_format(image, part)
     verbosity = "detailedhuman" if asked.verbose else "brief"
     first, *rest = spec.serialize("xml" if asked.xml else "text", verbosity).split("\n")
-    inserted: list[str] = []
-    head = [first]
-    if not asked.xml:
-        inserted += _overview(image, asked) if number == 0 else []
-        head = _heading(image, number, asked, filename, first, kind) if leading else []
-        inserted, head = (inserted + head[1:], head[:1])
+    lines = [first]
+    if asked.xml:
+        lines += [f"<subimages>{len(image.parts)}</subimages>"] if len(image.parts) > 1 else []
+        lines += [f"<miplevels>{1 + len(part.levels)}</miplevels>"] if part.levels else []
     else:
-        inserted += [f"<subimages>{len(image.parts)}</subimages>"] if len(image.parts) > 1 else []
-        inserted += [f"<miplevels>{1 + len(part.levels)}</miplevels>"] if part.levels else []
+        head = _heading(image, number, asked, filename, f"{first} {file_format(image, part)}") if leading else []
+        lines = [*head[:1], *(_overview(image, asked) if number == 0 else []), *head[1:]]
     if asked.verbose and leading and part.levels:
         sizes = " ".join(f"{level.spec.width}x{level.spec.height}" for level in (part, *part.levels))
-        inserted.append(f"    MIP-map levels: {sizes}")
-    if filename and asked.hash and (wanted is None or wanted.search("sha-1")):
-        inserted.append(f"<SHA1>{sha1(part)}</SHA1>" if asked.xml else f"    SHA-1: {sha1(part)}")
-    lines = [*head, *inserted, *rest]
-    if wanted or unwanted:
-        stays = not asked.xml and asked.verbose and leading
-        lines = [line for n, line in enumerate(lines) if (n == 0 and stays) or _passes(line, wanted, unwanted)]
+        lines.append(f"    MIP-map levels: {sizes}")
+    if filename and asked.hash and asked.wanted.search("sha-1"):
+        lines.append(f"<SHA1>{sha1(part)}</SHA1>" if asked.xml else f"    SHA-1: {sha1(part)}")
+    stays = not asked.xml and asked.verbose and leading
+    lines = [line for n, line in enumerate([*lines, *rest]) if (n == 0 and stays) or asked.passes(line)]
     text = "\n".join([*lines[:1], *map(unescaped, lines[1:])])
     return text if text.endswith("\n") else f"{text}\n"
-
-
-def _passes(line: str, wanted: re.Pattern[str] | None, unwanted: re.Pattern[str] | None) -> bool:
-    name = line.partition(": ")[0]
-    return not (unwanted and unwanted.search(name)) and (wanted is None or bool(wanted.search(name)))
 
 
 def _shown_spec(image: Image, part: Part, native: bool) -> oiio.ImageSpec:
@@ -180,20 +142,17 @@ def file_format(image: Image, part: Part | None = None) -> str:
     return opened.format_name()
 
 
-def _heading(image: Image, number: int, asked: Asked, filename: str, first: str, kind: str) -> list[str]:
+def _heading(image: Image, number: int, asked: Asked, filename: str, facts: str) -> list[str]:
     """The first line, and with several parts the one that repeats it as that of a part."""
     count, many_levels = len(image.parts), bool(image.parts[number].levels)
-    if number:
-        line = f" subimage {number:2}: {first} {kind}"
-    else:
-        named = f"{asked.prefix}{filename.ljust(_NAME_WIDTH)} : " if filename else ""
-        line = f"{named}{first} {kind}"
+    named = f" subimage {number:2}: " if number else f"{asked.prefix}{filename:{_NAME_WIDTH}} : " if filename else ""
+    line = f"{named}{facts}"
     if not asked.verbose and count > 1:
         line += f" ({count} subimages{' +mipmap)' if many_levels else ''})"
     elif not asked.verbose and many_levels:
         line += " (+mipmap)"
     repeated = count > 1 and number == 0 and asked.all_parts
-    return [line, *([f" subimage  0: {first} {kind}"] if repeated else [])]
+    return [line, *([f" subimage  0: {facts}"] if repeated else [])]
 
 
 def _overview(image: Image, asked: Asked) -> list[str]:
@@ -238,10 +197,10 @@ def dumped(part: Part, how: Dump) -> Iterator[str]:
     """The values of all pixels, as --dumpdata prints them."""
     kind = np.dtype(dtype_of(part.spec))
     whole_numbers = kind.kind in "ui"
-    if how.array:
+    if how.C:
         size = f"[{part.spec.height}][{part.spec.width}][{part.spec.nchannels}]"
-        yield f"{part.spec.format}{'_t' if whole_numbers else ''} {how.array}{size} =\n{{\n"
-    separator = ", " if how.array else " "
+        yield f"{part.spec.format}{'_t' if whole_numbers else ''} {how.C}{size} =\n{{\n"
+    separator = ", " if how.C else " "
     for window in full_rows(part.window):
         pixels = part.read(window)
         scaled = as_floats(part.buffer(window), window) if whole_numbers else pixels
@@ -251,15 +210,15 @@ def dumped(part: Part, how: Dump) -> Iterator[str]:
                 values = pixels[y, x]
                 if not how.empty and not values.any():
                     continue
-                text = _values(values, scaled[y, x] if whole_numbers else None, separator, bool(how.array))
+                text = _values(values, scaled[y, x] if whole_numbers else None, separator, bool(how.C))
                 place = f"({x + window.left}, {y + window.top}): "
-                if how.array:
+                if how.C:
                     ends = " }" if x == window.width - 1 else ""
                     lines.append(f"  {'{ ' if x == 0 else '  '}/* {place}*/ {{ {text}{ends} }},\n")
                 else:
                     lines.append(f"    Pixel {place}{text}\n")
             yield "".join(lines)
-    if how.array:
+    if how.C:
         yield "};\n"
 
 

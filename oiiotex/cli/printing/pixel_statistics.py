@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from ...core.demand import stream
-from ...core.image import Image, Part, cropped, dtype_of, pixels_of
+from ...core.image import Part, cropped, dtype_of, pixels_of
 from ...core.window import Window
 from ...deferred import np, oiio
 
@@ -50,16 +50,7 @@ def over_channels(combine: Callable[..., np.ndarray], values: np.ndarray) -> np.
 
 
 def part_statistics(part: Part, window: Window | None = None, channels: int | None = None) -> Statistics:
-    """The statistics of a part.
-
-    Parameters
-    ----------
-    part : Part
-    window : Window, optional
-        The data window when left out. It may reach beyond: what lies there is black.
-    channels : int, optional
-        How many channels are looked at; all when left out.
-    """
+    """The statistics of a part, or of a window (black beyond the part) and its first channels."""
     window = part.window if window is None else window
     seen = part if window & part.window == window else cropped(part, window)
     count = part.spec.nchannels
@@ -86,11 +77,11 @@ def _numbers(values: np.ndarray) -> tuple[float, ...]:
     return tuple(map(float, values.astype(np.float32)))
 
 
-def part_colour(part: Part) -> tuple[float, ...] | None:
-    """The colour that all pixels of a part have, if there is one."""
+def part_color(part: Part) -> tuple[float, ...] | None:
+    """The color that all pixels of a part have, if there is one."""
     corner = Window.sized(part.window.left, part.window.top, 1, 1)
     first = part.read(corner)
-    if part.spec.width * part.spec.height > 1:  # a single NaN is a colour too
+    if part.spec.width * part.spec.height > 1:  # a single NaN is a color too
         for _, pixels in stream(part, full_rows(part.window)):
             if not (pixels == first).all():
                 return None
@@ -99,42 +90,17 @@ def part_colour(part: Part) -> tuple[float, ...] | None:
 
 def is_monochrome(part: Part) -> bool:
     """Whether the channels of every pixel are equal."""
-    if part.spec.nchannels < 2:
-        return True
-    return all(bool((pixels == pixels[..., :1]).all()) for _, pixels in stream(part, full_rows(part.window)))
-
-
-def statistics(image: Image) -> Statistics:
-    """The statistics of the first part."""
-    return part_statistics(image.first)
-
-
-def constant_colour(image: Image) -> Sequence[float] | None:
-    """The colour that all pixels of the first part have, if there is one."""
-    return part_colour(image.first)
+    bands = stream(part, full_rows(part.window), buffers=True)
+    return all(oiio.ImageBufAlgo.isMonochrome(buffer) for _, buffer in bands)
 
 
 # --- text ---
 
 
-def statistics_text(image: Image) -> str:
-    """The statistics of the first part, as --printstats prints them."""
-    return part_statistics_text(image.first)
-
-
 def part_statistics_text(
     part: Part, indent: str = "", window: Window | None = None, channels: int | None = None
 ) -> str:
-    """The statistics of a part as oiiotool prints them: in whole numbers where its file has such.
-
-    Parameters
-    ----------
-    part : Part
-    indent : str
-        In front of every line.
-    window, channels
-        As `part_statistics` takes them. Whether it has one colour is always said of the whole part.
-    """
+    """The statistics as oiiotool prints them: integers where the file has such. One color is said of the whole part."""
     stats = part_statistics(part, window, channels)
     scale = largest_value(part.spec)
     footer = f"(of {scale})" if scale else "(float)"
@@ -155,10 +121,10 @@ def part_statistics_text(
             ("FiniteCount", stats.finitecount),
         )
     ]
-    colour = part_colour(part)
-    lines.append(f"Constant: {'No' if colour is None else 'Yes'}")
-    if colour is not None:
-        lines.append(f"Constant Color: {''.join(f'{_number(value, scale, False)} ' for value in colour)}{footer}")
+    color = part_color(part)
+    lines.append(f"Constant: {'No' if color is None else 'Yes'}")
+    if color is not None:
+        lines.append(f"Constant Color: {''.join(f'{_number(value, scale, False)} ' for value in color)}{footer}")
     lines.append(f"Monochrome: {'Yes' if is_monochrome(part) else 'No'}")
     return "".join(f"{indent}{line}\n" for line in lines)
 
@@ -186,24 +152,20 @@ def _number(value: float, scale: int, whole: bool) -> str:
 # --- counting ---
 
 
-def colour_counts(part: Part, colours: np.ndarray, tolerance: np.ndarray) -> list[int]:
-    """How many pixels have each of some colours (colours x channels), to a tolerance per channel; NaN is any colour."""
-    counts = [0] * len(colours)
+def color_counts(part: Part, colors: np.ndarray, tolerance: np.ndarray) -> list[int]:
+    """How many pixels have each of some colors (colors x channels), to a tolerance per channel; NaN is any color."""
+    counts = [0] * len(colors)
     for window, buffer in stream(part, full_rows(part.window), buffers=True):
         pixels = as_floats(buffer, window)
-        for n, colour in enumerate(colours):
-            other = over_channels(np.logical_or, np.abs(pixels - colour) > tolerance)
+        for n, color in enumerate(colors):
+            other = over_channels(np.logical_or, np.abs(pixels - color) > tolerance)
             counts[n] += other.size - int(other.sum())
     return counts
 
 
-def range_counts(part: Part, low: np.ndarray, high: np.ndarray) -> tuple[int, int, int]:
+def range_counts(part: Part, low: tuple[float, ...], high: tuple[float, ...]) -> tuple[int, int, int]:
     """How many pixels have a value below `low`, how many one above `high`, how many neither."""
-    below = above = within = 0
-    for window, buffer in stream(part, full_rows(part.window), buffers=True):
-        pixels = as_floats(buffer, window)
-        under, over = (over_channels(np.logical_or, far) for far in (pixels < low, pixels > high))
-        below += int(under.sum())
-        above += int(over.sum())
-        within += int((~(under | over)).sum())
+    bands = stream(part, full_rows(part.window), buffers=True)
+    counts = [oiio.ImageBufAlgo.color_range_check(buffer, low, high) for _, buffer in bands]
+    below, above, within = map(sum, zip(*counts, strict=True))
     return below, above, within

@@ -13,13 +13,7 @@ _NAME = "oiiotex.imageio.so"
 
 
 def plugin_path() -> str:
-    """The folder for OPENIMAGEIO_PLUGIN_PATH, in the environment of this Python.
-
-    Raises
-    ------
-    Error
-        It has not been built.
-    """
+    """The folder for OPENIMAGEIO_PLUGIN_PATH, in the environment of this Python."""
     folder = Path(sys.prefix) / "lib" / "oiiotex"
     if not (folder / _NAME).exists():
         raise Error(

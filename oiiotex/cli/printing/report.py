@@ -8,7 +8,7 @@ from dataclasses import MISSING
 
 from ... import __version__
 from ...core.op import Op
-from ...core.parameters import Parameter, declared, nearest
+from ...core.parameters import Parameter, nearest
 from ...errors import ParameterError
 from ...stats import Stats
 from ..language.parse import Option, Refused
@@ -44,7 +44,7 @@ def overview() -> str:
     for heading, ops in LANGUAGE.ops.items():
         lines += [f"{heading}:", *(_row(call(op), summary(op)) for op in ops), ""]
     for heading, options in LANGUAGE.groups.items():
-        lines += [f"{heading}:", *(_row(" ".join((o.name, *o.arguments)), o.help) for o in options), ""]
+        lines += [f"{heading}:", *(_row(o.call, o.help) for o in options), ""]
     return "\n".join(lines).rstrip()
 
 
@@ -57,14 +57,10 @@ def _row(name: str, text: str) -> str:
     return f"  {name:28s} {text}" if len(name) <= 28 else f"  {name}\n{' ' * 31}{text}"
 
 
-def page(name: str) -> str:
-    """The page of an op or an option, or with `:NAME` behind it what one modifier means.
-
-    Raises
-    ------
-    ParameterError
-        There is none of that name.
-    """
+def page(name: str = "") -> str:
+    """The page of an op or an option, with `:NAME` after it of one modifier; without a name that of everything."""
+    if not name:
+        return overview()
     name, colon, modifier = name.partition(":")
     try:  # a bare name means the filter first: there is a --warp of the host, and a --texwarp
         declaration = LANGUAGE.find(name if name.startswith("-") else f"--tex{name}")
@@ -75,17 +71,15 @@ def page(name: str) -> str:
     if isinstance(declaration, Refused):
         return f"{declaration.name} of oiiotool is not here: {declaration.reason}"
     if isinstance(declaration, Option):
-        lines = [" ".join((declaration.name, *declaration.arguments)), "", declaration.help]
-        if declaration.modifiers is not None:
-            lines += ["", "Modifiers:", *map(_modifier, declared(declaration.modifiers)[1])]
-        return "\n".join(lines)
+        rows = [_modifier(p) for p in declaration.parameters()]
+        return "\n".join([declaration.call, "", declaration.help, *(["", "Modifiers:", *rows] if rows else [])])
     return _op_page(declaration)
 
 
 def _modifier_page(declaration: type[Op] | Option | Refused, name: str) -> str:
     parameters: tuple[Parameter, ...] = ()
     if isinstance(declaration, Option):
-        flag, parameters = declaration.name, declared(declaration.modifiers)[1] if declaration.modifiers else ()
+        flag, parameters = declaration.name, declaration.parameters()
     elif isinstance(declaration, Refused):
         flag = declaration.name
     else:
@@ -106,7 +100,7 @@ def _op_page(op: type[Op]) -> str:
     images += f" {further.name}" if further else ""
     lines = [f"{call(op)}  ({images} -> {op.main().name})", "", description(op)]
     if op.arguments():
-        lines += ["", "Arguments:", *(f"  {p.name.upper():13s}{p.help}; {p.allowed()}" for p in op.arguments())]
+        lines += ["", "Arguments:", *(f"  {p.name.upper():12s} {p.help}; {p.allowed()}" for p in op.arguments())]
     lines += ["", "Modifiers:", *([_modifier(p) for p in op.modifiers()] or ["  none"])]
     if len(op.outputs) > 1 or op.prefix == Op.prefix:
         lines += ["", "Outputs:", *(f"  {o.name:12s} {o.text}" for o in op.outputs)]
@@ -127,8 +121,8 @@ def description(op: type[Op]) -> str:
 
 def _modifier(p: Parameter) -> str:
     default = "" if p.default is None else f" [{_word(p.default)}]"
-    text = textwrap.fill(f"{p.help}; {p.allowed()}{default}", 110, initial_indent=" " * 15, subsequent_indent=" " * 15)
-    return f"  :{p.name:12s}{text[15:]}"
+    name = f"  :{p.name:11s} "
+    return textwrap.fill(f"{p.help}; {p.allowed()}{default}", 110, initial_indent=name, subsequent_indent=" " * 15)
 
 
 def _word(value: object) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from ... import __version__
 from ...core.op import Op
-from ...core.parameters import Parameter, declared
+from ...core.parameters import Parameter
 from ...errors import ParameterError
 from ..language.parse import Option
 from ..vocabulary import LANGUAGE
@@ -44,13 +44,7 @@ complete -c oiiotex -a '(__oiiotex_modifiers)'
 
 
 def completion(shell: str) -> str:
-    """A script for the shell that completes options, modifiers and files.
-
-    Raises
-    ------
-    ParameterError
-        It is for a shell that we have none for.
-    """
+    """A script for the shell that completes options, modifiers and files."""
     if shell == "fish":
         return _fish()
     if shell not in ("bash", "zsh"):
@@ -71,8 +65,7 @@ def declarations() -> Iterator[tuple[str, tuple[str, ...], str, tuple[Parameter,
         for op in ops:
             yield op.flag(), tuple(p.name.upper() for p in op.arguments()), summary(op), op.modifiers()
     for option in LANGUAGE.options:
-        modifiers = declared(option.modifiers)[1] if option.modifiers else ()
-        yield option.name, option.arguments, option.help, modifiers
+        yield option.name, option.arguments, option.help, option.parameters()
 
 
 def _fish() -> str:
@@ -96,7 +89,7 @@ _EXIT = (
     ("130, 143", "Stopped by SIGINT, by SIGTERM."),
 )
 _ENVIRONMENT = (
-    ("OCIO", "The colour config, unless --colorconfig says one."),
+    ("OCIO", "The color config, unless --colorconfig says one."),
     ("OIIOTEX_DEVICE", "The OpenCL device, unless --device says one."),
     ("TMPDIR", "Where intermediate results lie that do not fit the budget."),
     ("XDG_CACHE_HOME", "Where the cache folder lies: see --cache-info."),
@@ -132,8 +125,8 @@ def _op_lines(op: type[Op]) -> Iterator[str]:
 
 
 def _option_lines(option: Option) -> Iterator[str]:
-    yield from _entry(" ".join((option.name, *option.arguments)), option.help)
-    yield from _modifier_lines(declared(option.modifiers)[1] if option.modifiers else ())
+    yield from _entry(option.call, option.help)
+    yield from _modifier_lines(option.parameters())
 
 
 def _modifier_lines(modifiers: Iterable[Parameter]) -> Iterator[str]:

@@ -4,19 +4,17 @@
 Where we depart from oiiotool
 -----------------------------
 1. Regular expressions of --metamatch are Python's, with the letter classes of POSIX added.
-2. --buildinfo does not know the C++ standard that OpenImageIO was built with.
-3. --stats of unsigned 32 bit images are of 4294967295; oiiotool multiplies by -1. --dumpdata prints int8 as numbers.
-4. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
-5. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
+2. --stats of unsigned 32 bit images are of 4294967295; oiiotool multiplies by -1. --dumpdata prints int8 as numbers.
+3. --printinfo:native=1 is of the image as it is now, with what --attrib has set.
+4. Where an image came from (oiio:SourcePath, oiio:SourceFileFormat) is said of its file, also where --eraseattrib has
    been at work, and for all parts alike.
-6. --hash refuses files with channels of integers and of floats. Of deep files only --info and --printinfo print.
+5. --hash refuses files with channels of integers and of floats. Of deep files only --info and --printinfo print.
 """
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ...core.image import Image
 from ...core.parameters import param
@@ -25,9 +23,9 @@ from ...deferred import np
 from ...errors import ParameterError
 from ..language.parse import Option
 from ..stack.chain import Chain, require_flat
-from ..stack.output_settings import set_text, switch
+from ..stack.output_settings import set_text, state
 from .metadata import Asked, Dump, description, unescaped
-from .pixel_statistics import colour_counts, range_counts
+from .pixel_statistics import color_counts, range_counts
 
 
 def _asked(chain: Chain) -> Asked:
@@ -35,7 +33,7 @@ def _asked(chain: Chain) -> Asked:
     settings = chain.settings
     info = settings.get("--info")
     return Asked(
-        verbose=_verbose(chain) or bool(info and info.verbose),
+        verbose=bool(settings.get("-v") or (info and info.verbose)),
         all_parts=chain.session.all_parts,
         match=settings.get("--metamatch", ""),
         no_match=settings.get("--no-metamatch", ""),
@@ -45,28 +43,15 @@ def _asked(chain: Chain) -> Asked:
     )
 
 
-def _verbose(chain: Chain) -> bool:
-    return bool(chain.settings.get("-v"))
-
-
 def print_input(chain: Chain, image: Image, info: int | None = None, infoformat: str = "") -> None:
-    """Print what --info, --stats, --hash and --dumpdata ask of every file that is read.
-
-    Parameters
-    ----------
-    chain : Chain
-    image : Image
-        As its file has it, before anything is done to it.
-    info, infoformat
-        Modifiers of -i: 0 no, 1 as --info does, 2 all metadata of all parts; None and '' leave it to --info.
-    """
+    """Print what --info, --stats, --hash and --dumpdata ask of a file, or -i by its modifiers (info: 0, 1, 2)."""
     settings = chain.settings
     level = int("--info" in settings) if info is None else info
-    if any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash")):
-        require_flat([image])
-    if not (level or any(settings.get(name) for name in ("--stats", "--dumpdata", "--hash"))):
-        return
     asked = _asked(chain)
+    if asked.reads_pixels:
+        require_flat([image])
+    elif not level:
+        return
     form = infoformat or (settings["--info"].format if "--info" in settings else "")
     asked = replace(
         asked, verbose=asked.verbose or level > 1, all_parts=asked.all_parts or level > 1, xml=form.lower() == "xml"
@@ -75,8 +60,7 @@ def print_input(chain: Chain, image: Image, info: int | None = None, infoformat:
 
 
 def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None:
-    looked_at = asked.statistics or asked.hash or asked.dump
-    if not chain.acts(*(image.parts if looked_at else ())):
+    if not chain.acts(*(image.parts if asked.reads_pixels else ())):
         return
     with chain.session.stats.time("print"):
         for text in description(image, asked, filename):
@@ -95,9 +79,9 @@ class InfoModifiers:
     verbose: bool = param(False, help="with all metadata, as -v does")
 
 
-def print_inputs(chain: Chain, **modifiers: Any) -> None:
-    """Print the size of every image that is read from here on, with -v all its metadata."""
-    chain.settings["--info"] = InfoModifiers(**modifiers)
+def print_inputs(chain: Chain, given: InfoModifiers) -> None:
+    """Print the size of every image as it is read; with -v its metadata."""
+    chain.settings["--info"] = given
 
 
 @dataclass(frozen=True)
@@ -110,9 +94,9 @@ class PrintInfoModifiers:
     verbose: bool = param(True, help="with all metadata")
 
 
-def print_top(chain: Chain, **modifiers: Any) -> None:
+def print_top(chain: Chain, given: PrintInfoModifiers) -> None:
     """Print the size and metadata of the top image."""
-    given, asked = PrintInfoModifiers(**modifiers), _asked(chain)
+    asked = _asked(chain)
     asked = replace(
         asked,
         verbose=given.verbose,
@@ -132,9 +116,9 @@ class PrintStatsModifiers:
     window: str = param("", help="of this window alone: WxH+X+Y or X0,Y0,X1,Y1")
 
 
-def print_statistics(chain: Chain, **modifiers: Any) -> None:
+def print_statistics(chain: Chain, given: PrintStatsModifiers) -> None:
     """Print the pixel statistics of the top image."""
-    given, asked, first = PrintStatsModifiers(**modifiers), _asked(chain), chain.top.first
+    asked, first = _asked(chain), chain.top.first
     asked = replace(
         asked,
         statistics=True,
@@ -154,17 +138,9 @@ def _window(text: str, whole: Window) -> Window:
     return window
 
 
-@dataclass(frozen=True)
-class DumpModifiers:
-    """Of --dumpdata."""
-
-    empty: bool = param(True, help="black pixels too")
-    C: str = param("", help="as an array of C of this name")
-
-
-def dump_inputs(chain: Chain, empty: bool = True, C: str = "") -> None:
-    """Print the pixels of every image that is read from here on."""
-    chain.settings["--dumpdata"] = Dump(empty=empty, array=C)
+def dump_inputs(chain: Chain, given: Dump) -> None:
+    """Print the pixels of every image as it is read."""
+    chain.settings["--dumpdata"] = given
 
 
 # --- counting ---
@@ -177,30 +153,27 @@ class CountModifiers:
     eps: str = param("0.001", help="how far a value may be off, per channel")
 
 
-def count_colours(chain: Chain, text: str, eps: str = "0.001") -> None:
-    """Print how many pixels of the top image have each of some colours."""
+def count_colors(chain: Chain, text: str, given: CountModifiers) -> None:
+    """Count the pixels of each color: R,G,B;R,G,B ..."""
     from ...host.arithmetic import numbers_for_channels
 
     part = chain.top.first
     words = text.split(":" if ":" in text else ";")
-    colours = np.array([numbers_for_channels(word, part.spec.nchannels, 0.0) for word in words], np.float32)
-    tolerance = np.array(numbers_for_channels(eps, part.spec.nchannels, 0.001), np.float32)
+    colors = np.array([numbers_for_channels(word, part.spec.nchannels, 0.0) for word in words], np.float32)
+    tolerance = np.array(numbers_for_channels(given.eps, part.spec.nchannels, 0.001), np.float32)
     if not chain.acts(part):
         return
-    for word, count in zip(words, colour_counts(part, colours, tolerance), strict=True):
+    for word, count in zip(words, color_counts(part, colors, tolerance), strict=True):
         print(f"{count:8}  {word}")
 
 
 def check_range(chain: Chain, low: str, high: str) -> None:
-    """Print how many pixels of the top image are below or above a range."""
+    """Count the pixels outside a range of colors."""
     from ...host.arithmetic import numbers_for_channels
 
     part = chain.top.first
     count = part.spec.nchannels
-    bounds = (
-        np.array(numbers_for_channels(low, count, 0.0), np.float32),
-        np.array(numbers_for_channels(high, count, 1.0), np.float32),
-    )
+    bounds = numbers_for_channels(low, count, 0.0), numbers_for_channels(high, count, 1.0)
     if not chain.acts(part):
         return
     below, above, within = range_counts(part, *bounds)
@@ -217,47 +190,22 @@ class EchoModifiers:
     newline: int = param(1, ge=0, help="how many line ends follow")
 
 
-def echo(chain: Chain, text: str, newline: int = 1) -> None:
+def echo(chain: Chain, text: str, given: EchoModifiers) -> None:
     """Print a text."""
     if chain.acts():
-        print(unescaped(text), end="\n" * newline, flush=True)
+        print(unescaped(text), end="\n" * given.newline, flush=True)
 
 
 OPTIONS = (
-    Option(
-        "--info",
-        (),
-        "print the size of every image as it is read; with -v its metadata",
-        print_inputs,
-        InfoModifiers,
-        state=True,
-    ),
-    Option("--printinfo", (), "print the size and metadata of the top image", print_top, PrintInfoModifiers, needs=1),
-    Option("--stats", (), "print pixel statistics of every image as it is read", switch("--stats"), state=True),
-    Option(
-        "--printstats",
-        (),
-        "print pixel statistics of the top image",
-        print_statistics,
-        PrintStatsModifiers,
-        needs=1,
-        flat=True,
-    ),
-    Option("--hash", (), "print the SHA-1 of the pixels of every image as it is read", switch("--hash"), state=True),
-    Option("--dumpdata", (), "print the pixels of every image as it is read", dump_inputs, DumpModifiers, state=True),
-    Option("--metamatch", ("REGEX",), "which metadata to print, by name", set_text("--metamatch"), state=True),
-    Option("--no-metamatch", ("REGEX",), "which metadata not to print", set_text("--no-metamatch"), state=True),
-    Option(
-        "--colorcount",
-        ("COLORS",),
-        "count the pixels of each colour: R,G,B;R,G,B ...",
-        count_colours,
-        CountModifiers,
-        needs=1,
-        flat=True,
-    ),
-    Option(
-        "--rangecheck", ("LOW", "HIGH"), "count the pixels outside a range of colours", check_range, needs=1, flat=True
-    ),
-    Option("--echo", ("TEXT",), "print a text", echo, EchoModifiers, state=True),
+    Option("--info", print_inputs, InfoModifiers, state=True),
+    Option("--printinfo", print_top, PrintInfoModifiers, needs=1),
+    state("--stats", "Print pixel statistics of every image as it is read"),
+    Option("--printstats", print_statistics, PrintStatsModifiers, needs=1, flat=True),
+    state("--hash", "Print the SHA-1 of the pixels of every image as it is read"),
+    Option("--dumpdata", dump_inputs, Dump, state=True),
+    Option("--metamatch REGEX", set_text("--metamatch"), text="Which metadata to print, by name", state=True),
+    Option("--no-metamatch REGEX", set_text("--no-metamatch"), text="Which metadata not to print", state=True),
+    Option("--colorcount COLORS", count_colors, CountModifiers, needs=1, flat=True),
+    Option("--rangecheck LOW HIGH", check_range, needs=1, flat=True),
+    Option("--echo TEXT", echo, EchoModifiers, state=True),
 )

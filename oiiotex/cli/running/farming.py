@@ -24,23 +24,7 @@ _LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line
 
 
 def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], session: Session, display: Display) -> int:
-    """Do a line on a farm, or write what a farm does it by; returns the exit code.
-
-    Parameters
-    ----------
-    command : CommandLine
-    words : sequence of str
-        The line.
-    tasks : list of Task
-        Its frames.
-    session : Session
-    display : Display
-
-    Raises
-    ------
-    Error
-        The engine is none, the line cannot be spread, or a job has failed.
-    """
+    """Do a line on a farm, or write what a farm does it by; returns the exit code."""
     engine, _, place = command.settings["--farm"][0].partition("=")
     if engine not in ("dask", "openjd") or not place:
         raise ParameterError(

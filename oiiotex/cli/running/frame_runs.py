@@ -22,13 +22,7 @@ log = logging.getLogger("oiiotex")
 
 
 def run_frames(command: CommandLine, words: list[str]) -> int:
-    """Do what the words say, which are `command`; returns the exit code.
-
-    Raises
-    ------
-    Error
-        Something is wrong.
-    """
+    """Do what the words say, which are `command`; returns the exit code."""
     todo = frames(words, LANGUAGE.takes)
     for warning in dict.fromkeys(frame.warning for frame in todo if frame.warning):
         log.warning("%s", warning)

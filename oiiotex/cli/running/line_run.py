@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+from importlib import import_module
 
 from ...errors import one_line
 from ..language.parse import MOST_THREADS, CommandLine, parse
@@ -13,15 +14,21 @@ from ..vocabulary import LANGUAGE
 
 log = logging.getLogger("oiiotex")
 
+_PRINTING = {  # options that print something and end; '': no words at all
+    "": "report.greeting",
+    "--help": "report.page",
+    "--version": "versions.versions",
+    "--plugin-path": "plugin_path.plugin_path",
+    "--devices": "devices.device_list",
+    "--completion": "shells.completion",
+    "--manpage": "shells.manual",
+    "--cache-info": "caches.cache_info",
+    "--cache-clear": "caches.cache_clear",
+}
+
 
 def run(words: list[str], folder: str | os.PathLike[str] | None = None) -> int:
-    """Do what a command line says, in `folder` if one is given; returns the exit code, 1 where images differ.
-
-    Raises
-    ------
-    Error
-        Something is wrong.
-    """
+    """Do what a command line says, in `folder` if one is given; returns the exit code, 1 where images differ."""
     if folder is not None:
         with contextlib.chdir(folder):
             return run(words)
@@ -55,41 +62,11 @@ class _OneLine(logging.Formatter):
 def _printed(command: CommandLine) -> str | None:
     """The text of the options that print something and end; None where there is work to do."""
     settings = command.settings
-    if not (settings or command.steps):
-        from ..printing.report import greeting
-
-        return greeting()
-    if "--help" in settings:
-        from ..printing.report import overview, page
-
-        topic = command.first("--help")
-        return page(topic) if topic else overview()
-    if "--version" in settings:
-        from ..printing.versions import versions
-
-        return versions()
-    if "--plugin-path" in settings:
-        from ..printing.plugin_path import plugin_path
-
-        return plugin_path()
-    if "--devices" in settings:
-        from ..printing.devices import device_list
-
-        return device_list(command.first("--device"), command.whole_number("--threads", MOST_THREADS), "-v" in settings)
-    if "--completion" in settings:
-        from ..printing.shells import completion
-
-        return completion(command.first("--completion") or "")
-    if "--manpage" in settings:
-        from ..printing.shells import manual
-
-        return manual()
-    if "--cache-info" in settings:
-        from ..printing.caches import cache_info
-
-        return cache_info()
-    if "--cache-clear" in settings:
-        from ..printing.caches import cache_clear
-
-        return cache_clear()
-    return None
+    option = next((one for one in _PRINTING if one in settings), None if settings or command.steps else "")
+    if option is None:
+        return None
+    module, _, function = _PRINTING[option].partition(".")
+    arguments: tuple[object, ...] = settings.get(option, ())
+    if option == "--devices":
+        arguments = command.first("--device"), command.whole_number("--threads", MOST_THREADS), "-v" in settings
+    return getattr(import_module(f"..printing.{module}", __package__), function)(*arguments)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ...core.parameters import param
 from ...errors import ParameterError
@@ -27,9 +26,8 @@ class LiveModifiers:
     )
 
 
-def show(chain: Chain, **modifiers: Any) -> None:
-    """Serve the page of the top image, or of a graph, until it is told to end."""
-    given = LiveModifiers(**modifiers)
+def show(chain: Chain, given: LiveModifiers) -> None:
+    """Tune, paint and zoom in a browser: the page of the top image, or of a graph."""
     if given.graph is None:
         image = chain.top
     elif chain.stack:
@@ -53,4 +51,4 @@ def show(chain: Chain, **modifiers: Any) -> None:
     )  # fmt: skip
 
 
-OPTIONS = (Option("--texlive", (), "tune, paint and zoom in a browser", show, LiveModifiers),)
+OPTIONS = (Option("--texlive", show, LiveModifiers),)

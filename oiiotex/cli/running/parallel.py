@@ -69,15 +69,7 @@ def worker_processes(count: int, debugging: bool) -> Iterator[Workers]:
 
 
 class Workers:
-    """Processes that do jobs, started as jobs come; deaf to Ctrl-C, and ended with this process whatever ends it.
-
-    Parameters
-    ----------
-    count : int
-        Processes at most.
-    debugging : bool
-        They print what libraries print, and where an error comes from.
-    """
+    """Processes that do jobs, started as jobs come; deaf to Ctrl-C, and ended with this process whatever ends it."""
 
     def __init__(self, count: int, debugging: bool):
         self._words = str(log.getEffectiveLevel()), str(int(debugging)), os.getcwd()
@@ -88,16 +80,7 @@ class Workers:
         self._stopped = False
 
     def submit(self, work: Callable[[AnyJob], Result], job: AnyJob, retries: int = 0) -> Future[Result]:
-        """Have a job done; the result raises `WorkerDied` where that many processes and one have died at it.
-
-        Parameters
-        ----------
-        work : callable
-            A function of a module.
-        job
-            What it takes; it and the result can be pickled.
-        retries : int
-        """
+        """Have a function of a module do a job; `WorkerDied` once that many processes and one have died at it."""
         return self._threads.submit(self._done, work, job, retries)
 
     def stop(self) -> None:

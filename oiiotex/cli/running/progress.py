@@ -23,13 +23,7 @@ _NO_BAR = "{desc} {elapsed}"  # of stages that do not say how far they are
 
 
 class Display:
-    """Shows stage, share, rate and time left, from a thread of its own: work only says where it is.
-
-    Parameters
-    ----------
-    terminal : bool, optional
-        A bar that is drawn again and again, else lines; by what stderr is, when left out.
-    """
+    """Shows stage, share, rate and time left, from a thread of its own: work only says where it is."""
 
     def __init__(self, terminal: bool | None = None):
         self._terminal = sys.stderr.isatty() if terminal is None else terminal

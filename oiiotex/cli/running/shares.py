@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,13 +22,16 @@ from ...deferred import np
 from ...errors import ParameterError
 from ...io.checkpoint import Checkpoint
 from ...session import Session
-from ..language.parse import Option
+from ..language.parse import Option, without
 
-OPTIONS = (
-    Option("--share", ("I/N",), "compute share I of N of what is written, into FILE.parts; --join makes FILE of them"),
-    Option("--join", (), "write what shares of the same line have left in FILE.parts; what is missing is computed"),
-    Option("--farm", ("ENGINE",), "spread the line: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
-    Option("--openjd", (), "tell progress and failure as Open Job Description's runners read it"),
+OPTIONS = tuple(
+    Option(call, text=text)
+    for call, text in (
+        ("--share I/N", "Compute share I of N of what is written, into FILE.parts; --join makes FILE of them"),
+        ("--join", "Write what shares of the same line have left in FILE.parts; what is missing is computed"),
+        ("--farm ENGINE", "Spread the line: dask=tcp://HOST:PORT, dask=local:N, openjd=FILE[,SHARES]"),
+        ("--openjd", "Tell progress and failure as Open Job Description's runners read it"),
+    )
 )
 _SPREAD = {"share": 1, "join": 0, "farm": 1, "openjd": 0}  # options, and how many words are behind each
 _HOW = _SPREAD | {  # what says how a line is run and not what it makes
@@ -40,24 +43,16 @@ _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 
 @dataclass(frozen=True)
 class Shares:
-    """How a run goes about what its line writes.
+    """How a run goes about what its line writes."""
 
-    Attributes
-    ----------
-    words : tuple of str
-        What the line makes.
-    number, count : int
-        The share that is computed; 0: all are put together.
-    """
-
-    words: tuple[str, ...]
-    number: int = 0
+    words: tuple[str, ...]  # what the line makes
+    number: int = 0  # of the share that is computed; 0: all are put together
     count: int = 0
 
     @classmethod
     def of(cls, words: Sequence[str], number: int = 0, count: int = 0) -> Shares:
         """Of a line, with all it says."""
-        return cls(_without(words, _HOW), number, count)
+        return cls(without(words, _HOW), number, count)
 
     def compute(self, session: Session, image: Image, path: str, inputs: Sequence[str]) -> None:
         """Keep this share of an image beside the file that it will be; what is there already stays."""
@@ -99,13 +94,7 @@ class Shares:
 
 
 def shares_of(settings: dict[str, tuple[str, ...]], words: Sequence[str]) -> Shares | None:
-    """What a line's --share or --join says; None where it says neither.
-
-    Raises
-    ------
-    ParameterError
-        --share is none, or both are there.
-    """
+    """What a line's --share or --join says; None where it says neither."""
     if "--join" in settings:
         if "--share" in settings:
             raise ParameterError("--share and --join: a run does one of them")
@@ -120,21 +109,7 @@ def shares_of(settings: dict[str, tuple[str, ...]], words: Sequence[str]) -> Sha
 
 def line_of(words: Sequence[str]) -> tuple[str, ...]:
     """The line as it would be run in one piece: what a file says of how it was made."""
-    return _without(words, _SPREAD)
-
-
-def _without(words: Sequence[str], options: Mapping[str, int]) -> tuple[str, ...]:
-    """Words less some options with the words behind them."""
-    rest: list[str] = []
-    skip = 0
-    for word in words:
-        if skip:
-            skip -= 1
-        elif word.startswith("-") and word.lstrip("-") in options:
-            skip = options[word.lstrip("-")]
-        else:
-            rest.append(word)
-    return tuple(rest)
+    return without(words, _SPREAD)
 
 
 def _cells(part: Part) -> list[Window]:

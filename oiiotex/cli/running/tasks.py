@@ -36,39 +36,18 @@ class Task(NamedTuple):
 
 
 class Job(NamedTuple):
-    """A task for another process.
-
-    Attributes
-    ----------
-    task : Task
-    budget : int
-        Bytes of memory that it may hold; 0: as its line and its machine say.
-    threads : int
-        0: as its line says.
-    shares : Shares or None
-        What is made of what the line writes; None: all.
-    folder : str
-        Where the line's names lie; '': the current one.
-    version : str
-        Of the program that asks.
-    """
+    """A task for another process."""
 
     task: Task
-    budget: int = 0
-    threads: int = 0
-    shares: Shares | None = None
-    folder: str = ""
-    version: str = __version__
+    budget: int = 0  # bytes of memory that it may hold; 0: as its line and its machine say
+    threads: int = 0  # 0: as its line says
+    shares: Shares | None = None  # what is made of what the line writes; None: all
+    folder: str = ""  # where the line's names lie; '': the current one
+    version: str = __version__  # of the program that asks
 
 
 def run_task(task: Task, session: Session, shares: Shares | None = None) -> int:
-    """Do a task; returns its exit code.
-
-    Raises
-    ------
-    Error
-        Something is wrong.
-    """
+    """Do a task; returns its exit code."""
     return session.on_a_device(lambda: _run_chain(task, session, shares))
 
 

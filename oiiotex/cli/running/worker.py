@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A process that does jobs as `parallel.Workers` sends them: `oiiotex.cli.worker LEVEL DEBUGGING FOLDER`.
+"""A process that does jobs as `parallel.Workers` sends them: `oiiotex.cli.running.worker LEVEL DEBUGGING FOLDER`.
 
 It is started deaf to Ctrl-C, which is for its parent, and stays so. Where the parent goes, however that is ended, it
 goes too, and leaves nothing half.
@@ -23,17 +23,7 @@ from .streams import drop, quiet_libraries
 
 
 def serve(level: int, debugging: bool, folder: str) -> None:
-    """Do jobs until the parent has no more.
-
-    Parameters
-    ----------
-    level : int
-        Of the log.
-    debugging : bool
-        Libraries print what they like, and an error says where it comes from.
-    folder : str
-        The parent's current one.
-    """
+    """Do jobs until the parent has no more."""
     end_on_signals()
     with open(os.dup(0), "rb") as requests, open(os.dup(1), "wb") as answers:
         drop(0)  # neither libraries nor what they start read or write there

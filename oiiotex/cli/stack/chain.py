@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,9 +27,7 @@ from ..language.titles import title_of
 from .first_image import First
 
 if TYPE_CHECKING:
-    from ..language.expressions import Expressions
     from ..running.shares import Shares
-    from .access import ChainAccess
 
 log = logging.getLogger("oiiotex")
 
@@ -46,64 +43,30 @@ class StepError(Error):
 
 
 class Chain:
-    """A stack of images, what is set for what follows, and what waits.
-
-    Attributes
-    ----------
-    session : Session
-    stack : list of Image
-        The last is the top.
-    labelled : dict of str to Image
-        By the names of --label.
-    user : dict
-        The user's variables, for expressions.
-    first : First
-    read_input : callable
-        What is done with a file's name.
-    inputs : set of str
-        The files that were read, and names that computed images have.
-    written : set of str
-        Real paths of files that ops wrote beside their images: nothing that follows may overwrite them.
-    settings : dict
-        What options have set for later ones, by the option's name.
-    status : int
-        Exit code of the run so far.
-    position : int
-        The step that comes next; control flow moves it.
-    skipping : bool
-        Steps are passed over: the condition around them does not hold.
-    loops : list
-        The open --if, --while and --for.
-    unwritten, used : bool
-        An image has been made and not written; something was written or printed.
-    shares : Shares or None
-        What is made of what the line writes; None: all, here and now.
-    written_next : iterator of str
-        Of each use of an op the file that the line writes next, '' where it is not known.
-    """
+    """A stack of images, what is set for what follows, and what waits."""
 
     dry = False  # the line is only looked through: see `rehearsal`
 
     def __init__(self, session: Session, read_input: Callable[[Chain, str], None], frame: Frame | None = None):
-        self.read_input = read_input
+        self.read_input = read_input  # what is done with a file's name
         self.session = session
         self.frame = frame
-        self.inputs: set[str] = set()
-        self.written: set[str] = set()
-        self.stack: list[Image] = []
-        self.labelled: dict[str, Image] = {}
-        self.user: dict[str, int | float | str] = {}
+        self.inputs: set[str] = set()  # the files that were read, and names that computed images have
+        self.written: set[str] = set()  # real paths of files that ops wrote: nothing that follows may overwrite them
+        self.stack: list[Image] = []  # the last is the top
+        self.labelled: dict[str, Image] = {}  # by the names of --label
+        self.user: dict[str, int | float | str] = {}  # variables of expressions
         self.first = First()
-        self.settings: dict[str, Any] = {}
-        self.status = 0
-        self.evaluating = True
-        self.position = 0
-        self.skipping = False
-        self.loops: list[Any] = []
-        self.unwritten = False
-        self.used = False
-        self.shares: Shares | None = None
-        self.written_next: Iterator[str] = iter(())
+        self.settings: dict[str, Any] = {}  # what options have set for later ones, by the option's name
+        self.status = 0  # exit code so far
+        self.evaluating = True  # of expressions
+        self.position = 0  # of the step that comes next; control flow moves it
+        self.skipping = False  # the condition around the steps does not hold
+        self.loops: list[Any] = []  # the open --if, --while and --for
+        self.unwritten = False  # an image has been made and not written
+        self.used = False  # something was written or printed
+        self.shares: Shares | None = None  # what is made of what the line writes; None: all, here and now
+        self.written_next: Iterator[str] = iter(())  # of each use of an op the file that comes next, '' if unknown
         self._waiting: list[tuple[Step, tuple[str, ...], dict[str, Any]]] = []
 
     # --- the stack ---
@@ -128,13 +91,7 @@ class Chain:
     # --- running ---
 
     def run(self, steps: Sequence[Step]) -> None:
-        """Do all steps.
-
-        Raises
-        ------
-        StepError
-            One failed; its text names it.
-        """
+        """Do all steps."""
         self.position = 0
         while self.position < len(steps):
             step = steps[self.position]
@@ -181,23 +138,20 @@ class Chain:
         if option.flat:
             require_flat(self.stack[-option.needs :])
         assert option.run is not None
-        option.run(self, *texts, **values)
-
-    @functools.cached_property
-    def _expressions(self) -> Expressions:
-        from ..language.expressions import Expressions  # few lines have any
-
-        return Expressions(self._access())
-
-    def _access(self) -> ChainAccess:
-        """What expressions see of the stack."""
-        from .access import ChainAccess
-
-        return ChainAccess(self)
+        modifiers = (option.modifiers(**values),) if option.modifiers else ()
+        option.run(self, *texts, *modifiers)
 
     def expressed(self, text: str) -> str:
         """The text with its expressions evaluated."""
-        return self._expressions.substitute(text) if self.evaluating and "{" in text else text
+        if not self.evaluating or "{" not in text:
+            return text
+        from ..language.expressions import substituted  # few lines have any
+
+        return substituted(text, self)
+
+    def known(self, image: Image) -> Image:
+        """The image, of which an expression asks something: a line that is only looked through may not know it yet."""
+        return image
 
     def _nothing_waits(self) -> None:
         """Refuse to go on past an op that still lacks operands: what follows would happen to the wrong image."""
@@ -297,23 +251,11 @@ class Chain:
         """Look at what is about to be written; of a line that is only looked through, check that it could be."""
 
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
-        """The image of a file.
-
-        Raises
-        ------
-        ImageError
-            It is none that can be read.
-        """
+        """The image of a file."""
         return read(path, self.session.cache, native=native, config=config)
 
     def require_free(self, path: str) -> None:
-        """Refuse a name under which a filter has just written.
-
-        Raises
-        ------
-        ParameterError
-            It has.
-        """
+        """Refuse a name under which a filter has just written."""
         if os.path.realpath(path) in self.written:
             raise ParameterError(f"{path} has just been written by an op's modifier")
 
@@ -358,13 +300,7 @@ class Chain:
         return bound
 
     def _named(self, parameter: Parameter, name: str, operands: list[Image]) -> Image:
-        """The part of the first operand of that name, else the file.
-
-        Raises
-        ------
-        ParameterError
-            There is neither.
-        """
+        """The part of the first operand of that name, else the file."""
         part = operands[0].part(name) if operands else None
         if part is not None:
             return Image((part,), name)

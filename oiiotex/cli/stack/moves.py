@@ -18,7 +18,7 @@ from .chain import Chain
 
 
 def label(chain: Chain, name: str) -> None:
-    """Name the top image: it can be put on the stack again by that name."""
+    """Name the top image: naming it puts it on the stack again."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
         raise ParameterError(f"'{name}' is no label: allowed are letters, digits and _")
     chain.labelled[name] = chain.stack[-1] = _cached(chain, chain.top)
@@ -41,29 +41,29 @@ def swap(chain: Chain) -> None:
 
 
 def drop(chain: Chain) -> None:
-    """Forget the top image."""
+    """Pop the top image."""
     chain.pop()
 
 
 def drop_bottom(chain: Chain) -> None:
-    """Forget the bottom image."""
+    """Remove the bottom image."""
     chain.stack.pop(0)
 
 
 def reverse(chain: Chain) -> None:
-    """Turn the stack over."""
+    """Reverse the stack."""
     chain.stack.reverse()
 
 
 def extract(chain: Chain, text: str) -> None:
-    """Bring the image of that depth to the top."""
+    """Bring the image of that depth to the top, 0 the top."""
     index = whole_number(text)
     chain.image(index)
     chain.push(chain.stack.pop(len(chain.stack) - 1 - index))
 
 
 def clear(chain: Chain) -> None:
-    """Forget all images."""
+    """Remove all images."""
     chain.stack.clear()
 
 
@@ -77,7 +77,7 @@ class SubimageModifiers:
     delete: bool = param(False, help="drop that part and keep the others")
 
 
-def subimage(chain: Chain, which: str, delete: bool = False) -> None:
+def subimage(chain: Chain, which: str, given: SubimageModifiers) -> None:
     """Keep one part, by number or name."""
     image = chain.top
     names = [part.spec.get_string_attribute("oiio:subimagename") for part in image.parts]
@@ -89,15 +89,15 @@ def subimage(chain: Chain, which: str, delete: bool = False) -> None:
         has = ", ".join(f"{n} {name}".strip() for n, name in enumerate(names))
         raise ParameterError(f"{image.source} has no part '{which}'; it has {has}")
     if len(names) == 1:
-        if delete:
+        if given.delete:
             raise ParameterError(f"{image.source} has only one part")
         return
-    kept = image.parts[:index] + image.parts[index + 1 :] if delete else (image.parts[index],)
+    kept = image.parts[:index] + image.parts[index + 1 :] if given.delete else (image.parts[index],)
     chain.stack[-1] = Image(kept, image.source)
 
 
 def split_parts(chain: Chain) -> None:
-    """Replace an image by one image for each part."""
+    """Replace an image by one for each of its parts."""
     image = chain.pop()
     for part in image.parts:
         chain.push(Image((part,), image.source))
@@ -110,13 +110,13 @@ class AppendModifiers:
     n: int = param(2, ge=2, le=1 << 20, help="how many images")
 
 
-def append_parts(chain: Chain, n: int = 2) -> None:
-    """Make the last n images the parts of one."""
-    if n > len(chain.stack):
-        raise ParameterError(f"n={n}: there are {len(chain.stack)} images")
-    images = chain.stack[-n:]
+def append_parts(chain: Chain, given: AppendModifiers) -> None:
+    """Make the last two (n) images the parts of one."""
+    if given.n > len(chain.stack):
+        raise ParameterError(f"n={given.n}: there are {len(chain.stack)} images")
+    images = chain.stack[-given.n :]
     parts = [part for image in images for part in image.parts]
-    del chain.stack[-n:]
+    del chain.stack[-given.n :]
     chain.push(Image(_distinct(parts), images[0].source))
 
 
@@ -136,11 +136,11 @@ def _distinct(parts: list[Part]) -> tuple[Part, ...]:
 def append_all(chain: Chain) -> None:
     """Make all images the parts of one."""
     if len(chain.stack) > 1:
-        append_parts(chain, len(chain.stack))
+        append_parts(chain, AppendModifiers(len(chain.stack)))
 
 
 def split_layers(chain: Chain) -> None:
-    """Replace an image by one image for each layer: channels whose names begin alike, up to a dot."""
+    """Replace an image by one for each layer: channels whose names begin alike, up to a dot."""
     image = chain.pop()
     names = list(image.first.spec.channelnames)
     layers = [
@@ -171,7 +171,7 @@ def _layer(part: Part, begin: int, end: int, name: str) -> Part:
 
 
 def without_levels(chain: Chain) -> None:
-    """Keep the largest version of a MIP-mapped image."""
+    """Keep the largest level of a MIP-mapped image."""
     image = chain.top
     if any(part.levels for part in image.parts):
         parts = tuple(_copied(dataclasses.replace(part, levels=())) for part in image.parts)
@@ -188,7 +188,7 @@ def _copied(part: Part) -> Part:
 
 
 def select_level(chain: Chain, text: str) -> None:
-    """Keep one version of a MIP-mapped image, 0 the largest."""
+    """Keep one level of a MIP-mapped image, 0 the largest."""
     image, level = chain.top, whole_number(text)
     if not any(part.levels for part in image.parts):
         return
@@ -212,13 +212,13 @@ class ThumbnailModifiers:
     index: int = param(0, ge=0, le=0, help="which thumbnail; OpenImageIO gives only the first")
 
 
-def thumbnail(chain: Chain, fail: bool = True, index: int = 0) -> None:
+def thumbnail(chain: Chain, given: ThumbnailModifiers) -> None:
     """Replace an image by the thumbnail in its file."""
     image = chain.top
     part = image.first
     if part.thumbnail is not None:
         chain.stack[-1] = Image((in_memory("part0", part.thumbnail()),), image.source)
-    elif fail:
+    elif given.fail:
         raise ImageError(f"{image.source}: expected an image with a thumbnail; add fail=0 to make one")
     else:
         chain.stack[-1] = Image((_thumbnail_of(chain, part),), image.source)
@@ -263,23 +263,21 @@ def _shape(spec: oiio.ImageSpec) -> tuple[int, int, int]:
 
 
 OPTIONS = (
-    Option("--label", ("NAME",), "name the top image: naming it puts it on the stack again", label, needs=1),
-    Option("--dup", (), "put the top image on the stack once more", duplicate, needs=1),
-    Option("--swap", (), "exchange the two top images", swap, needs=2),
-    Option("--pop", (), "forget the top image", drop, needs=1),
-    Option("--popbottom", (), "forget the bottom image", drop_bottom, needs=1),
-    Option("--stackreverse", (), "turn the stack over", reverse, needs=1),
-    Option("--stackextract", ("INDEX",), "bring the image of that depth to the top, 0 the top", extract, needs=1),
-    Option("--stackclear", (), "forget all images", clear),
-    Option("--subimage", ("PART",), "keep one part, by number or name", subimage, SubimageModifiers, needs=1),
-    Option("--sisplit", (), "replace an image by one for each of its parts", split_parts, needs=1),
-    Option("--siappend", (), "make the last two images the parts of one", append_parts, AppendModifiers, needs=2),
-    Option("--siappendall", (), "make all images the parts of one", append_all, needs=1),
-    Option("--layersplit", (), "replace an image by one for each layer of channels", split_layers, needs=1, flat=True),
-    Option("--unmip", (), "keep the largest version of a MIP-mapped image", without_levels, needs=1),
-    Option("--selectmip", ("LEVEL",), "keep one version of a MIP-mapped image, 0 the largest", select_level, needs=1),
-    Option(
-        "--thumbnail-get", (), "replace an image by the thumbnail in its file", thumbnail, ThumbnailModifiers, needs=1
-    ),
-    Option("--thumbnail-set", (), "make the top image the thumbnail of the image below it", attach_thumbnail, needs=2),
+    Option("--label NAME", label, needs=1),
+    Option("--dup", duplicate, needs=1),
+    Option("--swap", swap, needs=2),
+    Option("--pop", drop, needs=1),
+    Option("--popbottom", drop_bottom, needs=1),
+    Option("--stackreverse", reverse, needs=1),
+    Option("--stackextract INDEX", extract, needs=1),
+    Option("--stackclear", clear),
+    Option("--subimage PART", subimage, SubimageModifiers, needs=1),
+    Option("--sisplit", split_parts, needs=1),
+    Option("--siappend", append_parts, AppendModifiers, needs=2),
+    Option("--siappendall", append_all, needs=1),
+    Option("--layersplit", split_layers, needs=1, flat=True),
+    Option("--unmip", without_levels, needs=1),
+    Option("--selectmip LEVEL", select_level, needs=1),
+    Option("--thumbnail-get", thumbnail, ThumbnailModifiers, needs=1),
+    Option("--thumbnail-set", attach_thumbnail, needs=2),
 )

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 from ...core.image import type_named
 from ...deferred import oiio
@@ -22,7 +22,7 @@ def pixel_type(text: str) -> tuple[oiio.TypeDesc, int]:
 
 
 def set_type(chain: Chain, text: str) -> None:
-    """The pixel type of what is written from here on, or with CHANNEL=TYPE that of single channels."""
+    """Set the pixel type of what is written from here on: uint8, uint10, half, float ..., or CHANNEL=TYPE,..."""
     if "=" not in text:
         chain.settings["-d"] = pixel_type(text)
         chain.settings.pop("-d channels", None)
@@ -37,7 +37,7 @@ def set_type(chain: Chain, text: str) -> None:
 
 
 def set_tile(chain: Chain, width: str, height: str) -> None:
-    """Tiles of that size from here on."""
+    """Write tiles of this size."""
     sides = []
     for text in (width, height):
         if not (text.isascii() and text.isdigit() and 0 < int(text) <= 65536):
@@ -48,18 +48,18 @@ def set_tile(chain: Chain, width: str, height: str) -> None:
 
 
 def set_planar(chain: Chain, text: str) -> None:
-    """How channels are stored from here on."""
+    """Store channels so from here on: contig, separate or default."""
     if text not in ("contig", "separate", "default"):
         raise ParameterError(f"'{text}': allowed is contig, separate or default")
     chain.settings["--planarconfig"] = None if text == "default" else text
 
 
 def set_quality(chain: Chain, text: str) -> None:
-    """Quality of lossy compression from here on."""
+    """Set the quality of lossy compression, 0 to 100."""
     chain.settings["--quality"] = whole_number(text)
 
 
-def switch(option: str, value: object = True) -> Any:
+def switch(option: str, value: object = True) -> Callable[[Chain], None]:
     """What sets an option for later ones."""
 
     def run(chain: Chain) -> None:
@@ -68,7 +68,7 @@ def switch(option: str, value: object = True) -> Any:
     return run
 
 
-def set_text(option: str) -> Any:
+def set_text(option: str) -> Callable[[Chain, str], None]:
     """What keeps an option's argument for later ones."""
 
     def run(chain: Chain, text: str) -> None:
@@ -77,32 +77,27 @@ def set_text(option: str) -> Any:
     return run
 
 
-def _state(name: str, help: str, *aliases: str, sets: tuple[str, object] | None = None) -> Option:
-    return Option(name, (), help, switch(*(sets or (name,))), state=True, aliases=aliases)
+def state(name: str, text: str, *aliases: str, sets: tuple[str, object] | None = None) -> Option:
+    """An option without arguments that sets one of later ones: itself, unless `sets` says which to what."""
+    return Option(name, switch(*(sets or (name,))), text=text, state=True, aliases=aliases)
 
 
 OPTIONS = (
-    Option(
-        "-d",
-        ("TYPE",),
-        "pixel type of what is written from here on: uint8, uint10, half, float ..., or CHANNEL=TYPE,...",
-        set_type,
-        state=True,
-    ),
-    _state("--scanline", "write scanlines, whatever the source has"),
-    Option("--tile", ("WIDTH", "HEIGHT"), "write tiles of this size", set_tile, state=True),
-    Option("--compression", ("NAME",), "compression: NAME or NAME:QUALITY", set_text("--compression"), state=True),
-    Option("--quality", ("N",), "quality of lossy compression, 0 to 100", set_quality, state=True),
-    _state("--dither", "dither where 8 bits are made of more"),
-    Option("--planarconfig", ("CONFIG",), "contig, separate or default", set_planar, state=True),
-    _state("--adjust-time", "give written files the time that their metadata says"),
-    _state("--noautocrop", "formats without display window get the data window", sets=("--autocrop", False)),
-    _state("--autotrim", "without black borders, where the format has a data window"),
-    _state("--history", "write the command line into the files' metadata"),
-    _state("--no-history", "write only a hash of the command line (as is the rule)", sets=("--history", False)),
-    _state("--nosoftwareattrib", "write nothing of this program into the files' metadata"),
-    _state("-n", "write nothing: a dry run"),
-    _state("-u", "do not write files that are newer than what they are made of"),
-    _state("--no-clobber", "do not write over files", "--noclobber"),
-    _state("--create-dir", "make the folders of files to be written"),
+    Option("-d TYPE", set_type, state=True),
+    state("--scanline", "Write scanlines, whatever the source has"),
+    Option("--tile WIDTH HEIGHT", set_tile, state=True),
+    Option("--compression NAME", set_text("--compression"), text="Compression: NAME or NAME:QUALITY", state=True),
+    Option("--quality N", set_quality, state=True),
+    state("--dither", "Dither when quantizing to 8 bits"),
+    Option("--planarconfig CONFIG", set_planar, state=True),
+    state("--adjust-time", "Give written files the time that their metadata says"),
+    state("--noautocrop", "Write the data window to formats without a display window", sets=("--autocrop", False)),
+    state("--autotrim", "Trim black borders, where the format has a data window"),
+    state("--history", "Write the command line into the files' metadata"),
+    state("--no-history", "Write only a hash of the command line (default)", sets=("--history", False)),
+    state("--nosoftwareattrib", "Write nothing of this program into the files' metadata"),
+    state("-n", "Write nothing: a dry run"),
+    state("-u", "Do not write files that are newer than their inputs"),
+    state("--no-clobber", "Do not overwrite files", "--noclobber"),
+    state("--create-dir", "Create the folders of written files"),
 )

@@ -15,7 +15,7 @@ import functools
 import logging
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -32,7 +32,6 @@ from ..files.reading import read_input
 from ..language.parse import Step
 from ..language.sequences import Frame
 from . import output_settings
-from .access import ChainAccess
 from .chain import Chain
 
 if TYPE_CHECKING:
@@ -46,21 +45,11 @@ _MOST_STEPS = 2000  # of loops, the rest is left to the run
 
 @dataclass(frozen=True)
 class Foresight:
-    """What a line has shown.
+    """What a line has shown."""
 
-    Attributes
-    ----------
-    steps : int
-        How many of its first steps print, write or decide something: the others are in vain.
-    notes : tuple of (int, str)
-        Logging level and text of what there is to say of it, and will not be said by the run.
-    files : tuple of str
-        Of each use of an op the file that is written next, as far as it is known.
-    """
-
-    steps: int
-    notes: tuple[tuple[int, str], ...] = ()
-    files: tuple[str, ...] = ()
+    steps: int  # of its first ones, up to the last that prints, writes or decides something: the others are in vain
+    notes: tuple[tuple[int, str], ...] = ()  # logging level and text of what the run will not say
+    files: tuple[str, ...] = ()  # of each use of an op the file that is written next, as far as it is known
 
 
 @dataclass
@@ -71,13 +60,7 @@ class Rehearsals:
     files: dict[str, Image] = field(default_factory=dict)  # that would be written, by their real paths
 
     def foresight(self, steps: Sequence[Step], frame: Frame | None) -> Foresight:
-        """What can be said of the steps.
-
-        Raises
-        ------
-        Error
-            One would fail, and with it the line.
-        """
+        """What can be said of the steps."""
         chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.measure)
         try:
             with _quiet(), chain.globals:
@@ -151,22 +134,6 @@ class _Closed(PieceCache):
         raise Unseen
 
 
-class _Access(ChainAccess):
-    """What expressions may ask of images that are not made yet: nothing."""
-
-    def image(self, index: int) -> Image:
-        """The image at that depth."""
-        return _known(super().image(index))
-
-    def read(self, path: str) -> Image:
-        """The image of a file."""
-        return _known(super().read(path))
-
-    def labels(self) -> Mapping[str, Image]:
-        """The images of --label."""
-        return {name: _known(image) for name, image in super().labels().items()}
-
-
 class _Unknown(Image):
     """An image of which nothing is known, not even what an op declares."""
 
@@ -178,12 +145,6 @@ class _Unknown(Image):
         if name.startswith("__"):
             return super().__getattribute__(name)
         raise Unseen
-
-
-def _known(image: Image) -> Image:
-    if is_foreseen(image):
-        raise Unseen
-    return image
 
 
 class _Rehearsal(Chain):
@@ -255,8 +216,11 @@ class _Rehearsal(Chain):
             self._certain = True
             raise
 
-    def _access(self) -> ChainAccess:
-        return _Access(self)
+    def known(self, image: Image) -> Image:
+        """The image, unless it is not made yet: nothing can be said of it."""
+        if is_foreseen(image):
+            raise Unseen
+        return image
 
     def acts(self, *parts: Part) -> bool:
         """No."""
