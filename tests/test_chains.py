@@ -298,7 +298,7 @@ def test_no_error_exit_goes_on(folder, tmp_path, caplog):
         ("a.png -o:tiel=3x3 x.png", "unknown modifier 'tiel', did you mean 'tile'?"),
         ("a.png --flipp", "unknown option '--flipp', did you mean '--flip'?"),
         ("a.png --capture", "save the camera's picture to a file"),
-        ("a.png -o:all=0 100%.png", "allowed is one %d"),
+        ("a.png -o:all=0 100%.png", "expected one %d"),
         ("a.png --addc:colour=3 1", "unknown modifier 'colour'"),
         ("a.png --addc x", "value=x"),
         ("a.png --echo '{TOP.widht}'", "widht"),

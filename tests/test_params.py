@@ -184,7 +184,7 @@ def test_a_falsy_word_is_a_choice_too():
     ],
 )
 def test_a_text_out_of_type_or_range_is_refused_with_the_text_and_what_is_allowed(name, text):
-    assert refusal(KNOWN[name].parse, text) == f"{name}={text}: allowed is {KNOWN[name].allowed()}"
+    assert refusal(KNOWN[name].parse, text) == f"{name}={text}: expected {KNOWN[name].allowed()}"
 
 
 @pytest.mark.parametrize("text", ["1_0", "٣", "３", " 5", "5 ", "5\n", "\t5"])
@@ -277,7 +277,7 @@ def test_an_op_holds_checked_values_and_its_refusals_bear_its_name():
     }  # fmt: skip
     assert (type(made.count), type(made.size), type(made.strength)) == (int, Size, float)
     text = refusal(lambda: Everything(source=None, count=11))
-    assert text == "everything: count=11: allowed is a whole number >= 0 and <= 10 px"
+    assert text == "everything: count=11: expected a whole number >= 0 and <= 10 px"
 
 
 # --- words behind an op, many images ---
@@ -295,8 +295,8 @@ def test_an_argument_is_a_word_of_its_own_and_no_modifier():
 def test_an_argument_is_checked_as_a_modifier_is():
     mode, weights, shift = Merge.arguments()
     assert (mode.parse("max"), weights.parse("1,2"), shift.parse("-5")) == ("max", (1.0, 2.0), -5)
-    assert refusal(mode.parse, "under") == "mode=under: allowed is over | max"
-    assert refusal(shift.parse, "6") == "shift=6: allowed is a whole number >= -5 and <= 5 px"
+    assert refusal(mode.parse, "under") == "mode=under: expected over | max"
+    assert refusal(shift.parse, "6") == "shift=6: expected a whole number >= -5 and <= 5 px"
     made = Merge(sources=(), mode="over", weights=[1, np.float32(0.5)], shift=np.int8(2))
     assert made.values() == {"mode": "over", "weights": (1.0, 0.5), "shift": 2, "gamma": 1.0, "from": "here"}
     assert type(made.weights) is Numbers

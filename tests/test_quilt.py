@@ -250,7 +250,7 @@ def test_content_draws_the_table_of_keys():
     ("values", "said"),
     [
         ({"at": (500, 3)}, "outside the data window"),
-        ({"at": (3,)}, "two numbers are wanted"),
+        ({"at": (3,)}, "expected two numbers"),
         ({"level": 7}, "level=7: there is 1, 2"),
         ({"patch": 150}, "patch=150 is larger than"),
     ],

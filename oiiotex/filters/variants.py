@@ -32,7 +32,7 @@ class Variants(Whole):
     """Lay out what a synthesis makes of a photo: a column for every seed, a row for every value of one modifier.
 
     So a seed is chosen by eye, or it is seen what a modifier does: `vary=sigma:over=8,16,32` makes three rows of
-    --texstationarize. Everything else is as the filter has it when nothing is said. The caption says what to say for
+    `stationarize`. Everything else is as the filter has it when nothing is said. The caption says what to say for
     the one that is liked. The result is an 8-bit sRGB image for screens: do not measure it.
     """
 

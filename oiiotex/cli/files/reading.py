@@ -171,7 +171,7 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
 def missing_file(chain: Chain, policy: str) -> None:
     """What a file that cannot be read is replaced by."""
     if policy not in ("error", "black", "checker"):
-        raise ParameterError(f"'{policy}': allowed is error, black or checker")
+        raise ParameterError(f"'{policy}': expected error, black or checker")
     chain.settings["--missingfile"] = policy
 
 
