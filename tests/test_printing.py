@@ -353,11 +353,11 @@ def test_numbers_are_written_as_the_fmt_library_writes_them(value, text):
     [
         ("photo.png --rangecheck a 1", "expected a comma-separated list of numbers"),
         ("photo.png --colorcount 1,x", "expected a comma-separated list of numbers"),
-        ("--fail much photo.png photo.png --diff", "expected a number"),
+        ("--fail much photo.png photo.png --diff", "allowed is a number"),
         ("--metamatch '(' --info photo.png", "no regular expression"),
         ("photo.png --printstats:window=0x0+0+0", "no pixel|needs|window"),
         ("photo.png --diff", "2 image"),
-        ("--info:format=json photo.png", "allowed is"),
+        ("--info:format=json photo.png", "expected"),
         (
             "--cache 1 hdr.exr photo.png --add photo.png --resize 400x400 --dup --flipdiff",
             "MB of memory; the budget is 1 MB",

@@ -188,7 +188,7 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         (LINE + "[delivr]\ntx = true\n", "unknown key 'delivr'.*deliver"),
         (LINE + "[judge]\nlimits = ['seam']\n", "'seam': expected NAME>NUMBER"),
         (LINE + "[roles.colr]\nspace = 'data'\n", "roles 'colr': expected color"),
-        (LINE + "[assets.x]\nsize_m = [1]\n", "allowed are width and height in metres"),
+        (LINE + "[assets.x]\nsize_m = [1]\n", "expected width and height in metres"),
     ],
 )
 def test_what_a_recipe_says_wrong_is_one_line(text, says):
