@@ -172,7 +172,7 @@ class MemoryBudgetError(ImageError):
     """A task needs more memory than the budget, in bytes. `advice` says what else helps."""
 
     def __init__(self, task: str, need: int, budget: int, advice: str):
-        needs = f"{task} needs {-(-need >> 20)} MB of memory; the budget is {budget >> 20} MB"
+        needs = f"{task} needs {-(-need >> 20)} MB of memory; the budget is {-(-budget >> 20)} MB"
         super().__init__(f"{needs}: raise {CACHE}, or {advice}")
         self.task, self.need, self.budget, self.advice = task, need, budget, advice
 

@@ -54,9 +54,9 @@ def test_sizes_may_differ():
         ({"vary": "sigma"}, "say both or neither"),
         ({"over": ["1"]}, "say both or neither"),
         ({"vary": "sgima", "over": ["1"]}, "did you mean 'sigma'"),
-        ({"vary": "seed", "over": ["1"]}, "vary=seed: of filters.stationarize"),
-        ({"vary": "sigma", "over": ["8", "x"]}, "sigma=x: expected a number"),
-        ({"vary": "sigma", "over": ["8", "0"]}, "sigma=0: expected a number"),
+        ({"vary": "seed", "over": ["1"]}, "vary='seed': of filters.stationarize"),
+        ({"vary": "sigma", "over": ["8", "x"]}, "sigma='x': expected a number"),
+        ({"vary": "sigma", "over": ["8", "0"]}, "sigma='0': expected a number"),
         ({"filter": "warp"}, "filter='warp': expected 'stationarize'"),
     ],
 )

@@ -12,7 +12,7 @@ from ..core.image import Image
 from ..core.op import Kind, Op, Output, Space
 from ..core.parameters import Words, image, nearest, param
 from ..deferred import np
-from ..errors import ParameterError
+from ..errors import ParameterError, texture_filter
 from ..session import Session
 from .composite import Composite
 from .cut import Cut
@@ -81,7 +81,8 @@ class Variants(Whole):
         known = {p.name: p for p in op.parameters() if p.name not in _FIXED}
         if self.vary not in known:
             names = ", ".join(known)
-            raise ParameterError(f"vary={self.vary}: of {op.flag()} {names} can differ{nearest(self.vary, known)}")
+            of = f"of {texture_filter(op.name)} {names} can differ{nearest(self.vary, known)}"
+            raise ParameterError(of, parameter="vary", value=self.vary)
         parameter = known[self.vary]
         return [(parameter.attribute, parameter.parse(text), f"{self.vary}={text}") for text in self.over]
 

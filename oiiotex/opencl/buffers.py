@@ -116,7 +116,7 @@ def require_room(
 
     Raises
     ------
-    DeviceError
+    MemoryBudgetError, DeviceError
         With the figures.
     """
     lent = sum(table.nbytes for table in (tables or {}).values())

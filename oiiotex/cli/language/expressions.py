@@ -97,7 +97,7 @@ class Expressions:
 
         Raises
         ------
-        ParameterError
+        ParameterError, ImageError
             One line that quotes the expression and says what is wrong with it.
         """
         result, at = "", 0
