@@ -140,7 +140,7 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
     ("given", "said"),
     [
         ({"fail": ["sea>1"]}, "fail=sea>1: no measure 'sea', did you mean 'seam'"),
-        ({"fail": ["seam=1"]}, "fail=seam=1: expected NAME>NUMBER or NAME<NUMBER"),
+        ({"fail": ["seam=1"]}, "fail='seam=1': expected NAME>NUMBER or NAME<NUMBER"),
         ({"fail": ["seam>nan"]}, "expected NAME>NUMBER"),
         ({"fail": ["seam>1"], "tile": "none"}, "fail=seam>1: seam is not measured of this result"),
         ({"fail": ["seam_y>1"], "tile": "x"}, "seam_y is not measured"),
