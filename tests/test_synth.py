@@ -224,7 +224,7 @@ WRONG = [
     (("--texsynth:graph=loop.json:stmap=loop.json",), "loop.json would overwrite graph, a file that it reads"),
     (("photo.png", "--texsynth:stmap=photo.png"), "photo.png would overwrite exemplar, an image that it reads"),
     (("photo.png", "--texsynth:size=100x64:toroidal=1"), "size=100x64: expected multiples of 64 px, for toroidal=1"),
-    (("photo.png", "--texsynth:toroidal=1"), "toroidal=1: say size, after which the texture repeats"),
+    (("photo.png", "--texsynth:toroidal=1"), "toroidal=1 requires size, after which the texture repeats"),
     (("photo.png", "--texsynth:size=70x50:tiles=4/3"), "tiles=4/3: expected I/N, I from 1 to N, N at most 50 rows"),
     (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0 or 1 or a whole number >= 0 and <= 60"),
     (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),

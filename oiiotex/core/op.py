@@ -152,8 +152,9 @@ class Op:
             if parameter.attribute in self.PAPER:
                 given, value = getattr(self, parameter.attribute), self.PAPER[parameter.attribute]
                 if given not in (parameter.default, value):
-                    says = "leaves it out" if value is None else f"says {modifier(**{parameter.name: value})}"
-                    raise ParameterError(f"{modifier(paper=True)} {says}", parameter=parameter.name, value=given)
+                    name = parameter.name
+                    says = f"leaves {name} out" if value is None else f"says {modifier(**{name: value})}"
+                    raise ParameterError(f"{modifier(paper=True)} {says}", parameter=name, value=given)
                 object.__setattr__(self, parameter.attribute, value)
 
     @classmethod
