@@ -219,7 +219,7 @@ WRONG = [
     (("--texsynth:graph=loop.json:window=3x4",), "window=3x4: expected WxH+X+Y"),
     (("--texsynth:graph=loop.json:window=0x4+1+1",), "expected WxH+X+Y"),
     (("--texsynth:graph=loop.json:window=4x4+9999999999999999999999+1",), "places up to 2^60"),
-    (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "window=9x9+15+0: expected a window inside size=20x20"),
+    (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "9x9+15+0: expected a window inside size=20x20"),
     (("--texsynth:graph=loop.json:level=61",), "level=61: expected a whole number >= 0 and <= 60"),
     (("--texsynth:graph=loop.json:stmap=loop.json",), "loop.json would overwrite graph, a file that it reads"),
     (("photo.png", "--texsynth:stmap=photo.png"), "photo.png would overwrite exemplar, an image that it reads"),
