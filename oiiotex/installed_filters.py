@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from importlib.metadata import EntryPoint, entry_points
 
 from .core.op import Op
+from .errors import one_line
 
 log = logging.getLogger("oiiotex")
 
@@ -25,7 +26,7 @@ def installed(taken: Iterable[str]) -> tuple[type[Op], ...]:
         try:
             op = _loaded(entry, names)
         except Exception as error:  # another's code may fail in any way; the program must start all the same
-            log.warning("filter %s of %s is left out: %s", entry.name, entry.value, " ".join(str(error).split()))
+            log.warning("filter %s of %s is left out: %s", entry.name, entry.value, one_line(str(error)))
             continue
         names.add(op.name)
         ops.append(op)

@@ -13,12 +13,12 @@ import numpy as np
 import OpenImageIO as oiio
 
 from .core.image import Image, Part, cropped, from_array, from_buffer, tagged, to_buffer
-from .core.op import Op
+from .core.op import Op, errors_of
 from .core.parameters import nearest
 from .core.window import Window
-from .errors import Error, ImageError, ParameterError, ParameterTypeError, QualityError
+from .errors import PYTHON, Error, ImageError, ParameterError, ParameterTypeError, QualityError
 from .io.reading import read
-from .python_types import ImageLike, docstring, in_python, signature, takes_none
+from .python_types import ImageLike, docstring, signature, takes_none
 from .run import Result, run
 from .session import Session
 
@@ -43,10 +43,11 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
     ) -> Any:
         session = session or Session(threads=nthreads)
         try:
-            bound = _bound(op, images, values, colorspace, session)
-            results, failed = session.on_a_device(lambda: _results_of(bound, session, roi))
+            with errors_of(op):
+                bound = _bound(op, images, values, colorspace, session)
+                results, failed = session.on_a_device(lambda: _results_of(bound, session, roi))
         except Error as error:
-            error.args = (in_python(str(error), op),)
+            error.words = PYTHON
             raise
         result = results if len(results) > 1 else results[0]
         if failed:
@@ -69,16 +70,16 @@ def _bound(
     if not images if many else len(images) != len(declared):
         count = "one image or more" if many else f"{len(declared)} image{'s' * (len(declared) != 1)}"
         names = f" ({', '.join(i.name for i in declared)})" if declared else ""
-        raise ParameterTypeError(f"{op.name} takes {count}{names}, not {len(images)}")
+        raise ParameterTypeError(f"takes {count}{names}, not {len(images)}")
     optional = [i.name for i in op.optional_images()]
     further = op.further_images()
     known = [p.attribute for p in op.parameters()] + optional + ([further.name] if further else [])
     for name in values:
         if name not in known:
-            raise ParameterTypeError(f"{op.name}: unknown parameter '{name}'{nearest(name, known)}")
+            raise ParameterTypeError(f"unknown parameter '{name}'{nearest(name, known)}")
     missing = [p.attribute for p in op.parameters() if p.required and p.attribute not in values]
     if missing:
-        raise ParameterTypeError(f"{op.name}: {missing[0]}= must be given")
+        raise ParameterTypeError(f"{missing[0]}= must be given")
     pictures = tuple(_image(image, session) for image in images)
     if colorspace is not None:
         session.color.resolve(colorspace)
@@ -111,9 +112,8 @@ def _picture(given: Any) -> Image:
         return from_buffer(given)
     if isinstance(given, np.ndarray):
         return from_array(given)
-    raise ParameterTypeError(
-        f"an ImageBuf, an array, a file's name or a dict of parts is wanted, not {type(given).__name__}"
-    )
+    kind = type(given).__name__
+    raise ParameterTypeError(expected=f"an ImageBuf, an array, a file's name or a dict of parts, not {kind}")
 
 
 def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, session: Session) -> Image:
@@ -125,7 +125,7 @@ def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, ses
     if Path(value).exists():
         return read(value, session.cache)
     has = ", ".join(p.name for p in first.parts) if first is not None else "none"
-    raise ParameterError(f"{op.name}: {name}='{value}': neither a part of the image, which has {has}, nor a file")
+    raise ParameterError(f"neither a part of the image, which has {has}, nor a file", parameter=name, value=value)
 
 
 def _results_of(bound: Op, session: Session, roi: oiio.ROI | None) -> tuple[list[Any], list[str]]:
@@ -143,5 +143,5 @@ def _within(part: Part, roi: oiio.ROI, op: type[Op]) -> Part:
     """The part's pixels in a region, its display window and metadata as they are."""
     window = Window(roi.xbegin, roi.ybegin, roi.xend, roi.yend) & part.window if roi.defined else part.window
     if window.empty:
-        raise ParameterError(f"{op.name}: roi {roi} is outside the result {part.window}")
+        raise ParameterError(f"roi {roi} is outside the result {part.window}")
     return cropped(part, window)

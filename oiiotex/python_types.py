@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +16,7 @@ from OpenImageIO import ROI, ImageBuf
 
 from .core.op import Kind, Op, Output
 from .core.parameters import Numbers, Parameter, Size, SizeRule, Words
+from .errors import PYTHON, spelled
 from .session import Session
 
 FileName = str | os.PathLike[str]
@@ -155,58 +155,22 @@ def _keywords(op: type[Op]) -> tuple[Parameter, ...]:
 
 def docstring(op: type[Op]) -> str:
     """The op's docstring with its parameters and results."""
-    lines = [in_python(inspect.getdoc(op) or "", op), "", "Parameters", "----------"]
+    lines = [inspect.getdoc(op) or "", "", "Parameters", "----------"]
     shown = signature(op).parameters
     for i in op.images():
         star = "*" if i.many else ""
-        lines += [f"{star}{i.name} : {shown[i.name].annotation}", f"    {in_python(i.help, op)}"]
+        lines += [f"{star}{i.name} : {shown[i.name].annotation}", f"    {spelled(i.help, PYTHON)}"]
     for p in _keywords(op):
         default = "" if p.required else f", default {p.default!r}"
-        bounds = f"; {p.allowed_in_python()}" if p.ge is not None or p.le is not None or p.unit else ""
+        bounds = f"; {spelled(p.expected, PYTHON)}" if p.ge is not None or p.le is not None or p.unit else ""
         named = "; a text is the name of a part of the first image, else of a file" if p in op.optional_images() else ""
-        text = re.sub("^1: ", "True: ", p.help) if bool in (p.kind or ()) else p.help
-        lines += [f"{p.attribute} : {annotation(p)}{default}", f"    {in_python(text, op)}{named}{bounds}"]
+        text = spelled(p.help, PYTHON)
+        lines += [f"{p.attribute} : {annotation(p)}{default}", f"    {text}{named}{bounds}"]
     for name, text, value, meaning in _COMMON:
         lines += [f"{name} : {text}, default {value!r}", f"    {meaning}"]
     lines += ["", "Returns", "-------", f"{forms(op)[-1].returns}"]
     lines += ["    a dict where more than one part was asked for"] if len(forms(op)) > 1 else []
     lines += ["    a list of these where there are several images"] if _several(op) else []
-    lines += [f"    {o.name}: {in_python(o.text, op)}" for o in op.outputs]
+    lines += [f"    {o.name}: {spelled(o.text, PYTHON)}" for o in op.outputs]
     lines += ["", "Raises", "------", "oiiotex.Error", "    with one line that says what is wrong and what is allowed"]
     return "\n".join(lines)
-
-
-# --- words of the command line ---
-
-_OPTIONS = (
-    (r"(add|say) --iscolorspace NAME( after it)?", "say colorspace=NAME"),
-    (r"--iscolorspace data", "colorspace='data'"),
-    (r"--interchange SPACE lin_rec709 says", "Session(interchange=(SPACE, 'lin_rec709')) says"),
-    (r"; oiiotex --colorconfiginfo lists them", ""),
-    (r"--st_warp", "OpenImageIO.ImageBufAlgo.st_warp"),
-    (r"raise --cache", "raise the budget of the session"),
-    (r"add --fixnan box3 after it", "repair them first (OpenImageIO.ImageBufAlgo.fixNonFinite)"),
-)
-_FILTER = re.compile(r"--tex(\w+)((?::\w+=[^\s:,;)]+)*)")
-
-
-def in_python(text: str, op: type[Op]) -> str:
-    """A text that speaks of the command line, said for a caller of the op's function."""
-    for pattern, replacement in _OPTIONS:
-        text = re.sub(pattern, replacement, text)
-    flags = {p.name for other in _ops(Op) for p in other.parameters() if bool in (p.kind or ())}
-    flags -= {p.name for p in op.parameters() if bool not in (p.kind or ())}
-
-    def call(match: re.Match[str]) -> str:
-        given = match[2].lstrip(":").replace(":", ", ")
-        return f"filters.{match[1]}({given})" if given else f"filters.{match[1]}"
-
-    text = _FILTER.sub(call, text)
-    names = "|".join(sorted(flags)) or "(?!)"
-    return re.sub(rf":?\b({names})=([01])\b", lambda m: f"{m[1]}={bool(int(m[2]))}", text)
-
-
-def _ops(op: type[Op]) -> list[type[Op]]:
-    """All filters that are declared."""
-    own = [op] if hasattr(op, "name") and op.prefix == Op.prefix else []
-    return own + [filter for other in op.__subclasses__() for filter in _ops(other)]

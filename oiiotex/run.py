@@ -24,7 +24,7 @@ from .core.attributes import SOURCE, TAG, mark_as_data, note
 from .core.hash import sha1
 from .core.image import Image, Part, from_pixels
 from .core.label_map import LabelMap
-from .core.op import Kind, Op, Output, Space
+from .core.op import Kind, Op, Output, Space, errors_of
 from .core.window import Window
 from .deferred import np, oiio
 from .errors import Error, ImageError, ParameterError, Unseen
@@ -78,12 +78,13 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     """
     written = set() if written is None else written
     files = op.files()
-    _require_free(op, files, written)
-    session.require_streamable(*op.scanned())
-    facts = _facts(op)
-    computed = op.compute(session)  # first: what it refuses, it refuses before the photo is read for its hash
-    sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
-    results = _Runner(op, session, files, provenance).results(computed, sources)
+    with errors_of(type(op)):
+        _require_free(op, files, written)
+        session.require_streamable(*op.scanned())
+        facts = _facts(op)
+        computed = op.compute(session)  # first: what it refuses, it refuses before the photo is read for its hash
+        sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
+        results = _Runner(op, session, files, provenance).results(computed, sources)
     written.update(os.path.realpath(path) for path in files.values())
     return results
 
@@ -211,8 +212,7 @@ class _Runner:
         for table in tables:  # what they name is there now
             self._table_leaves(*table)
         failed = [text for output, _, report in tables if op.judges(output) for text in report["failed"]]
-        parts += op.carried()
-        parts = [_saying(part, facts) for part in parts]
+        parts = [_saying(part, facts) for part in (*parts, *op.carried())]
         return Result(Image(tuple(parts), source), _names(parts, "" if originals else first), tuple(failed))
 
     def _wanted(self, results: Mapping[str, Any]) -> Iterator[tuple[str, Output, Path | None, Any]]:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from .core.demand import PieceCache
 from .core.machine import memory, usable_threads
 from .deferred import oiio
-from .errors import BuildError, Error, ImageError, Interrupted
+from .errors import BuildError, Error, ImageError, Interrupted, MemoryBudgetError
 from .io.checkpoint import Checkpoint
 from .stats import Stats
 
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("oiiotex")
 
 MOST_SIDE = 1 << 22  # px of an image that is written, or looked at as a whole
-SHORT_OF_MEMORY = "of memory; the budget is"  # stands in what `Session.require` raises, and in nothing else
 
 Progress = Callable[[int, int], bool | None]
 Look = Callable[["np.ndarray", bool], object]
@@ -311,13 +310,11 @@ class Session:
 
         Raises
         ------
-        ImageError
+        MemoryBudgetError
             With the figure.
         """
         if need > self.budget:
-            raise ImageError(
-                f"{task} needs {-(-need >> 20)} MB {SHORT_OF_MEMORY} {self.budget >> 20} MB: raise --cache, or {advice}"
-            )
+            raise MemoryBudgetError(task, need, self.budget, advice)
 
     def require_streamable(self, *parts: Part) -> None:
         """Refuse images that cannot be computed from top to bottom, or that nobody could read.

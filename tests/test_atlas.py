@@ -226,7 +226,7 @@ WRONG = {
     "degenerate": (CUBE + "v 5 5 5\nv 6 6 6\nv 7 7 7\nf 9/1 10/2 11/3\n", "1 degenerate triangles"),
     "overlapping": (CUBE + "v 5 5 5\nv 6 5 5\nv 6 6 5\nf 9/1 10/2 11/3\n", "charts overlap on"),
     "NaN": (CUBE.replace("v 0.0 0.0 0.0", "v nan 0 0", 1), "vertices with NaN or Inf"),
-    "flat": (CUBE.replace("v 0.0 0.0 0.0", "v 0 0", 1), "vertices of 2 coordinates: 3 are wanted"),
+    "flat": (CUBE.replace("v 0.0 0.0 0.0", "v 0 0", 1), "vertices of 2 coordinates: expected 3"),
     "far UV": (CUBE.replace("vt 0.02", "vt 90000000000000000000.02", 1), "outside 0 to 1: pack its charts"),
     "NaN UV": (CUBE.replace("vt 0.02", "vt 1e999", 1), "NaN or Inf UVs"),
     "empty": ("# nothing\n", ""),
@@ -255,7 +255,7 @@ def test_what_is_missing_or_does_not_fit_is_said(tmp_path, monkeypatch):
     photo = buffer(PHOTO)
     with pytest.raises(errors.ImageError, match=r"nowhere\.obj cannot be read as a mesh"):
         filters.atlas(photo, mesh=tmp_path / "nowhere.obj")
-    with pytest.raises(errors.ParameterError, match=r"a pixel of the photo is .* allowed is 0.5 to 2"):
+    with pytest.raises(errors.ParameterError, match=r"a pixel of the photo is .* expected 0.5 to 2"):
         filters.atlas(photo, mesh=cube, scale=100.0)
     with pytest.raises(errors.ParameterError, match=r"ends in \.obj"):
         filters.atlas(photo, mesh=cube, unwrapped=tmp_path / "out.ply")

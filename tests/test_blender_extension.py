@@ -139,7 +139,7 @@ def test_what_speaks_to_the_process_needs_neither_blender_nor_our_package(folder
     assert done.returncode == 0, done.stderr
     same = filters.stationarize(photo, size=(48, 32), data=True).get_pixels(oiio.FLOAT)
     np.testing.assert_array_equal(np.load(folder / "tile.npy"), same)
-    assert done.stdout.splitlines()[0].startswith("size=0x32: allowed is pow2 or WIDTHxHEIGHT")
+    assert done.stdout.splitlines()[0].startswith("size=0x32: expected pow2 or WIDTHxHEIGHT")
     assert done.stdout.splitlines()[1] == "cancelled"
 
 
@@ -179,6 +179,6 @@ def test_a_tile_is_the_programs(folder):
         "missing has no pixels that can be read: its file may be missing",
         "/bin/false cannot start oiiotex",
         "has no UV map: Smart UV Project makes one",
-        "photo.png: colour space Linear Rec.2020: allowed are sRGB, Linear Rec.709, Non-Color",
+        "photo.png: colour space Linear Rec.2020: expected sRGB, Linear Rec.709, Non-Color",
     ):
         assert any(text in one for one in said), done.stdout

@@ -276,7 +276,7 @@ def test_no_error_exit_goes_on(folder, tmp_path, caplog):
         ("a.png --stackextract 4", "there is no image 4"),
         ("a.png --subimage 3", "has no part '3'; it has 0"),
         ("a.png -o:tiel=3x3 x.png", "unknown modifier 'tiel', did you mean 'tile'?"),
-        ("a.png -o:all=0 100%.png", "allowed is one %d"),
+        ("a.png -o:all=0 100%.png", "expected one %d"),
         ("a.png --addc x", "value=x"),
         ("a.png --echo '{TOP.widht}'", "widht"),
     ],

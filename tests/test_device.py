@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oiiotex.core.machine import memory
-from oiiotex.errors import DeviceError
+from oiiotex.errors import DeviceError, MemoryBudgetError
 from oiiotex.opencl import device as devices
 from oiiotex.opencl.buffers import Buffers
 from oiiotex.opencl.source import kernel_source
@@ -38,7 +38,7 @@ def test_a_checker_is_never_the_default():
 
 
 def test_buffers_are_refused_before_they_are_taken(device):
-    with pytest.raises(DeviceError, match=r"a test needs 3 MB, the budget is 2 MB"):
+    with pytest.raises(MemoryBudgetError, match=r"a test needs 3 MB of memory; the budget is 2 MB"):
         Buffers(device, {"a": 1 << 20, "b": 1 << 20}, 2 << 20, "a test", held=1 << 20)
     with pytest.raises(DeviceError, match=r"a test needs \d+ MB, .* gives \d+ MB at most"):
         Buffers(device, {"a": 1 << 50}, 1 << 60, "a test")

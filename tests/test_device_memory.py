@@ -15,7 +15,7 @@ from oiiotex import filters
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_on_device import LabGrid
 from oiiotex.core.window import Window
-from oiiotex.errors import DeviceError, OutOfDeviceMemory
+from oiiotex.errors import DeviceError, MemoryBudgetError, OutOfDeviceMemory
 from oiiotex.multiscale import candidate_sets
 from oiiotex.opencl import buffers
 from oiiotex.opencl import device as devices
@@ -190,7 +190,7 @@ def test_budgets_of_host_and_device_are_two_figures():
         with pytest.raises(DeviceError, match=r"a test needs 5 MB, .* gives 4 MB at most"):
             Buffers(device, {"a": 5 << 20}, 1 << 20, "a test")
     assert device.taken == 0
-    with pytest.raises(DeviceError, match="a test needs 2 MB, the budget is 1 MB"):
+    with pytest.raises(MemoryBudgetError, match="a test needs 2 MB of memory; the budget is 1 MB"):
         Buffers(device, {"a": 1}, 1 << 20, "a test", held=2 << 20)
     assert device.memory_budget(1 << 20) == 7 << 20
     shared = devices.open_device()
@@ -219,7 +219,7 @@ def test_a_small_sigma_over_a_large_tile_is_held_in_bands(device, measure, gigab
     for plan, budget in ((small, 600 << 20), (large, 3 << 30)):
         assert sum(plan.layout.values()) + plan.on_host <= budget
     assert small.layout["field"] < large.layout["field"] == 4 * 4096**2  # then the tile's own rows are not banded
-    with pytest.raises(DeviceError, match=r"a tile needs \d+ MB, the budget is 64 MB"):
+    with pytest.raises(MemoryBudgetError, match=r"a tile needs \d+ MB of memory; the budget is 64 MB"):
         Buffers(device, planned(64 << 20).layout, 64 << 20, "a tile")
 
 

@@ -117,7 +117,7 @@ def test_normals_are_those_of_the_heights():
 
 def test_what_contradicts_itself_or_does_not_fit_is_refused():
     photo = gray(np.ones((64, 64)))
-    with pytest.raises(errors.ParameterError, match="exclude each other"):
+    with pytest.raises(errors.ParameterError, match="conflicts with overcast=True"):
         filters.estimateheight(photo, light=90.0, overcast=True)
     with pytest.raises(errors.ImageError, match=r"heights of 64x64 needs \d+ MB"):
         filters.estimateheight(photo, session=Session(budget=1 << 18))
@@ -195,7 +195,7 @@ def test_occlusion_looks_around_what_tiles(tile):
 def test_occlusion_of_broken_heights_is_refused(value, text):
     heights = np.zeros((24, 24))
     heights[0, 5] = value  # which lies beyond the border too
-    with pytest.raises(errors.ImageError, match=f"{text} values: repair them first"):
+    with pytest.raises(errors.ImageError, match=f"{text} values: repair them by"):
         pixels(filters.estimateao(gray(heights, "data"), radius=4))
 
 

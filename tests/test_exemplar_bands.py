@@ -13,7 +13,7 @@ from oiiotex import filters
 from oiiotex.core import image, source_map
 from oiiotex.core.demand import MadeRows
 from oiiotex.core.source_map import SourceMap
-from oiiotex.errors import DeviceError
+from oiiotex.errors import MemoryBudgetError
 from oiiotex.exemplar import patch_synthesis
 from oiiotex.io.disk_cache import hash_of
 from oiiotex.io.row_store import RowStore
@@ -75,7 +75,7 @@ def least_plan(device, shape, recipe, geometries, scales, constraints, budget, h
         plan = memory.plan_memory(device, shape, recipe, geometries, scales, constraints, budget, held)
         try:
             require_room(device, plan.layout, budget, "", plan.on_host)
-        except DeviceError:
+        except MemoryBudgetError:
             budget = budget * 13 // 12
         else:
             return plan

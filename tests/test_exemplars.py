@@ -105,7 +105,7 @@ def test_yaml_wants_a_package_that_may_not_be_there(tmp_path, monkeypatch):
 
 
 WRONG = [
-    ([], "an object of exemplars, nodes, root, edges is wanted, not list"),
+    ([], "expected an object of exemplars, nodes, root, edges, not list"),
     ({}, "there is no exemplar"),
     ({"exemplars": {}}, "exemplars is a list, not dict"),
     (document(CHAIN, nodes=[]), "exemplars and nodes are the same"),
@@ -121,18 +121,18 @@ WRONG = [
         r"edge a -> b: for r=3 exemplar 'b' would be resampled 2.667 times, more than sqrt\(2\): say .resample.: true",
     ),
     (document([*CHAIN, edge("b", "c", scale=2, r=2)]), "edge b -> c: r=2, but by the other edges it is 1"),
-    (document(CHAIN, resample=1), "resample=1: allowed is true or false"),
-    (document([edge("a", "b", r=1.5)]), r"edge a -> b: r=1.5: allowed is a whole number >= 0"),
-    (document([edge("a", "b", r=-1)]), r"edge a -> b: r=-1: allowed is a whole number >= 0"),
-    (document([edge("a", "b", scale=0.5)]), r"edge a -> b: scale=0.5: allowed is a number >= 1"),
+    (document(CHAIN, resample=1), "resample=1: expected true or false"),
+    (document([edge("a", "b", r=1.5)]), r"edge a -> b: r=1.5: expected a whole number >= 0"),
+    (document([edge("a", "b", r=-1)]), r"edge a -> b: r=-1: expected a whole number >= 0"),
+    (document([edge("a", "b", scale=0.5)]), r"edge a -> b: scale=0.5: expected a number >= 1"),
     (document([*CHAIN, edge("c", "a", r=1)]), "there is no root: say root, every exemplar is the end of an edge"),
     (document([edge("a", "c", r=1)]), "there is no root: say root, a or b"),
     (document(CHAIN, root="x"), "root 'x' is no exemplar; there is a, b, c"),
     (document([edge("a", "b", r=1)], root="a"), "no edges lead from root 'a' to exemplar 'c'"),
     (document([*CHAIN, edge("c", "c", scale=3)]), "edge c -> c: scale=3 is no power of two and closes a loop"),
-    (document(CHAIN, jitter=[2]), "jitter 2: allowed is a number >= 0 and <= 1"),
+    (document(CHAIN, jitter=[2]), "jitter 2: expected a number >= 0 and <= 1"),
     (document(CHAIN, jitter=[]), "jitter has no levels"),
-    (document(CHAIN, seed=-1), "seed=-1: allowed is a whole number"),
+    (document(CHAIN, seed=-1), "seed=-1: expected a whole number"),
 ]
 
 

@@ -137,7 +137,7 @@ def test_two_runs_at_once_share_the_work(folder):
         (["ingest", "photos", "x", "--recipe", "recipe.toml", "--share", "1/1000000"], "I from 1 to N, N to 999999"),
         (["list", "photos"], "photos: no library: oiiotex-library ingest PHOTOS photos makes one"),
         (["lst", "photos"], "invalid choice: 'lst'"),
-        (["export", "photos", ""], "argument FOLDER: '': allowed is a path"),
+        (["export", "photos", ""], "argument FOLDER: '': expected a path"),
     ],
 )
 def test_errors_are_one_line_and_touch_no_large_library(folder, words, text):

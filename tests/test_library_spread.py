@@ -89,8 +89,7 @@ def test_what_is_short_of_memory_is_tried_alone_with_all_of_it(photos, tmp_path,
     def outcomes(jobs, workers):
         for job in jobs:
             seen.append((workers, job.budget))
-            text = "needs 9 MB of memory; the budget is 1 MB" if job.budget < 1 << 30 else "x"
-            yield making.Outcome(job.material.name, None, text), job
+            yield making.Outcome(job.material.name, None, "x", short_of_memory=job.budget < 1 << 30), job
 
     monkeypatch.setattr(ingest, "_in_processes", outcomes)
     _, said = brought_in(photos, tmp_path / "library", recipe(), workers=2, budget=1 << 30)

@@ -138,14 +138,14 @@ def test_labels_and_metres_are_searched(tmp_path):
         assert names(label="#9c3d20") == names(label="#9c3d20>0.05") == ["m1", "m0"]
         assert names(label="label.2/*>0.65") == ["m0"] and names(measures=("labels>1",)) == ["m0", "m1", "m2"]
         for wrong in ("rust>20%", "#9c3d20>x", ">0.2", "rust>1"):
-            with pytest.raises(errors.Error, match=r"--label .*: allowed is NAME or #RRGGBB, and >SHARE behind it"):
+            with pytest.raises(errors.Error, match=r"--label .*: expected NAME or #RRGGBB, and >SHARE behind it"):
                 names(label=wrong)
         for wrong in (-1.0, float("nan")):
-            with pytest.raises(errors.Error, match=r"--distance .*: allowed is a number >= 0"):
+            with pytest.raises(errors.Error, match=r"--distance .*: expected a number >= 0"):
                 names(color="9c3d20", distance=wrong)
         assert names(size=">1.5x1.5m") == ["m1"] and names(size="1x1m") == ["m0"] and names(size="<2x2m") == ["m0"]
         for term in ("#rust", "rust>1"):
-            with pytest.raises(errors.Error, match=f"--label {term}: allowed is"):
+            with pytest.raises(errors.Error, match=f"--label {term}: expected"):
                 names(label=term)
         catalogue.put(rows[0][0])
         assert names(label="rust") == ["m1"]

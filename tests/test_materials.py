@@ -120,11 +120,11 @@ def test_maps_of_different_sizes_or_windows_are_refused(change, said):
     [
         (
             {"kinds": ["colour", "normal"]},
-            "kinds=colour,normal: allowed is one of .* for each of the 3 maps",
+            "kinds=.'colour', 'normal'.: expected one of .* for each of the 3 maps",
         ),
-        ({"kinds": ("colour", "bump", "data")}, "kinds=colour,bump,data: allowed is"),
-        ({"match": (1, 1)}, "match=1,1: allowed is one number for each of the 3 maps"),
-        ({"match": (0, 0, 0)}, "match=0,0,0: allowed is"),
+        ({"kinds": ("colour", "bump", "data")}, "kinds=.'colour', 'bump', 'data'.: expected"),
+        ({"match": (1, 1)}, "match=.1.0, 1.0.: expected one number for each of the 3 maps"),
+        ({"match": (0, 0, 0)}, "match=.0.0, 0.0, 0.0.: expected"),
         ({"n": 2}, "n=2: there are 3 maps"),
     ],
 )

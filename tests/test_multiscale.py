@@ -10,7 +10,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex.core.window import Window
-from oiiotex.errors import DeviceError, ParameterError
+from oiiotex.errors import MemoryBudgetError, ParameterError
 from oiiotex.multiscale.candidate_sets import analyse
 from oiiotex.multiscale.contrast import kept_in, with_contrast
 from oiiotex.multiscale.graph import Graph
@@ -179,9 +179,9 @@ def test_seeds_differ(device, plain):
 
 
 def test_what_does_not_fit_is_refused_with_a_figure(device, plain):
-    with pytest.raises(DeviceError, match=r"the analysed exemplars needs 1 MB, the budget is 1 MB"):
+    with pytest.raises(MemoryBudgetError, match=r"the analysed exemplars needs 1 MB of memory; the budget is 1 MB"):
         Synthesizer(device, plain, settings(), 1 << 10)
-    with pytest.raises(DeviceError, match=r"a window of 4096x4096 pixels needs \d+ MB, the budget is 4 MB"):
+    with pytest.raises(MemoryBudgetError, match=r"a window of 4096x4096 pixels needs \d+ MB of memory; .* 4 MB"):
         Synthesizer(device, plain, settings(), 4 << 20).window(5, Window(0, 0, 4096, 4096))
     with pytest.raises(ParameterError, match="level=61"):
         Synthesizer(device, plain, settings(), BUDGET).window(61, Window(0, 0, 4, 4))

@@ -132,9 +132,9 @@ def naming(level: object, label: object, name: object) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("table", "said"),
     [
-        ({"255,0,0": 1}, "not a table of --texpalette"),
-        ([], "not a table"),
-        (naming([], 1, "x"), "not a table"),
+        ({"255,0,0": 1}, "expected a table of --texpalette"),
+        ([], "expected a table"),
+        (naming([], 1, "x"), "expected a table"),
         (naming(1, 900, "x"), "no label.1/900"),
         (naming(99, 1, "x"), "no label.99/1"),
         (naming(1, 1, 7), "texts as names"),

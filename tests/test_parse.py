@@ -163,12 +163,12 @@ def test_an_unknown_modifier_is_refused_before_anything_is_done(option):
 
 def test_a_modifiers_value_is_checked_before_anything_is_done_unless_it_is_an_expression():
     text = refusal(read, "a.exr", "--texstationarize:sigma=0")
-    assert text == "--texstationarize : sigma=0: allowed is a number >= 0.5 and <= 1000000 px"
+    assert text == "--texstationarize : sigma=0: expected a number >= 0.5 and <= 1000000 px"
     assert "did you mean 'sigma'" in refusal(read, "--texstationarize:sgima={TOP.width/4}")
     (step,) = read("--texstationarize:sigma={TOP.width/4}:seed=3").steps
     assert step.word == "--texstationarize:sigma={TOP.width/4}:seed=3"
     assert values_of(step, {"sigma": None, "seed": "3"}) == {"seed": 3}
-    assert "sigma=0: allowed" in refusal(values_of, step, {"sigma": "0"})
+    assert "sigma=0: expected" in refusal(values_of, step, {"sigma": "0"})
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_a_language_says_what_is_refused_and_why(monkeypatch):
     assert (step.option, step.op, step.arguments) == (dig, None, ("here",))
     assert values_of(step, {"depth": "3"}) == {"depth": 3}
     assert refusal(parse, ["-fly", "up", "high"], language) == "-fly of oiiotool is not here: people cannot fly"
-    assert refusal(parse, ["--dig:depth=-1", "here"], language).startswith("--dig : depth=-1: allowed is")
+    assert refusal(parse, ["--dig:depth=-1", "here"], language).startswith("--dig : depth=-1: expected")
     assert refusal(parse, ["--texwarp"], language).startswith("unknown option '--texwarp'")
 
 

@@ -201,7 +201,7 @@ def test_where_sigma_is_small_the_result_is_more_even():
     ("value", "said"),
     [
         (0.0, "sigmamap has 5 values below 0.5 px, the least is 0: sigmas are in pixels"),
-        (np.nan, "sigmamap has 5 NaN or Inf values: allowed are numbers >= 0.5 px"),
+        (np.nan, "sigmamap has 5 NaN or Inf values: expected numbers >= 0.5 px"),
     ],
 )
 def test_sigmas_that_are_none_are_refused(value, said):

@@ -342,7 +342,7 @@ def test_numbers_are_written_as_the_fmt_library_writes_them(value, text):
         ("--metamatch '(' --info photo.png", "no regular expression"),
         ("photo.png --printstats:window=0x0+0+0", "no pixel|needs|window"),
         ("photo.png --diff", "2 image"),
-        ("--info:format=json photo.png", "allowed is"),
+        ("--info:format=json photo.png", "expected"),
         (
             "--cache 1 hdr.exr photo.png --add photo.png --resize 400x400 --dup --flipdiff",
             "MB of memory; the budget is 1 MB",

@@ -53,9 +53,9 @@ REFUSED = {
     "a profile's folder": ("photo.png --texstationarize -o t.exr photo.png --iccwrite p.icc", "no ICC profile"),
     "an input later on the line": ("photo.png --texstationarize nosuch.png --over -o t.exr", "no such file"),
     "a later op": ("photo.png --texstationarize -o t.exr photo.png --texsynth:window=bad -o s.exr", "window=bad"),
-    "a window": ("photo.png --texsynth:window=32by32 -o t.exr", "allowed is WxH+X+Y"),
-    "a window outside": ("photo.png --texsynth:size=64x64:window=32x32+60+0 -o t.exr", "is not inside size"),
-    "a share": ("photo.png --texsynth:tiles=3of9 -o t.exr", "allowed is I/N"),
+    "a window": ("photo.png --texsynth:window=32by32 -o t.exr", "expected WxH+X+Y"),
+    "a window outside": ("photo.png --texsynth:size=64x64:window=32x32+60+0 -o t.exr", "expected a window inside size"),
+    "a share": ("photo.png --texsynth:tiles=3of9 -o t.exr", "expected I/N"),
     "memory of synthesis": ("--cache 1 photo.png --texsynth -o t.exr", "the analysed exemplars needs"),
     "memory of a tile": (
         "--cache 64 photo.png --texstationarize:size=2048x2048 -o t.exr",

@@ -180,12 +180,12 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
     ("given", "said"),
     [
         ({"fail": ["sea>1"]}, "fail=sea>1: no measure 'sea', did you mean 'seam'"),
-        ({"fail": ["seam=1"]}, "fail=seam=1: allowed is NAME>NUMBER or NAME<NUMBER"),
-        ({"fail": ["seam>nan"]}, "allowed is NAME>NUMBER"),
+        ({"fail": ["seam=1"]}, "fail='seam=1': expected NAME>NUMBER or NAME<NUMBER"),
+        ({"fail": ["seam>nan"]}, "expected NAME>NUMBER"),
         ({"fail": ["seam>1"], "tile": "none"}, "fail=seam>1: seam is not measured of this result"),
         ({"fail": ["seam_y>1"], "tile": "x"}, "seam_y is not measured"),
         ({"fail": ["textured<1"]}, "textured is not measured"),
-        ({"fail": "seam>1"}, "a sequence of texts is wanted"),
+        ({"fail": "seam>1"}, "expected a sequence of texts"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused_before_the_work(given, said, monkeypatch):

@@ -148,7 +148,7 @@ def test_what_is_urgent_is_done_in_between_and_what_is_cancelled_ends(client, ph
 def test_errors_are_in_words(client, photo):
     for op, images, values, text in (
         ("stationarise", [photo], {}, "did you mean 'stationarize'"),
-        ("stationarize", [photo], {"sigma": 0}, "sigma=0: allowed is a number >= 0.5"),
+        ("stationarize", [photo], {"sigma": 0}, "sigma=0: expected a number >= 0.5"),
         ("stationarize", [], {}, "takes 1 image"),
         ("stationarize", [10**6], {}, "there is no image"),
     ):

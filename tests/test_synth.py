@@ -106,7 +106,7 @@ def test_shares_of_a_farm_are_the_whole_when_they_are_put_together(folder):
     shares = [load(folder / f"share{n}.exr") for n in (1, 2, 3)]
     np.testing.assert_array_equal(np.concatenate(shares), load(folder / "whole.exr"))
     for wrong in ("0/3", "4/3", "1", "1/51", "a/b"):
-        assert f"tiles={wrong}: allowed is I/N" in refusal(folder, "photo.png", f"--texsynth:size=70x50:tiles={wrong}")
+        assert f"tiles={wrong}: expected I/N" in refusal(folder, "photo.png", f"--texsynth:size=70x50:tiles={wrong}")
 
 
 @pytest.mark.slow
@@ -216,17 +216,17 @@ WRONG = [
     (("--texsynth:graph=bad.json",), "bad.json: not JSON"),
     (("--texsynth:graph=deep.json",), "edge photo -> photo: r=4 is more than r_max = L - 3 = 3 of exemplars"),
     (("--texsynth:graph=away.json",), "gone.png: no such file"),
-    (("--texsynth:graph=loop.json:window=3x4",), "window=3x4: allowed is WxH+X+Y"),
-    (("--texsynth:graph=loop.json:window=0x4+1+1",), "allowed is WxH+X+Y"),
+    (("--texsynth:graph=loop.json:window=3x4",), "window=3x4: expected WxH+X+Y"),
+    (("--texsynth:graph=loop.json:window=0x4+1+1",), "expected WxH+X+Y"),
     (("--texsynth:graph=loop.json:window=4x4+9999999999999999999999+1",), "places up to 2^60"),
-    (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "window=9x9+15+0 is not inside size=20x20"),
-    (("--texsynth:graph=loop.json:level=61",), "level=61: allowed is a whole number >= 0 and <= 60"),
+    (("--texsynth:graph=loop.json:size=20x20:window=9x9+15+0",), "9x9+15+0: expected a window inside size=20x20"),
+    (("--texsynth:graph=loop.json:level=61",), "level=61: expected a whole number >= 0 and <= 60"),
     (("--texsynth:graph=loop.json:stmap=loop.json",), "loop.json would overwrite graph, a file that it reads"),
     (("photo.png", "--texsynth:stmap=photo.png"), "photo.png would overwrite exemplar, an image that it reads"),
-    (("photo.png", "--texsynth:size=100x64:toroidal=1"), "size=100x64: on level 6 allowed are multiples of 64 px"),
-    (("photo.png", "--texsynth:toroidal=1"), "toroidal=1: say size, after which the texture repeats"),
-    (("photo.png", "--texsynth:size=70x50:tiles=4/3"), "tiles=4/3: allowed is I/N, I from 1 to N, N at most 50 rows"),
-    (("photo.png", "--texsynth:lock=61"), "lock=61: allowed is 0 or 1 or a whole number >= 0 and <= 60"),
+    (("photo.png", "--texsynth:size=100x64:toroidal=1"), "size=100x64: expected multiples of 64 px, for toroidal=1"),
+    (("photo.png", "--texsynth:toroidal=1"), "toroidal=1 requires size, after which the texture repeats"),
+    (("photo.png", "--texsynth:size=70x50:tiles=4/3"), "tiles=4/3: expected I/N, I from 1 to N, N at most 50 rows"),
+    (("photo.png", "--texsynth:lock=61"), "lock=61: expected 0 or 1 or a whole number >= 0 and <= 60"),
     (("photo.png", "--texsynth:size=70x50:window=9x9+0+0:tiles=1/10"), "N at most 9 rows"),
     (("tiny.png", "--texsynth"), "tiny.png is 9 px wide or high: an exemplar has 16 or more"),
     (("clear.png", "--texsynth"), "clear.png: the 16x16 px in its middle are transparent"),

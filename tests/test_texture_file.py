@@ -55,32 +55,32 @@ def wall(folder: Path, name: str = "wall.oiiotex", **changes: object) -> str:
 @pytest.mark.parametrize(
     ("changes", "query", "text"),
     [
-        ({"oiiotex": 2}, "", '"oiiotex": 1, the version of the format, is wanted'),
+        ({"oiiotex": 2}, "", 'expected "oiiotex": 1, the version of the format'),
         ({"oiiotex": True}, "", "the version of the format"),
-        ({"photo": None}, "", "one of photo, graph and tiles is wanted, not none"),
+        ({"photo": None}, "", "expected one of photo, graph and tiles, not none"),
         ({"graph": "loop.json"}, "", "not photo and graph"),
         ({"photo": "nowhere.exr"}, "", "nowhere.exr: No such file"),
-        ({"photo": 7}, "", "photo=7: allowed is a text"),
+        ({"photo": 7}, "", "photo=7: expected a text"),
         ({"fotograph": "x.exr"}, "", "unknown 'fotograph'.*; there is oiiotex, photo, graph, tiles"),
-        ({"size": None}, "", "size is wanted: WIDTHxHEIGHT"),
-        ({"size": "0x4"}, "", "size=0x4: allowed"),
+        ({"size": None}, "", "size is missing: expected WIDTHxHEIGHT"),
+        ({"size": "0x4"}, "", "size=0x4: expected"),
         ({"size": f"{2**31}x4"}, "", r"<= 2147482624 px \(2\^31 - 1024\)"),
-        ({"size": "2147482624x131073"}, "", r"allowed are 2\^48 px in all"),
+        ({"size": "2147482624x131073"}, "", r"expected at most 2\^48 px in all"),
         ({"plan": "loop.json"}, "", "size beside plan: a plan is of a photo, and says the rest"),
         ({"plan": "loop.json", "size": None, "seed": None}, "?seed=7", "seed beside plan"),
         ({"tiles": "photo.exr"}, "", "not photo and tiles"),
         ({"photo": None, "tiles": "photo.exr", "level": 3}, "", "level beside tiles: they have one"),
-        ({"seed": -1}, "", "seed=-1: allowed is a whole number >= 0 and <= 4294967295"),
-        ({"seed": True}, "", "seed=True: allowed"),
-        ({"level": 61}, "", "level=61: allowed is a whole number >= 0 and <= 60"),
-        ({"autocc": 1}, "", "autocc=1: allowed is true or false"),
+        ({"seed": -1}, "", "seed=-1: expected a whole number >= 0 and <= 4294967295"),
+        ({"seed": True}, "", "seed=True: expected"),
+        ({"level": 61}, "", "level=61: expected a whole number >= 0 and <= 60"),
+        ({"autocc": 1}, "", "autocc=1: expected true or false"),
         ({"photo": None, "graph": "loop.json", "colorspace": "ACEScg"}, "", "colorspace is a photo's"),
         ({}, "?sed=7", r"'\?sed=7': allowed behind \? is seed, size"),
-        ({}, "?seed=seven", "seed=seven: allowed is a whole number"),
-        ({}, "?size=8", "size=8: allowed is WIDTHxHEIGHT"),
+        ({}, "?seed=seven", "seed=seven: expected a whole number"),
+        ({}, "?size=8", "size=8: expected WIDTHxHEIGHT"),
         ({}, f"?seed={'9' * 9000}", r"what is behind '\?' has 9005 letters: expected 1000 at most"),
-        ({}, f"?size={'9' * 990}", r"size=9{60}: allowed is WIDTHxHEIGHT"),
-        ({}, f"?seed={'9' * 990}", r"seed=9{60}: allowed is a whole number"),
+        ({}, f"?size={'9' * 990}", r"size=9{60}: expected WIDTHxHEIGHT"),
+        ({}, f"?seed={'9' * 990}", r"seed=9{60}: expected a whole number"),
         ({"colorspace": "x" * 1001}, "", r"colorspace='x{60}'\.\.\.: expected 1000 letters at most"),
         ({"photo": "a\0b"}, "", r"photo='a\\x00b'\.\.\.: expected 1000 letters at most, none NUL"),
     ],
@@ -93,7 +93,7 @@ def test_what_is_wrong_in_a_document_is_said(folder, changes, query, text):
 
 @pytest.mark.parametrize(
     ("content", "text"),
-    [("{", "not JSON"), ("[1]", "an object of oiiotex, photo, graph, tiles, size is wanted"), ("", "not JSON")],
+    [("{", "not JSON"), ("[1]", "expected an object of oiiotex, photo, graph, tiles, size"), ("", "not JSON")],
 )
 def test_what_is_no_document_is_said(folder, content, text):
     (folder / "bad.oiiotex").write_text(content)
@@ -285,5 +285,5 @@ def test_colour_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder,
 )
 def test_what_is_no_tile_is_refused(folder, session, level, window):
     texture = opened(read_texture_file(wall(folder, colorspace="lin_rec709_scene")).text(), session)
-    with pytest.raises(ImageError, match=r"allowed are up to|there are 17"):
+    with pytest.raises(ImageError, match=r"expected up to|there are 17"):
         texture.tile(level, Window(*window), session)

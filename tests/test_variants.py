@@ -54,10 +54,10 @@ def test_sizes_may_differ():
         ({"vary": "sigma"}, "say both or neither"),
         ({"over": ["1"]}, "say both or neither"),
         ({"vary": "sgima", "over": ["1"]}, "did you mean 'sigma'"),
-        ({"vary": "seed", "over": ["1"]}, "vary=seed: of filters.stationarize"),
-        ({"vary": "sigma", "over": ["8", "x"]}, "sigma=x: allowed is a number"),
-        ({"vary": "sigma", "over": ["8", "0"]}, "sigma=0: allowed is a number"),
-        ({"filter": "warp"}, "filter='warp': allowed is 'stationarize'"),
+        ({"vary": "seed", "over": ["1"]}, "vary='seed': of filters.stationarize"),
+        ({"vary": "sigma", "over": ["8", "x"]}, "sigma='x': expected a number"),
+        ({"vary": "sigma", "over": ["8", "0"]}, "sigma='0': expected a number"),
+        ({"filter": "warp"}, "filter='warp': expected 'stationarize'"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_the_work(given, said):

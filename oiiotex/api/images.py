@@ -10,10 +10,9 @@ from ..core.window import Window
 from ..io.paint_palette import write_indexed
 from ..io.reading import read
 from ..io.writing import write
-from ..session import SHORT_OF_MEMORY, Session
+from ..session import Session
 
 __all__ = [
-    "SHORT_OF_MEMORY",
     "TAG",
     "Image",
     "Part",

@@ -165,7 +165,7 @@ def _loaded(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     for matrix, one in meshes:
         vertices = np.asarray(one.vertices, np.float64)
         if vertices.shape[1:] != (3,):
-            raise ImageError(f"{path.name} has vertices of {vertices.shape[-1]} coordinates: 3 are wanted")
+            raise ImageError(f"{path.name} has vertices of {vertices.shape[-1]} coordinates: expected 3")
         points.append(vertices @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3])
         faces.append(np.asarray(one.faces, np.int64) + count)
         uv = getattr(one.visual, "uv", None)

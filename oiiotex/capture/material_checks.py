@@ -22,7 +22,7 @@ from ..core.image import Image, channels_of
 from ..core.window import Window
 from ..deferred import np
 from ..drift.drift_field import drift_of
-from ..errors import BrokenValues, ColorError, Error, ImageError, present
+from ..errors import COLORSPACE, IS_DATA, BrokenValues, ColorError, ImageError, present, spelled
 from ..io.description import is_tagged
 from ..scan import scan
 from ..session import Session
@@ -174,7 +174,7 @@ def _tagged(one: _Map, session: Session) -> Iterator[Finding]:
     tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
     assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
     if tag and not assumed and not session.color.is_data(tag):
-        text = f"says '{tag}': a renderer that believes it decodes what is no colour: --iscolorspace data"
+        text = f"says '{tag}': a renderer that believes it decodes what is no colour: {IS_DATA}"
         yield Finding(WARNING, path, "colourspace", text)
 
 
@@ -189,9 +189,9 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     try:
         space = colour_space(one.image, session.color, session.autocc)
     except (ColorError, ImageError) as error:
-        raise _Unusable("colourspace", _without_name(error, name)) from None
+        raise _Unusable("colourspace", spelled(error.problem)) from None
     if space is None:
-        raise _Unusable("colourspace", "is tagged as data: say --iscolorspace NAME if it is colour")
+        raise _Unusable("colourspace", f"is tagged as data: say {COLORSPACE} if it is colour")
     counts = np.zeros(4, np.int64)
 
     def look(values: np.ndarray, opaque: np.ndarray | None, _: Window) -> np.ndarray:
@@ -206,7 +206,7 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     try:
         scan(part, lens, session, look, keep)
     except BrokenValues as error:  # of alpha
-        raise _Unusable("broken", _without_name(error, name)) from None
+        raise _Unusable("broken", spelled(error.problem)) from None
     dark, bright, impossible = (counts[1:] / max(1, counts[0])).tolist()
     one.measures |= {"dark": dark, "bright": bright, "impossible": impossible}
     if impossible > 0:
@@ -229,11 +229,6 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
 def _percent(share: float) -> str:
     percent = 100 * share
     return "less than 0.01 %" if percent < 0.01 else f"{percent:{'.0f' if percent >= 99 else '.2g'}} %"
-
-
-def _without_name(error: Error, name: str) -> str:
-    """What a finding says, which names the map itself."""
-    return str(error).removeprefix(f"{name} ")
 
 
 # --- normals, heights, data ---

@@ -50,7 +50,7 @@ def _line(words: list[str]) -> int:
 
 
 def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
-    from ..errors import Error
+    from ..errors import OUT_OF_MEMORY, Error, spelled
     from .running.streams import drop
 
     try:
@@ -62,7 +62,7 @@ def _run(words: list[str], work: Callable[[list[str]], int]) -> int:
     except Error as error:
         return _failed(words, str(error))
     except MemoryError:
-        return _failed(words, "out of memory: lower --cache, or make the tile or the photo smaller")
+        return _failed(words, spelled(OUT_OF_MEMORY))
     except BrokenPipeError:  # who reads what is printed has gone, with files perhaps not written
         drop(1)
         return 141  # as a shell says it of a program that SIGPIPE ends

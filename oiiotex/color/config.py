@@ -15,14 +15,15 @@ from ..core.attributes import TAG
 from ..core.image import Image, channels_of
 from ..core.parameters import nearest
 from ..deferred import np, ocio, oiio
-from ..errors import ColorError, ImageError, one_line
+from ..errors import COLORSPACE, IS_DATA, ColorError, ImageError, either, one_line
 from ..io.documents import require_regular
 from .normal_maps import warn_of_normals
 
 # OpenImageIO embeds another OpenColorIO than PyOpenColorIO, so 'ocio://default' would mean two configs.
 DEFAULT_CONFIG = "ocio://cg-config-v4.0.0_aces-v2.0_ocio-v2.5"
 INTERCHANGE_SPACES = ("lin_rec709", "ACES2065-1", "CIE XYZ D65")  # of our own config
-_HINT = "; --interchange SPACE lin_rec709 says which of its spaces is linear Rec. 709 (or ACES2065-1, 'CIE XYZ D65')"
+_INTERCHANGE = either("--interchange SPACE lin_rec709", "Session(interchange=(SPACE, 'lin_rec709'))")
+_HINT = f"; {_INTERCHANGE} says which of its spaces is linear Rec. 709 (or ACES2065-1, 'CIE XYZ D65')"
 _BIT_DEPTHS = {
     "BIT_DEPTH_UINT8": ("uint8", 8), "BIT_DEPTH_UINT10": ("uint16", 10), "BIT_DEPTH_UINT12": ("uint16", 12),
     "BIT_DEPTH_UINT16": ("uint16", 16), "BIT_DEPTH_F16": ("half", 16), "BIT_DEPTH_F32": ("float", 32),
@@ -73,8 +74,8 @@ class ColorConfig:
         space = self._space(name) or self._space_called(name)
         if space is None:
             raise ColorError(
-                f"colour space '{name}' is not in {self.path}{nearest(name, self._all_names())};"
-                " oiiotex --colorconfiginfo lists them"
+                f"colour space '{name}' is not in {self.path}{nearest(name, self._all_names())}"
+                f"{either('; oiiotex --colorconfiginfo lists them', '')}"
             )
         return space.getName()
 
@@ -221,8 +222,9 @@ def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
     by_name = config.space_by_file_rules(image.source) if autocc else None
     if by_name is None:
         raise ColorError(
-            f"{image.source} does not say its colour space: add --iscolorspace NAME after it"
-            f" (or set the attribute '{TAG}'), or --iscolorspace data where its channels are no colours"
+            f"does not say its colour space: add {COLORSPACE}{either(' after it', '')}"
+            f" (or set the attribute '{TAG}'), or {IS_DATA} where its channels are no colours",
+            subject=image.source,
         )
     return by_name
 
@@ -245,7 +247,7 @@ def colour_space(image: Image, config: ColorConfig | None, autocc: bool = False)
     config.warn_once(image)
     count = len(channels_of(image.first.spec).colour)
     if count not in (1, 3):
-        raise ImageError(f"{image.source} has {count} channels beside alpha: no colour; say --iscolorspace data")
+        raise ImageError(f"has {count} channels beside alpha: no colour; say {IS_DATA}", subject=image.source)
     return space
 
 

@@ -88,7 +88,7 @@ def _timecode(text: str) -> np.ndarray:
     match = re.fullmatch(r"(\d\d?)[:](\d\d?)[:](\d\d?)[:;](\d\d?)", text, re.ASCII)
     numbers = [int(word) for word in match.groups()] if match else [99]
     if not all(number < limit for number, limit in zip(numbers, (24, 60, 60, 60), strict=False)):
-        raise ParameterError(f"'{text}' is no timecode: allowed is HH:MM:SS:FF, or two whole numbers with a comma")
+        raise ParameterError(f"'{text}' is no timecode: expected HH:MM:SS:FF, or two whole numbers with a comma")
     packed = 0
     for number in numbers:
         packed = packed << 8 | number // 10 << 4 | number % 10

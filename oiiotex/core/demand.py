@@ -19,7 +19,7 @@ from io import BufferedRandom
 from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, overload
 
 from ..deferred import np, oiio
-from ..errors import ImageError
+from ..errors import ImageError, MemoryBudgetError
 from .image import Part, Pixels, dtype_of, from_pixels
 from .window import Window
 
@@ -170,10 +170,7 @@ def cached(part: Part, cache: PieceCache) -> Part:
         return part
     row = part.spec.width * part.pixel_bytes
     if row > cache.limit:
-        raise ImageError(
-            f"a row of {part.spec.width} pixels takes {row >> 20} MB: expected at most {cache.limit >> 20} MB;"
-            " raise --cache, or make the image narrower"
-        )
+        raise MemoryBudgetError(f"a row of {part.spec.width} pixels", row, cache.limit, "make the image narrower")
     owner, whole = object(), part.window
     cell = (whole.width, rows_for(part, BAND_BYTES // 2))
 

@@ -330,7 +330,7 @@ def from_buffer(buffer: oiio.ImageBuf) -> Image:
         It holds no image, or one of a kind that cannot be used (deep, volume).
     """
     if not isinstance(buffer, oiio.ImageBuf):
-        raise ImageError(f"an OpenImageIO.ImageBuf is wanted, not {type(buffer).__name__}")
+        raise ImageError(f"expected an OpenImageIO.ImageBuf, not {type(buffer).__name__}")
     if buffer.has_error or not buffer.initialized:
         raise ImageError(f"{buffer.name or 'ImageBuf'}: {one_line(buffer.geterror()) or 'holds no image'}")
     spec = oiio.ImageSpec(buffer.spec())

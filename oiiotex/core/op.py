@@ -7,6 +7,7 @@ use of it, with its images and checked values.
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..errors import ParameterError
+from ..errors import Error, ParameterError, modifier
 from .parameters import Parameter, declared
 
 
@@ -96,6 +97,16 @@ class Output:
         return f"{self.help} [{self.kind.value}{f'; with {self.asked_by}' if self.asked_by else ''}]"
 
 
+@contextlib.contextmanager
+def errors_of(op: type[Op]) -> Iterator[None]:
+    """Errors that leave this block name the op, unless they name one already."""
+    try:
+        yield
+    except Error as error:
+        error.op = error.op or op.name
+        raise
+
+
 @dataclass(frozen=True, kw_only=True)
 class Op:
     """Base of all ops. An op is of an access kind (core/access.py), and must say `name`, `space` and `outputs`.
@@ -108,6 +119,7 @@ class Op:
     prefix: ClassVar[str] = "--tex"
     aliases: ClassVar[tuple[str, ...]] = ()  # further names on the command line
     copies: ClassVar[bool] = False  # it promises that every pixel of its result is one of its source, whole
+    rescales: ClassVar[bool] = False  # a pixel of its result is not as large as one of its source
     deep: ClassVar[bool] = False  # it takes deep images; else they are refused
     carries: ClassVar[bool] = False  # the further parts of its first image follow what it makes
     PAPER: ClassVar[dict[str, Any]] = {}  # what its parameter `paper` stands for, if it has one: values of others
@@ -127,14 +139,12 @@ class Op:
             raise TypeError(f"{cls.__name__} must be of one access kind: Pointwise, ScanThenMap, Gather, Whole, ...")
 
     def __post_init__(self) -> None:
-        for parameter in self.parameters():
-            try:
+        with errors_of(type(self)):
+            for parameter in self.parameters():
                 value = parameter.check(getattr(self, parameter.attribute))
-            except ParameterError as error:
-                raise type(error)(f"{self.name}: {error}") from None
-            object.__setattr__(self, parameter.attribute, value)
-        if self.PAPER and self.values()["paper"]:
-            self._follow_the_paper()
+                object.__setattr__(self, parameter.attribute, value)
+            if self.PAPER and self.values()["paper"]:
+                self._follow_the_paper()
 
     def _follow_the_paper(self) -> None:
         """Parameters get the values of `PAPER`, unless another one than the default was given."""
@@ -142,8 +152,9 @@ class Op:
             if parameter.attribute in self.PAPER:
                 given, value = getattr(self, parameter.attribute), self.PAPER[parameter.attribute]
                 if given not in (parameter.default, value):
-                    says = f"leaves {parameter.name} out" if value is None else f"says {parameter.name}={value}"
-                    raise ParameterError(f"{self.name}: {parameter.name}={given}: paper=1 {says}")
+                    name = parameter.name
+                    says = f"leaves {name} out" if value is None else f"says {modifier(**{name: value})}"
+                    raise ParameterError(f"{modifier(paper=True)} {says}", parameter=name, value=given)
                 object.__setattr__(self, parameter.attribute, value)
 
     @classmethod

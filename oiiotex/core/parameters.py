@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..deferred import np
-from ..errors import ParameterError, ParameterTypeError
+from ..errors import ParameterError, ParameterTypeError, either, spelled
 
 _FIELD = "oiiotex"
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # Python's int and float take more: 1_0, ٣
@@ -41,14 +41,6 @@ class Words(tuple[str, ...]):
 
     def __str__(self) -> str:
         return ",".join(self)
-
-
-class _TooWide(ParameterError):
-    """A number that needs more than 32 bits; `bounds` says so."""
-
-    def __init__(self, text: str, bounds: str):
-        super().__init__(text)
-        self.bounds = bounds
 
 
 class Size(NamedTuple):
@@ -99,26 +91,24 @@ class Parameter:
         """Whether it must be given."""
         return self.default is dataclasses.MISSING
 
-    def allowed(self) -> str:
-        """What a value may be on the command line, for help and errors: 'a number >= 1 px'."""
+    @property
+    def expected(self) -> str:
+        """What a value may be, for help and errors: 'a number >= 1 px'; `spelled` says it for the line or Python."""
         if self.kind is None:
             return "1 (the next image of the stack), the name of a part of the first image, or a file name"
         if self.choices:
-            return " | ".join(str(choice) for choice in self.choices if choice not in ("", None))
-        return self._bounded(" or ".join(_ON_THE_LINE[k] for k in self.kind))
-
-    def allowed_in_python(self) -> str:
-        """What a value may be in Python: '(width, height) >= 1 px'."""
-        if self.choices:
-            return " | ".join(repr(choice) for choice in self.choices if choice is not None)
-        return self._bounded(" or ".join(_IN_PYTHON[k] for k in self.kind or ()))
-
-    def _bounded(self, text: str) -> str:
+            line = " | ".join(str(choice) for choice in self.choices if choice not in ("", None))
+            return either(line, " | ".join(repr(choice) for choice in self.choices if choice is not None))
+        text = " or ".join(_KINDS[k] for k in self.kind)
         if self.ge is not None:
             text += f" >= {self.ge:g}"
         if self.le is not None:
             text += f"{' and' if self.ge is not None else ''} <= {self.le:.10g}"
         return f"{text} {self.unit}".rstrip()
+
+    def allowed(self) -> str:
+        """What a value may be on the command line."""
+        return spelled(self.expected)
 
     def check(self, value: Any) -> Any:
         """`value` as the declared type.
@@ -142,11 +132,15 @@ class Parameter:
             except (ValueError, OverflowError):
                 continue
             if self._in_range(converted):
-                return self._fitting(converted)
+                return self._fitting(converted, value)
         if wrong_types == len(self.choices or self.kind or ()):
             but = "" if np.ndim(value) or isinstance(value, dict) else f", not {type(value).__name__}"
-            raise ParameterTypeError(f"{self.name}={_shown(value)}: {self.allowed_in_python()} is wanted{but}")
-        raise ParameterError(f"{self.name}={_shown(value)}: allowed is {self.allowed_in_python()}")
+            raise ParameterTypeError(parameter=self.name, value=value, expected=f"{self.expected}{but}")
+        raise self.wrong(value)
+
+    def wrong(self, value: Any, bounds: str = "") -> ParameterError:
+        """The error that a value is not allowed; `bounds` says more of what is."""
+        return ParameterError(parameter=self.name, value=value, expected=f"{self.expected} {bounds}".rstrip())
 
     def _in_range(self, value: Any) -> bool:
         if self.choices:
@@ -154,13 +148,12 @@ class Parameter:
         numbers = _numbers_in(value)
         return all((self.ge is None or n >= self.ge) and (self.le is None or n <= self.le) for n in numbers)
 
-    def _fitting(self, value: Any) -> Any:
+    def _fitting(self, value: Any, given: Any) -> Any:
         """The value, whose numbers fit into 32 bits wherever no bound is declared."""
         for n in _numbers_in(value):
             least, most = (-_FLOATS, _FLOATS) if isinstance(n, float) else (-_INTEGERS, _INTEGERS - 1)
             if (self.ge is None and n < least) or (self.le is None and n > most):
-                bounds = f"that fits into 32 bits ({least:.10g} to {most:.10g})"
-                raise _TooWide(f"{self.name}={_shown(value)}: allowed is {self.allowed_in_python()} {bounds}", bounds)
+                raise self.wrong(given, f"that fits into 32 bits ({least:.10g} to {most:.10g})")
         return value
 
     def parse(self, text: str) -> Any:
@@ -168,39 +161,29 @@ class Parameter:
 
         For an input image: True for one of the stack, None for none, else the name of a part or a file.
         """
-        if self.kind is None:
-            return True if text in _TRUE else None if text in _FALSE else text or self._refuse(text)
-        if self.choices:
-            meant = [c for c in self.choices if str(c) == text]
-            return meant[0] if meant else self._refuse(text)
-        if not text and self.positional and str in (self.kind or ()):
+        if self.kind is None and text:
+            return True if text in _TRUE else None if text in _FALSE else text
+        if not text and self.positional and str in (self.kind or ()) and not self.choices:
             return text  # as a word of its own: no value
-        for kind in self.kind or ():
+        for choice in self.choices:
+            if str(choice) == text:
+                return choice
+        for kind in () if self.choices else self.kind or ():
             try:
-                return self.check(_parse(kind, text))
-            except _TooWide as error:
-                raise ParameterError(f"{self.name}={text}: allowed is {self.allowed()} {error.bounds}") from None
-            except (ValueError, ParameterError):
+                value = _convert(kind, _parse(kind, text))
+            except (ValueError, OverflowError):
                 continue
-        return self._refuse(text)
+            if self._in_range(value):
+                return self._fitting(value, text)
+        raise self.wrong(text)
 
-    def _refuse(self, text: str) -> typing.NoReturn:
-        raise ParameterError(f"{self.name}={' '.join(text.split())}: allowed is {self.allowed()}")
 
-
-_ON_THE_LINE = {
-    int: "a whole number", float: "a number", bool: "0 or 1", Size: "WIDTHxHEIGHT", Path: "a file name", str: "text",
-    Numbers: "comma-separated list of numbers", Words: "comma-separated list of words", SizeRule: "pow2",
+_KINDS = {
+    int: "a whole number", float: "a number", bool: either("0 or 1", "True or False"), Path: "a file name",
+    str: either("text", "a text"), Size: either("WIDTHxHEIGHT", "(width, height)"),
+    Numbers: either("comma-separated list of numbers", "a number or a sequence of them"),
+    Words: either("comma-separated list of words", "a sequence of texts"), SizeRule: either("pow2", "'pow2'"),
 }  # fmt: skip
-_IN_PYTHON = {
-    int: "a whole number", float: "a number", bool: "True or False", Size: "(width, height)", Path: "a file name",
-    str: "a text", Numbers: "a number or a sequence of them", Words: "a sequence of texts", SizeRule: "'pow2'",
-}  # fmt: skip
-
-
-def _shown(value: Any) -> str:
-    """A value of Python in one line."""
-    return " ".join((str if isinstance(value, (Size, Numbers, Words)) else repr)(value).split())
 
 
 def param(
@@ -302,9 +285,8 @@ def parse_modifiers(op: type, modifiers: Mapping[str, str | None]) -> dict[str, 
     values = {}
     for name, text in modifiers.items():
         if name not in known:
-            raise ParameterError(
-                f"unknown modifier '{name}'{nearest(name, known)}; there is {', '.join(known) or 'none'}"
-            )
+            there = f"there is {', '.join(known) or 'none'}"
+            raise ParameterError(f"unknown modifier '{name}'{nearest(name, known)}", hint=there)
         if text is not None:
             values[known[name].attribute] = known[name].parse(text)
     return values

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 COPIED = "pixels copied from the photo, all channels together, in its own colour space and type"
-ST = Output(
-    "st", Kind.COORDINATES, "where every pixel comes from, as --texwarp and --st_warp read it", asked_by="stmap"
-)
+ST = Output("st", Kind.COORDINATES, "where every pixel comes from, as `warp` and `st_warp` read it", asked_by="stmap")
 STMAP = "1: source coordinates as part 'st' of the result; a file name: there"
 BITS = 16  # for x and for y, where one exemplar is spoken of: what kernels give and take (cl/offsets.h)
 NONE = 0xFFFFFFFF  # no pixel

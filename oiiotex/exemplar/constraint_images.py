@@ -56,7 +56,7 @@ def weights_of(weight: Image, exemplar: Image) -> np.ndarray:
     values = _channel(laid_over(weight.first, exemplar, "weight"))
     wrong = np.count_nonzero(~(np.isfinite(values) & (values >= 0)))
     if wrong:
-        raise ImageError(f"weight has {wrong} values that are negative, NaN or Inf: allowed are numbers >= 0")
+        raise ImageError(f"weight has {wrong} values that are negative, NaN or Inf: expected numbers >= 0")
     if not values.any():
         raise ImageError(f"weight is 0 everywhere: no pixel of {exemplar.source} may be used")
     return values
@@ -79,7 +79,7 @@ def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
     values = _channel(part)
     broken = np.count_nonzero(~np.isfinite(values))
     if broken:
-        raise ImageError(f"sigmamap has {broken} NaN or Inf values: allowed are numbers >= {_LEAST_SIGMA:g} px")
+        raise ImageError(f"sigmamap has {broken} NaN or Inf values: expected numbers >= {_LEAST_SIGMA:g} px")
     small = np.count_nonzero(values < _LEAST_SIGMA)
     if small:
         raise ImageError(

@@ -9,7 +9,7 @@ from ..core.image import Image, Part, channels_of, cropped, dtype_of
 from ..core.label_map import LabelMap, holds_ids, label_maps
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, texture_filter
 
 
 def masked_pixels(mask: Image, exemplar: Image) -> np.ndarray:
@@ -41,7 +41,8 @@ def label_levels(exemplar: Image, labels: Image | None = None) -> dict[int, Labe
         levels = {1: LabelMap(holder.first, 1)}
     if not levels:
         raise ImageError(
-            f"{holder.source} has no label parts: --texlabel:keep=1 makes them, labels= takes them from elsewhere"
+            f"has no label parts: {texture_filter('label', keep=True)} makes them, labels= takes them from elsewhere",
+            subject=holder.source,
         )
     for one in levels.values():
         size, wanted = ((p.spec.width, p.spec.height) for p in (one.part, exemplar.first))

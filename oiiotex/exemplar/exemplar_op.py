@@ -27,7 +27,7 @@ Found = TypeVar("Found")
 
 log = logging.getLogger("oiiotex")
 
-EXEMPLAR = "the photo; where labels are spoken of, with label maps as --texlabel:keep=1 makes them"
+EXEMPLAR = "the photo; where labels are spoken of, with label maps as `label` with `keep` makes them"
 MASK = "where pixels may come from: above one half of the first channel's range; of ids: all but 0"
 LABELS = "label maps of the exemplar, where they are not parts of it"
 LABEL = "take only pixels of that label, by its id"

@@ -125,7 +125,8 @@ def kinds_of(kinds: Words | None, count: int, data: bool) -> list[str]:
         return ["data" if data else "colour", *["data"] * (count - 1)]
     named = ["colour" if word == "color" else word for word in kinds]
     if len(named) != count or any(word not in KINDS for word in named):
-        raise ParameterError(f"kinds={kinds}: allowed is one of {', '.join(KINDS)} for each of the {count} maps")
+        expected = f"one of {', '.join(KINDS)} for each of the {count} maps"
+        raise ParameterError(parameter="kinds", value=kinds, expected=expected)
     return named
 
 
@@ -134,7 +135,8 @@ def _weights(match: Numbers | None, kinds: tuple[str, ...]) -> list[float]:
         return [_HEIGHT_WEIGHT if kind == "height" and len(kinds) > 1 else 1.0 for kind in kinds]
     if len(match) != len(kinds) or max(match) == 0:
         count = len(kinds)
-        raise ParameterError(f"match={match}: allowed is one number for each of the {count} maps, not all of them 0")
+        expected = f"one number for each of the {count} maps, not all of them 0"
+        raise ParameterError(parameter="match", value=match, expected=expected)
     return list(match)
 
 

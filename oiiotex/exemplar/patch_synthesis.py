@@ -21,7 +21,7 @@ from ..core.parameters import Size, SizeRule, Words, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ParameterError
+from ..errors import ParameterError, modifier
 from ..patchmatch.constraints import Constraints, FixedPixels
 from ..patchmatch.field import hash_at
 from ..patchmatch.memory import ExemplarHeld
@@ -327,7 +327,7 @@ class PatchSynthesis(MaterialOp, InBands):
     def _check(self, maps: tuple[Image, ...]) -> None:
         """Refuse modifiers that do not go together."""
         if self.relevel and "height" not in kinds_of(self.kinds, len(maps), self.data):
-            raise ParameterError("relevel=1: none of the maps is a height: kinds= says which is")
+            raise ParameterError(f"{modifier(relevel=True)}: none of the maps is a height: kinds= says which is")
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
         if self.within is not None and self.asked_size != own:
             raise ParameterError(f"size={self.size}: with within the result is as large as the photo, {own}")

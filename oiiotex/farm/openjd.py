@@ -80,7 +80,7 @@ def place_of(text: str) -> tuple[Path, int]:
     match = _PLACE.fullmatch(text)
     if not match:
         raise ParameterError(
-            f"--farm openjd={text}: allowed is openjd=FILE or openjd=FILE,SHARES, 1 to 99999, no comma in FILE"
+            f"--farm openjd={text}: expected openjd=FILE or openjd=FILE,SHARES, 1 to 99999, no comma in FILE"
         )
     return Path(match[1]), int(match[2] or _SHARES)
 

@@ -47,7 +47,7 @@ def atlas(
     """Make a texture for a 3-D object, that runs on over its surface where its charts end.
 
     Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, 2009): a mask of the dominant texture (filters.dominant) keeps the photo's other things off the object. The
+    Manifolds, 2009): a mask of the dominant texture (`dominant`) keeps the photo's other things off the object. The
     pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
     synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
     edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
@@ -92,7 +92,7 @@ def atlas(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -108,7 +108,7 @@ def atlas(
         a dict where more than one part was asked for
         a list of these where there are several images
         atlas: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; normals are turned [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         mesh: the mesh with the charts that the result is for [.obj; with unwrapped]
 
     Raises
@@ -281,15 +281,15 @@ def composite(
 ) -> ImageBuf:
     """Grow what a photo consists of to any size, and fill it with the photo's texture.
 
-    Grows a new label map from the one that filters.label has found, with its shares and neighbourhoods, and quilts it
-    (filters.quilt with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
+    Grows a new label map from the one that `label` has found, with its shares and neighbourhoods, and quilts it
+    (`quilt` with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
     (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016) leaves for the future in section 7. Every pixel of the result is a copy of one pixel of the photo.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as filters.label(keep=True) makes them
+        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
     mask : ImageLike | None, default None
         where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
     labels : ImageLike | None, default None
@@ -299,7 +299,7 @@ def composite(
     tries : int, default 4
         label maps that are grown; the nearest to the found one is taken; a whole number >= 1 and <= 64
     plan : FileName | None, default None
-        the plan goes to this file (.npz): filters.quilt(render=True) renders it
+        the plan goes to this file (.npz): `quilt` with `render` renders it
     grown : bool, default False
         the grown label map follows as part 'grown'
     report : FileName | None, default None
@@ -327,7 +327,7 @@ def composite(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -342,10 +342,10 @@ def composite(
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         composite: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
         plan: offsets and cuts [.npz; with plan]
-        grown: the label map that was grown: a guide for filters.quilt and filters.paint [32-bit ids; with grown]
+        grown: the label map that was grown: a guide for `quilt` and `paint` [32-bit ids; with grown]
         report: measures of the result, for machines [JSON; with report]
 
     Raises
@@ -462,13 +462,13 @@ def content(
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
     section 6.1). The centres of all patches with the key of the patch around `at` are marked red on the photo, and
     that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
-    them. With table=True every key is shown by a patch that has it, first label down, second across (figure 11).
+    them. With `table` every key is shown by a patch that has it, first label down, second across (figure 11).
     The result is an 8-bit sRGB image for screens: do not measure it.
 
     Parameters
     ----------
     source : ImageLike
-        an image with label parts, as filters.label(keep=True) makes it
+        an image with label parts, as `label` with `keep` makes it
     labels : ImageLike | None, default None
         label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
     at : float | Sequence[float] | None, default None
@@ -537,7 +537,7 @@ def cut(
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as filters.label(keep=True) makes them
+        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
     mask : ImageLike | None, default None
         where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
     labels : ImageLike | None, default None
@@ -563,7 +563,7 @@ def cut(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     structure : float, default 0.5
         strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
@@ -580,7 +580,7 @@ def cut(
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         cut: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
 
     Raises
@@ -672,7 +672,7 @@ def decompose(
     are, or as many are left as labels asks for; then the subtextures compete once more. The result is a label map: ids
     from 1 on, 0 where alpha is 0. Images above a megapixel are looked at reduced by a whole factor. group=cliques
     compares places by their texton histograms instead, each with the best match near the other, and groups them by a
-    clique partition; paper=True is that way by the letter (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
+    clique partition; `paper` is that way by the letter (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
     Texture Segmentation by Clique Partitioning).
 
     Parameters
@@ -704,13 +704,13 @@ def decompose(
     assign : Literal['competition', 'neighbours'], default 'competition'
         of pixels to subtextures; neighbours: the paper's
     paper : bool, default False
-        CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshiftrefine=False:assign=neighbours
+        CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbours
     keep : bool, default False
         the photo stays the first part, the labels follow it
     cryptomatte : bool | FileName, default False
-        True: a further part with Cryptomatte 1.2; a file name: its manifest goes there
+        1: a further part with Cryptomatte 1.2; a file name: its manifest goes there
     names : FileName | None, default None
-        table of filters.palette: what labels are called, in parts and in Cryptomatte
+        table of `palette`: what labels are called, in parts and in Cryptomatte
     single : bool, default False
         with cryptomatte: one nameless part of the image's channels and Cryptomatte's, as Blender and Nuke take it at once
     json : FileName | None, default None
@@ -856,8 +856,8 @@ def dominant(
     Overlapping patches are points in a space of colours; heat that spreads from the densest one reaches the large
     group of patches that look alike, and hardly those that do not (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and
     Diffusion Distance Manifolds, Eurographics 2009). The mask is 1 where dominant patches lie, else 0. A photo of
-    which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with strict=True. With
-    keep=True the photo stays the first part and the mask follows it as part 'dominant', ready to guide a synthesis.
+    which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with `strict`. With
+    `keep` the photo stays the first part and the mask follows it as part 'dominant', ready to guide a synthesis.
     Attributes say the patch's side in px (oiiotex:patch), the kernel's size (oiiotex:epsilon), the manifold's
     dimension (oiiotex:dimension), the steps of the diffusion (oiiotex:tau) and the share of dominant patches
     (oiiotex:share).
@@ -1092,7 +1092,7 @@ def estimateheight(
     source : ImageLike
         the photo
     normal : bool | FileName, default False
-        True: normals as part 'normal' of the result; a file name: there
+        1: normals as part 'normal' of the result; a file name: there
     light : float | None, default None
         where light comes from, counterclockwise from the right: 90 is from above; when left out as the shading says, overcast where no direction stands out; a number >= -360 and <= 360 degrees
     overcast : bool, default False
@@ -1263,7 +1263,7 @@ def flatten(
     keep : Literal['level', 'none'], default 'level'
         Overall color of the result. level: the median of the local levels; none: middle gray (L 50, a 0, b 0), so that photos compare. Default: level.
     drift : bool | FileName, default False
-        True: the correction as part 'drift' of the result; a file name: there. Default: 0.
+        1: the correction as part 'drift' of the result; a file name: there. Default: 0.
     data : bool, default False
         Treat the channels as data, not color. Default: 0.
     colorspace : str | None, default None
@@ -1342,7 +1342,7 @@ def graph(
 
     Several photos become a chain: each is finer than the one before by `scale`. One photo gets an edge to itself, a
     zoom without end; with `scales` a chain of exemplars is cut out of it, from the whole, reduced, down to a piece at
-    full size. json=FILE is the document for filters.synth and filters.zoom, to be edited at will; the files that it names
+    full size. json=FILE is the document for `synth` and `zoom`, to be edited at will; the files that it names
     are looked up beside it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, section
     3.1, figures 8 and 9). The picture shows exemplars by their octaves, with r at the edges.
 
@@ -1377,7 +1377,7 @@ def graph(
     -------
     ImageBuf
         picture: exemplars and edges [8-bit sRGB picture]
-        graph: the document for filters.synth and filters.zoom [JSON; with json]
+        graph: the document for `synth` and `zoom` [JSON; with json]
         exemplar.N: with scales: the photo N times reduced, beside it [pixels; with json]
 
     Raises
@@ -1395,7 +1395,7 @@ def join(
 ) -> ImageBuf | dict[str, ImageBuf]:
     """Put the shares of an image together, as a farm has rendered them: the same pixels as of one run.
 
-    Takes all images of the stack, in any order: crops in one display window, as filters.synth(tiles=1/8) to tiles=8/8
+    Takes all images of the stack, in any order: crops in one display window, as `synth` with tiles=1/8 to tiles=8/8
     makes them. They must cover it. Where they overlap they must be equal, and they must have the same channels,
     pixel type and parts; what does not fit is refused by name.
 
@@ -1450,7 +1450,7 @@ def lab(
     inverse : bool, default False
         from Lab to colour
     to : str | None, default None
-        with inverse=True: the colour space to go to; the one that the image came from when left out
+        with `inverse`: the colour space to go to; the one that the image came from when left out
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -1520,7 +1520,7 @@ def label(
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
     result has one part per scale: label.1 is the finest, the last one the coarsest, and every label of a level lies
     in one label of the next, its parent. Ids are 1, 2, ... of type uint32; 0 stands only where alpha is 0. Write it
-    to EXR or TIFF, which hold them. With keep=True the photo stays the first part. Attributes of a part say its scale
+    to EXR or TIFF, which hold them. With `keep` the photo stays the first part. Attributes of a part say its scale
     (oiiotex:rho, px), how many labels it has (oiiotex:labels) and their parents, in order (oiiotex:parents).
 
     Parameters
@@ -1536,7 +1536,7 @@ def label(
     share : float, default 0.5
         of the superpixels of the next scale that must hold two labels; the paper: 1; a number >= 0.01 and <= 1
     coarsest : bool, default True
-        a coarsest level of subtextures, as filters.decompose finds them; not in the paper
+        a coarsest level of subtextures, as `decompose` finds them; not in the paper
     labels : int | None, default None
         how many subtextures that level has, at most; found when left out; a whole number >= 1 and <= 50
     neighbours : int, default 256
@@ -1550,15 +1550,15 @@ def label(
     seed : int, default 0
         of random starts; with tries=0 and runs=1 there are none; a whole number >= 0 and <= 4294967295
     paper : bool, default False
-        LSA16 by the letter: features=moments:persistence=0.95:share=1coarsest=False:neighbours=256:runs=10:minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them
+        LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbours=256:runs=10:minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them
     keep : bool, default False
         the photo stays the first part, the labels follow it
     soft : bool, default False
         further parts: membership.N (G) and fit.N (F / its largest) of level N
     cryptomatte : bool | FileName, default False
-        True: a further part with Cryptomatte 1.2 of all levels; a file name: its manifest goes there
+        1: a further part with Cryptomatte 1.2 of all levels; a file name: its manifest goes there
     names : FileName | None, default None
-        table of filters.palette: what labels are called, in parts and in Cryptomatte
+        table of `palette`: what labels are called, in parts and in Cryptomatte
     single : bool, default False
         with cryptomatte: one nameless part of the image's channels and Cryptomatte's, as Blender and Nuke take it at once
     json : FileName | None, default None
@@ -1663,7 +1663,7 @@ def labelview(
 ) -> ImageBuf:
     """Show label maps to people: a contact sheet of all levels, with the tree of labels beside it.
 
-    Takes the image that filters.label or filters.superpixel makes, best with keep=True: the photo, then for every label part
+    Takes the image that `label` or `superpixel` makes, best with `keep`: the photo, then for every label part
     (uint32, one channel) its labels in colours that stay apart for colour-blind viewers too, over the photo's lightness
     and with their borders. The tree has the coarsest labels at its top; a node is as wide as the label's share of the
     image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
@@ -1671,7 +1671,7 @@ def labelview(
     Parameters
     ----------
     source : ImageLike
-        an image with label parts, as filters.label or filters.superpixel(keep=True) makes it
+        an image with label parts, as `label` or `superpixel` with `keep` makes it
     side : int, default 384
         longer side of one panel; a whole number >= 64 and <= 4096 px
     columns : int, default 3
@@ -1731,17 +1731,17 @@ def paint(
 ) -> ImageBuf:
     """Turn a painting of labels into a texture, at one scale or at two.
 
-    What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (filters.quilt). A second
+    What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (`quilt`). A second
     painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
     stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what filters.palette wrote: which colour is which
+    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which colour is which
     label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
     labels did not change, so that pixels elsewhere are the same to the bit.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as filters.label(keep=True) makes them
+        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
     painting : ImageLike
         ids of labels, or colours that table gives a meaning; of any size
     labels : ImageLike | None, default None
@@ -1751,9 +1751,9 @@ def paint(
     level : int | None, default None
         which label map is painted: label.N; the table's, else the coarsest, when left out; a whole number >= 1
     table : FileName | None, default None
-        JSON of filters.palette: which label each colour of the paintings means
+        JSON of `palette`: which label each colour of the paintings means
     soft : float, default 0.2
-        how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of filters.palette's colours; 0: none; a number >= 0 and <= 1
+        how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colours; 0: none; a number >= 0 and <= 1
     size : tuple[int, int] | None, default None
         of the result; the painting's when left out; (width, height) >= 8 and <= 4194304 px
     plan : FileName | None, default None
@@ -1783,7 +1783,7 @@ def paint(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -1798,7 +1798,7 @@ def paint(
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         paint: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
         plan: what was painted, and with which patches [.npz; with plan]
         report: measures of the result, for machines [JSON; with report]
@@ -1898,13 +1898,13 @@ def palette(
     right of it are its children on the next finer level, side by side (LSA16: Lockerman, Sauvage, Allegre, Dischler,
     Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13
     and 14). The largest label is on top. json=FILE says for each its id, name, colour to paint with, area, parent,
-    children and place in the picture: the table of filters.paint. paints=FILE is a palette for painting programs, chips=True
+    children and place in the picture: the table of `paint`. paints=FILE is a palette for painting programs, `chips`
     a picture of the same colours.
 
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as filters.label(keep=True) makes them
+        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
     labels : ImageLike | None, default None
         label maps of the exemplar, where they are not parts of it; a text is the name of a part of the first image, else of a file
     side : int, default 96
@@ -1914,7 +1914,7 @@ def palette(
     children : int, default 8
         children that are shown of each, the largest first; a whole number >= 0 and <= 64
     chips : bool | FileName, default False
-        True: a further part with the paint colours, ids and names in them; a file name: there
+        1: a further part with the paint colours, ids and names in them; a file name: there
     paints : FileName | None, default None
         the paint colours go to this file, .gpl or .aco: load it where you paint
     json : FileName | None, default None
@@ -1926,7 +1926,7 @@ def palette(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -1941,7 +1941,7 @@ def palette(
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         palette: rows of texture, copied from the photo, in its own colour space and type [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         chips: the paint colours with ids and names, each as large as its swatch [8-bit sRGB picture; with chips]
         paints: the paint colours by name, for GIMP, Krita and Inkscape, or Photoshop [.gpl or .aco; with paints]
         table: ids, names, colours, areas, parents, children and boxes of labels [JSON; with json]
@@ -2051,7 +2051,7 @@ def patchmatch(
 ) -> ImageBuf:
     """The photo synthesized anew by PatchMatch alone: the paper's baselines (MJH17 section 5.2).
 
-    The same as filters.stationarize without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
+    The same as `stationarize` without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
 
     Parameters
     ----------
@@ -2070,7 +2070,7 @@ def patchmatch(
     contrast : float, default 1.0
         how strongly the histogram is held to the photo's at first; it fades out; a number >= 0 and <= 1
     relevel : bool, default False
-        True: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
+        1: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
     size : Literal['pow2'] | tuple[int, int] | None, default None
         size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size; 'pow2' or (width, height) >= 5 and <= 65536 px
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
@@ -2106,7 +2106,7 @@ def patchmatch(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -2122,7 +2122,7 @@ def patchmatch(
         a dict where more than one part was asked for
         a list of these where there are several images
         tile: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; of variants that many [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
 
     Raises
@@ -2217,7 +2217,7 @@ def preview(
     The plane is the stress test of MJH17 (section 5.2): all repetition shows there. With `exemplar` the photo stands
     beside it, and what a paint program's 'make seamless' makes of it, 2 x 2: the photo blended with itself shifted by
     half. Every pixel is the mean of all it covers. Values are averaged as they are stored: of a picture that is not
-    linear convert a copy first (--tocolorspace), where the light at the horizon must be right.
+    linear convert a copy first (OpenImageIO's `colorconvert`), where the light at the horizon must be right.
 
     Parameters
     ----------
@@ -2286,7 +2286,7 @@ def quilt(
     """Sew a texture of any size together from patches of a photo, as a stream.
 
     Image quilting (Efros & Freeman, SIGGRAPH 2001): square patches on a regular grid, each the one that fits what is
-    there best, cut along the line where both look most alike. With label maps (filters.label(keep=True)) a guide says what is
+    there best, cut along the line where both look most alike. With label maps (of `label`) a guide says what is
     to be where: patches are looked up by their content, the two most frequent labels in them (LSA16: Lockerman,
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
     2016, section 6.1). Every pixel of the result is a copy of one pixel of the photo, and the result does not depend
@@ -2295,7 +2295,7 @@ def quilt(
     Parameters
     ----------
     exemplar : ImageLike
-        the photo; where labels are spoken of, with label maps as filters.label(keep=True) makes them
+        the photo; where labels are spoken of, with label maps as `label` with `keep` makes them
     mask : ImageLike | None, default None
         where pixels may come from: above one half of the first channel's range; of ids: all but 0; a text is the name of a part of the first image, else of a file
     labels : ImageLike | None, default None
@@ -2307,7 +2307,7 @@ def quilt(
     table : FileName | None, default None
         JSON: {"255,0,0": 3, "0,0,255": [1, 2]}: which label or key ids or 8-bit colours of the guide mean
     soft : float, default 0.2
-        how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of filters.palette's colours; 0: none; a number >= 0 and <= 1
+        how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colours; 0: none; a number >= 0 and <= 1
     overlap : int | None, default None
         of neighbours, at most patch / 3; patch / 4 when left out; a whole number >= 4 and <= 85 px
     plan : FileName | None, default None
@@ -2341,7 +2341,7 @@ def quilt(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     structure : float, default 0.5
         strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     colorspace : str | None, default None
@@ -2358,7 +2358,7 @@ def quilt(
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         quilt: pixels copied from the photo, all channels together, in its own colour space and type [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         label.N: label parts of the photo, made from the same sources [32-bit ids; with keep]
         plan: offsets and cuts [.npz; with plan]
         report: measures of the result, for machines [JSON; with report]
@@ -2475,7 +2475,7 @@ def rectify(
     filter : Literal['lanczos3', 'mitchell', 'triangle'], default 'lanczos3'
         what pixels are resampled by
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     json : FileName | None, default None
         corners, size, cells, metres and the matrix go to this file
     colorspace : str | None, default None
@@ -2492,7 +2492,7 @@ def rectify(
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         rectified: the surface from the front, in the photo's own colour space and type [pixels]
-        st: where every pixel comes from, between pixels, as OpenImageIO.ImageBufAlgo.st_warp reads it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, between pixels, as `st_warp` reads it [32-bit float coordinates; with stmap]
         geometry: corners, size, cells, metres, matrix [JSON; with json]
 
     Raises
@@ -2550,12 +2550,12 @@ def sigmas(
     nthreads: int = 0,
     session: Session | None = None,
 ) -> ImageBuf:
-    """Show what each sigma of filters.stationarize makes of a photo, and find sigmas whose steps look even.
+    """Show what each sigma of `stationarize` makes of a photo, and find sigmas whose steps look even.
 
     A contact sheet of n small tiles, from the largest sigma (amount 0) to the smallest (amount 1), laid out 2 x 2. How
     much a tile changes with sigma hangs on the photo: neighbours are compared by the earth mover's distance between
     their histograms, and sigmas are spread anew so that the steps are even (MJH17: Moritz, James, Haines, Ritschel,
-    Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). filters.stationarize:amount= finds its sigma on the
+    Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). Its `amount` finds its sigma on the
     same scale, which is kept in the user's cache. The table is printed; json keeps it. The result is an 8-bit sRGB
     image for screens: do not measure it.
 
@@ -2701,11 +2701,11 @@ def stationarize(
     """Turn a photo into a texture that tiles without visible repetition.
 
     Gradients of light and stains repeat visibly when a photo is tiled. They are removed first (`flatten`), as by
-    filters.flatten. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
+    `flatten`. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
     kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
     Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
     drift is removed, the copy is corrected by a gain and an offset in Lab that vary slowly, but for the rims of stains.
-    With relevel=True, heights are copies plus a constant for each copied piece.
+    With `relevel`, heights are copies plus a constant for each copied piece.
 
     Parameters
     ----------
@@ -2724,13 +2724,13 @@ def stationarize(
     maps : Sequence[ImageLike], default ()
         the other maps of the material, made anew with it
     flatten : float | None, default None
-        Share of the photo's gradients and stains that is removed before synthesis, as by filters.flatten. 0: every pixel is a verbatim copy. Default: 1; 0 with within and for data.; a number >= 0 and <= 1
+        Share of the photo's gradients and stains that is removed before synthesis, as by `flatten`. 0: every pixel is a verbatim copy. Default: 1; 0 with within and for data.; a number >= 0 and <= 1
     drift : bool | FileName, default False
-        True: the correction as part 'drift' of the result; a file name: there. Default: 0.
+        1: the correction as part 'drift' of the result; a file name: there. Default: 0.
     sigma : float | None, default None
         Scale in pixels above which the result is statistically uniform; structures below it are kept. Default: longer side / 8, with within / 32, at least patch / 4.; a number >= 0.5 and <= 1000000 px
     amount : float | None, default None
-        instead of sigma: how stationary it shall look, in even steps that hang on the photo (see filters.sigmas); a number >= 0 and <= 1
+        instead of sigma: how stationary it shall look, in even steps that hang on the photo (see `sigmas`); a number >= 0 and <= 1
     contrast : float | None, default None
         How strongly the overall histogram is held to that of target. 0: colors of rare objects, such as windows in a wall, may vanish. Default: 0.7; 0 with within.; a number >= 0 and <= 1
     target : Literal['flat', 'exemplar'], default 'flat'
@@ -2742,11 +2742,11 @@ def stationarize(
     structure : float, default 0.5
         strength with which regular repeats of the photo (tiles, courses, weaves) are kept; 0: not at all. Where the photo's size would stretch them visibly, the default size is the nearest that holds complete repeats only. No effect on a photo without regular repeats; a number >= 0 and <= 1
     preset : Literal['even', 'clean', 'keep'] | None, default None
-        Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side / 4, patch=21; even (structures beyond sigma are evened out, too): sigma = longer side / 32, patch=11; clean (objects are removed): as even, with contrast=0 and the mask of filters.dominant. -v prints the line that makes the same pixels. Default: none of them.
+        Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side / 4, patch=21; even (structures beyond sigma are evened out, too): sigma = longer side / 32, patch=11; clean (objects are removed): as even, with contrast=0 and the mask of `dominant`. -v prints the line that makes the same pixels. Default: none of them.
     paper : bool, default False
         MJH17 by the letter: flatten=0:target=exemplar:contrast=1:structure=0, sigma longer side / 32, patch=11, a pyramid that starts at a quarter of the tile, 3 iterations on each finer level, no reuse penalties, no overshoot. Where the paper gives no number (alpha, uniformity) it is ours. Default: 0.
     relevel : bool, default False
-        True: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
+        1: every copied piece of a height map is raised or lowered as a whole, for its seams to close as far as constants can: its pixels are then copies plus a constant; goes with kinds=...,height
     size : Literal['pow2'] | tuple[int, int] | None, default None
         size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size; 'pow2' or (width, height) >= 5 and <= 65536 px
     tile : Literal['xy', 'x', 'y', 'none'] | None, default None
@@ -2782,7 +2782,7 @@ def stationarize(
     seed : int, default 0
         same seed, same pixels; a whole number >= 0 and <= 4294967295
     stmap : bool | FileName, default False
-        True: source coordinates as part 'st' of the result; a file name: there
+        1: source coordinates as part 'st' of the result; a file name: there
     colorspace : str | None, default None
         colour space of the images that come first; their own tag where it is None
     roi : ROI | None, default None
@@ -2798,7 +2798,7 @@ def stationarize(
         a dict where more than one part was asked for
         a list of these where there are several images
         tile: pixels copied from the photo, all channels together, in its own colour space and type; of n maps n images, in their order; of variants that many [pixels]
-        st: where every pixel comes from, as filters.warp and OpenImageIO.ImageBufAlgo.st_warp read it [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` and `st_warp` read it [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
         drift: the correction: Lab x gain + offset, channels gain.L, gain.a, gain.b, offset.L, offset.a, offset.b [32-bit float values; with drift]
 
@@ -3112,11 +3112,11 @@ def synth(
     resume : bool, default False
         keep finished pieces in OUT.parts until OUT is whole: a run that was killed goes on from there
     stmap : bool | FileName, default False
-        True: source coordinates as parts of the result; a file name: there
+        1: source coordinates as parts of the result; a file name: there
     graph : FileName | None, default None
         an exemplar graph, JSON or YAML
     lock : bool | int, default False
-        True: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
+        1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
     correct : bool, default True
         bring exemplars that do not agree in colour together (HRRG08 section 5)
     dims : int, default 16
@@ -3149,7 +3149,7 @@ def synth(
     ImageBuf | dict[str, ImageBuf]
         a dict where more than one part was asked for
         texture: pixels copied from the exemplars, all channels, in the root's colour space and type [pixels]
-        st: where every pixel comes from, as filters.warp reads it; with graph also the exemplar's number [32-bit float coordinates; with stmap]
+        st: where every pixel comes from, as `warp` reads it; with graph also the exemplar's number [32-bit float coordinates; with stmap]
         transfer: with graph: the offset that was added to each copied pixel, L, a and b of CIE Lab as R, G and B [32-bit float coordinates; with stmap]
         report: measures of the result, for machines [JSON; with report]
 
@@ -3234,7 +3234,7 @@ def variants(
     """Lay out what a synthesis makes of a photo: a column for every seed, a row for every value of one modifier.
 
     So a seed is chosen by eye, or it is seen what a modifier does: `vary=sigma:over=8,16,32` makes three rows of
-    filters.stationarize. Everything else is as the filter has it when nothing is said. The caption says what to say for
+    `stationarize`. Everything else is as the filter has it when nothing is said. The caption says what to say for
     the one that is liked. The result is an 8-bit sRGB image for screens: do not measure it.
 
     Parameters
@@ -3287,9 +3287,9 @@ def warp(
 ) -> ImageBuf:
     """Re-make an image from a map of source coordinates, pixel for pixel, to the bit.
 
-    `oiiotex normal.exr st.exr filters.warp -o normal_tile.exr` gives the normals that belong to a tile made with
-    `:stmap=st.exr`. The result has the map's size; nothing is interpolated, so normals stay normals. The image must
-    have the display window of the photo from which the map was made.
+    Of a photo's normals and the `stmap` of a tile, it makes the normals that belong to that tile. The result has the
+    map's size; nothing is interpolated, so normals stay normals. The image must have the display window of the photo
+    from which the map was made.
 
     Parameters
     ----------
@@ -3349,7 +3349,7 @@ def zoom(
 
     A frame follows from its number alone, whichever others are rendered, and only what it shows is synthesized (HRRG08:
     Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). `--frames` says the number; on
-    whole octaves a frame is a window of filters.synth of that level, between them the two levels around it are resampled
+    whole octaves a frame is a window of `synth` of that level, between them the two levels around it are resampled
     and blended. Without `graph` the top image is zoomed into for ever: one exemplar with an edge of r=1 to itself.
 
     Parameters
@@ -3363,7 +3363,7 @@ def zoom(
     speed : float, default 0.05
         octaves a frame: 1 doubles the size of things, below 0 zooms out; a number >= -8 and <= 8
     level : float | None, default None
-        the zoom of the first frame, as of filters.synth; the root's own resolution; a number >= 0 and <= 60
+        the zoom of the first frame, as of `synth`; the root's own resolution; a number >= 0 and <= 60
     at : float | Sequence[float] | None, default None
         X,Y: what is zoomed into, in pixels of the root; its middle; a number or a sequence of them px
     size : tuple[int, int] | None, default None
@@ -3377,7 +3377,7 @@ def zoom(
     graph : FileName | None, default None
         an exemplar graph, JSON or YAML
     lock : bool | int, default False
-        True: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
+        1: no jitter up to the root's own resolution, finer detail for it as it is; 2 and more: up to that level; True or False or a whole number >= 0 and <= 60
     correct : bool, default True
         bring exemplars that do not agree in colour together (HRRG08 section 5)
     dims : int, default 16

@@ -36,7 +36,7 @@ class Atlas(MaterialOp, Whole):
     """Make a texture for a 3-D object, that runs on over its surface where its charts end.
 
     Dominant texture on objects is figure 7 of LDR09 (Lu, Dorsey, Rushmeier, Dominant Texture and Diffusion Distance
-    Manifolds, 2009): a mask of the dominant texture (--texdominant) keeps the photo's other things off the object. The
+    Manifolds, 2009): a mask of the dominant texture (`dominant`) keeps the photo's other things off the object. The
     pixels of the mesh's charts are synthesized from coarse to fine (Lefebvre & Hoppe, Appearance-space texture
     synthesis, SIGGRAPH 2006, section 5), each beside those that are its neighbours on the surface: through shared
     edges, turned and scaled. Directions follow the charts' u, evened out over the surface; texture has one size
@@ -88,7 +88,7 @@ class Atlas(MaterialOp, Whole):
         if self.mesh is None:
             raise ParameterError("mesh=FILE is missing: the object that is textured")
         if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
-            raise ParameterError(f"unwrapped={self.unwrapped}: allowed is a file that ends in .obj")
+            raise ParameterError(parameter="unwrapped", value=str(self.unwrapped), expected="a file that ends in .obj")
         maps = self.all_maps()
         photo = self.exemplar.first.spec
         tile, tiles = self.size or Size(photo.width, photo.height), self.udim or Size(1, 1)
@@ -145,7 +145,7 @@ class Atlas(MaterialOp, Whole):
         if not _FINEST <= unit / texel <= _COARSEST:
             raise ParameterError(
                 f"scale={self.scale:g}: a pixel of the photo is {unit / texel:.3g} pixels of {size} on this mesh;"
-                f" allowed is {_FINEST:g} to {_COARSEST:g}: a scale about {texel * photo_width:.3g}, another size, or a"
+                f" expected {_FINEST:g} to {_COARSEST:g}: a scale about {texel * photo_width:.3g}, another size, or a"
                 " smaller or larger photo"
             )
         stretch = np.sort(flat / solid)

@@ -32,8 +32,8 @@ _PIXEL_BYTES = 24
 class Composite(Quilted):
     """Grow what a photo consists of to any size, and fill it with the photo's texture.
 
-    Grows a new label map from the one that --texlabel has found, with its shares and neighbourhoods, and quilts it
-    (--texquilt with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
+    Grows a new label map from the one that `label` has found, with its shares and neighbourhoods, and quilts it
+    (`quilt` with the grown map as its guide): the automatic synthesis of non-stationary textures that LSA16
     (Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis,
     SIGGRAPH 2016) leaves for the future in section 7. Every pixel of the result is a copy of one pixel of the photo.
     """
@@ -44,9 +44,7 @@ class Composite(Quilted):
         ST,
         CARRIED,
         Output("plan", Kind.ARRAYS, "offsets and cuts", asked_by="plan"),
-        Output(
-            "grown", Kind.IDS, "the label map that was grown: a guide for --texquilt and --texpaint", asked_by="grown"
-        ),
+        Output("grown", Kind.IDS, "the label map that was grown: a guide for `quilt` and `paint`", asked_by="grown"),
         REPORT,
     )
 
@@ -55,7 +53,7 @@ class Composite(Quilted):
         None, ge=8, le=1 << 22, unit="px", help="of the result; twice the exemplar's when left out"
     )
     tries: int = param(4, ge=1, le=64, help="label maps that are grown; the nearest to the found one is taken")
-    plan: Path | None = param(None, help="the plan goes to this file (.npz): --texquilt:render=1 renders it")
+    plan: Path | None = param(None, help="the plan goes to this file (.npz): `quilt` with `render` renders it")
     grown: bool = param(False, help="the grown label map follows as part 'grown'")
     report: Path | None = param(None, help=REPORT_HELP)
     fail: Words | None = param(None, help=FAIL_HELP)

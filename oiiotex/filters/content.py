@@ -62,7 +62,7 @@ class Content(ScanThenMap):
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
     section 6.1). The centres of all patches with the key of the patch around `at` are marked red on the photo, and
     that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
-    them. With table=1 every key is shown by a patch that has it, first label down, second across (figure 11).
+    them. With `table` every key is shown by a patch that has it, first label down, second across (figure 11).
     The result is an 8-bit sRGB image for screens: do not measure it.
     """
 
@@ -73,7 +73,7 @@ class Content(ScanThenMap):
         Output("facts", Kind.TABLE, "key, histograms of every level, sizes of all keys", asked_by="json", lines=_lines),
     )
 
-    source: Image = image(help="an image with label parts, as --texlabel:keep=1 makes it")
+    source: Image = image(help="an image with label parts, as `label` with `keep` makes it")
     labels: Image | None = image(None, help=LABELS)
     at: Numbers | None = param(None, unit="px", help="x,y in the data window: the patch's middle; that of the image's")
     level: int | None = param(None, ge=1, help="which label map; the coarsest when left out")
@@ -108,7 +108,7 @@ class Content(ScanThenMap):
         if self.at is None:
             return (width - side) // 2, (height - side) // 2
         if len(self.at) != 2:
-            raise ParameterError(f"at={self.at}: two numbers are wanted, x,y")
+            raise ParameterError(parameter="at", value=self.at, expected="two numbers: x,y")
         x, y = (int(np.floor(n)) for n in self.at)
         x, y = x - part.spec.x, y - part.spec.y
         if not (0 <= x < width and 0 <= y < height):

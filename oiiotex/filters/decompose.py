@@ -40,7 +40,7 @@ class Decompose(OnePart, ScanThenMap):
     are, or as many are left as labels asks for; then the subtextures compete once more. The result is a label map: ids
     from 1 on, 0 where alpha is 0. Images above a megapixel are looked at reduced by a whole factor. group=cliques
     compares places by their texton histograms instead, each with the best match near the other, and groups them by a
-    clique partition; paper=1 is that way by the letter (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
+    clique partition; `paper` is that way by the letter (CZF02: Caenen, Zalesny, Ferrari, Van Gool, Unsupervised
     Texture Segmentation by Clique Partitioning).
     """
 
@@ -91,7 +91,7 @@ class Decompose(OnePart, ScanThenMap):
     )
     paper: bool = param(
         False,
-        help="CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine=0:assign=neighbours",
+        help="CZF02 by the letter: features=haar:group=cliques:scales=3:search=meanshift:refine off:assign=neighbours",
     )
     keep: bool = param(False, help="the photo stays the first part, the labels follow it")
     cryptomatte: bool | Path = param(

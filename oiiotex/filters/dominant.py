@@ -37,8 +37,8 @@ class Dominant(ScanThenMap):
     Overlapping patches are points in a space of colours; heat that spreads from the densest one reaches the large
     group of patches that look alike, and hardly those that do not (LDR09: Lu, Dorsey, Rushmeier, Dominant Texture and
     Diffusion Distance Manifolds, Eurographics 2009). The mask is 1 where dominant patches lie, else 0. A photo of
-    which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with strict=1. With
-    keep=1 the photo stays the first part and the mask follows it as part 'dominant', ready to guide a synthesis.
+    which no group of patches holds 40 % is rejected: a warning and an empty mask, or an error with `strict`. With
+    `keep` the photo stays the first part and the mask follows it as part 'dominant', ready to guide a synthesis.
     Attributes say the patch's side in px (oiiotex:patch), the kernel's size (oiiotex:epsilon), the manifold's
     dimension (oiiotex:dimension), the steps of the diffusion (oiiotex:tau) and the share of dominant patches
     (oiiotex:share).

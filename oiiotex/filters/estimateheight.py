@@ -17,7 +17,7 @@ from ..core.image import Image, Part, from_pixels, measure_spec
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, modifier
 from ..session import Session
 
 log = logging.getLogger("oiiotex")
@@ -78,7 +78,8 @@ class EstimateHeight(Whole):
         )
 
         if self.overcast and self.light is not None:
-            raise ParameterError(f"{self.name}: light={self.light:g} and overcast=1 exclude each other")
+            problem = f"conflicts with {modifier(overcast=True)}"
+            raise ParameterError(problem, parameter="light", value=f"{self.light:g}")
         part, wraps = self.source.first, ("y" in self.tile, "x" in self.tile)
         width, height = part.spec.width, part.spec.height
         sigma = self.sigma or max(1.0, max(width, height) / 8)

@@ -41,7 +41,7 @@ class ExemplarGraph(Whole):
 
     Several photos become a chain: each is finer than the one before by `scale`. One photo gets an edge to itself, a
     zoom without end; with `scales` a chain of exemplars is cut out of it, from the whole, reduced, down to a piece at
-    full size. json=FILE is the document for --texsynth and --texzoom, to be edited at will; the files that it names
+    full size. json=FILE is the document for `synth` and `zoom`, to be edited at will; the files that it names
     are looked up beside it (HRRG08: Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, section
     3.1, figures 8 and 9). The picture shows exemplars by their octaves, with r at the edges.
     """
@@ -50,7 +50,7 @@ class ExemplarGraph(Whole):
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("picture", Kind.PICTURE, "exemplars and edges"),
-        Output("graph", Kind.TABLE, "the document for --texsynth and --texzoom", asked_by="json"),
+        Output("graph", Kind.TABLE, "the document for `synth` and `zoom`", asked_by="json"),
         Output("exemplar.N", Kind.PIXELS, "with scales: the photo N times reduced, beside it", asked_by="json"),
     )
 
@@ -91,7 +91,7 @@ class ExemplarGraph(Whole):
             return {"picture": self._picture(graph, images, session)}
         photos = self.photos or ()
         if not photos:
-            raise ParameterError(f"{self.name}: takes an image or more, or graph=FILE")
+            raise ParameterError("expected an image or more, or graph=FILE")
         _require_alike(photos)
         cut = self._cut() if self.scales > 1 else {}
         photos = tuple(cut.values()) or photos
@@ -115,7 +115,8 @@ class ExemplarGraph(Whole):
             log.warning("%s: scale is not said: each photo is taken to be %d times finer than the one before",
                         self.name, 2**usual)  # fmt: skip
         if len(given) not in (0, 1, len(photos) - 1):
-            raise ParameterError(f"scale={self.scale}: allowed is one number, or {len(photos) - 1} for as many edges")
+            expected = f"one number, or {len(photos) - 1} for as many edges"
+            raise ParameterError(parameter="scale", value=self.scale, expected=expected)
         ratios = given if len(given) > 1 else (given or (2.0**usual,)) * (len(photos) - 1)
         names = _names(photos)
         edges = [{"from": a, "to": b, **_relation(q)} for a, b, q in zip(names, names[1:], ratios, strict=False)]
@@ -135,7 +136,7 @@ class ExemplarGraph(Whole):
             raise ParameterError(f"scales={self.scales}: there are {len(self.photos or ())} photos; it cuts one")
         step = (self.scale or Numbers([2.0]))[0]
         if len(self.scale or (2,)) != 1 or math.frexp(step)[0] != 0.5 or step < 2:
-            raise ParameterError(f"scale={self.scale}: with scales allowed is one power of two >= 2")
+            raise ParameterError(parameter="scale", value=self.scale, expected="one power of two >= 2, with scales")
         return [int(step) ** n for n in range(self.scales - 1, -1, -1)]
 
     def _file(self, factor: int) -> Path:

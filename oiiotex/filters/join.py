@@ -29,7 +29,7 @@ _SHARE = re.compile(r"(?:^|:)tiles=(\d+)/(\d+)(?:$|:)")
 class Join(ScanThenMap):
     """Put the shares of an image together, as a farm has rendered them: the same pixels as of one run.
 
-    Takes all images of the stack, in any order: crops in one display window, as --texsynth:tiles=1/8 to tiles=8/8
+    Takes all images of the stack, in any order: crops in one display window, as `synth` with tiles=1/8 to tiles=8/8
     makes them. They must cover it. Where they overlap they must be equal, and they must have the same channels,
     pixel type and parts; what does not fit is refused by name.
     """

@@ -15,7 +15,7 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np, oiio
-from ..errors import ColorError, ImageError, ParameterError
+from ..errors import COLORSPACE, ColorError, ImageError, ParameterError, modifier
 from ..session import Session
 
 FROM = "oiiotex:labFrom"  # the attribute that remembers which space became Lab
@@ -43,23 +43,25 @@ class Lab(Pointwise):
     source: Image = image(help="the image")
     inverse: bool = param(False, help="from Lab to colour")
     to: str | None = param(
-        None, help="with inverse=1: the colour space to go to; the one that the image came from when left out"
+        None, help="with `inverse`: the colour space to go to; the one that the image came from when left out"
     )
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The first part converted."""
         if self.to is not None and not self.inverse:
-            raise ParameterError(f"{self.name}: to={self.to} is where inverse=1 goes; Lab is where it goes without")
+            raise ParameterError(f"requires {modifier(inverse=True)}", parameter="to", value=self.to)
         return {"colour": self._colour(session)} if self.inverse else {"lab": self._lab(session)}
 
     def _lab(self, session: Session) -> Part:
         part = self.source.first
         origin = part.spec.get_string_attribute(FROM)
         if origin:
-            raise ColorError(f"{self.source.source} is Lab already, from '{origin}': :inverse=1 turns it back")
+            back = f"{modifier(inverse=True)} turns it back"
+            raise ColorError(f"is Lab already, from '{origin}': {back}", subject=self.source.source)
         space = colour_space(self.source, session.color, session.autocc)
         if space is None:
-            raise ColorError(f"{self.source.source} is data, which has no Lab: say --iscolorspace NAME if it is colour")
+            problem = f"is data, which has no Lab: say {COLORSPACE} if it is colour"
+            raise ColorError(problem, subject=self.source.source)
         lens = lens_for(self.source, session, space)
         places = _places(lens.channels, part.spec.nchannels)
 
@@ -84,9 +86,9 @@ class Lab(Pointwise):
         if tag and not session.color.is_data(tag):
             raise ColorError(f"{name} is '{tag}', not Lab")
         if not space:
-            raise ColorError(f"{name} does not say which colour space it came from: add :to=NAME")
+            raise ColorError(f"{name} does not say which colour space it came from: add to=NAME")
         if session.color.is_data(space):
-            raise ColorError(f"to={space}: a space of data has no colours")
+            raise ColorError("a space of data has no colours", parameter="to", value=space)
         channels = channels_of(part.spec)
         if len(channels.colour) != 3:
             raise ImageError(f"{name} has {len(channels.colour)} channels beside alpha: Lab has three")

@@ -36,7 +36,7 @@ class Label(OnePart, ScanThenMap):
     Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016). The
     result has one part per scale: label.1 is the finest, the last one the coarsest, and every label of a level lies
     in one label of the next, its parent. Ids are 1, 2, ... of type uint32; 0 stands only where alpha is 0. Write it
-    to EXR or TIFF, which hold them. With keep=1 the photo stays the first part. Attributes of a part say its scale
+    to EXR or TIFF, which hold them. With `keep` the photo stays the first part. Attributes of a part say its scale
     (oiiotex:rho, px), how many labels it has (oiiotex:labels) and their parents, in order (oiiotex:parents).
     """
 
@@ -72,7 +72,7 @@ class Label(OnePart, ScanThenMap):
     share: float = param(
         0.5, ge=0.01, le=1, help="of the superpixels of the next scale that must hold two labels; the paper: 1"
     )
-    coarsest: bool = param(True, help="a coarsest level of subtextures, as --texdecompose finds them; not in the paper")
+    coarsest: bool = param(True, help="a coarsest level of subtextures, as `decompose` finds them; not in the paper")
     labels: int | None = param(
         None, ge=1, le=50, help="how many subtextures that level has, at most; found when left out"
     )
@@ -85,7 +85,7 @@ class Label(OnePart, ScanThenMap):
     seed: int = param(0, ge=0, le=2**32 - 1, help="of random starts; with tries=0 and runs=1 there are none")
     paper: bool = param(
         False,
-        help="LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest=0:neighbours=256:runs=10"
+        help="LSA16 by the letter: features=moments:persistence=0.95:share=1:coarsest off:neighbours=256:runs=10"
         ":minsize=25, one persistence at all levels, and labels cut wherever a coarser border crosses them",
     )
     keep: bool = param(False, help="the photo stays the first part, the labels follow it")

@@ -14,7 +14,7 @@ from ..core.label_map import LabelMap, holds_ids, label_maps, required_ids
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, either, texture_filter
 from ..labels.legend import colours_of
 from ..session import Session
 
@@ -25,7 +25,7 @@ _NODE = 14  # px of the sheet
 class LabelView(ScanThenMap):
     """Show label maps to people: a contact sheet of all levels, with the tree of labels beside it.
 
-    Takes the image that --texlabel or --texsuperpixel makes, best with keep=1: the photo, then for every label part
+    Takes the image that `label` or `superpixel` makes, best with `keep`: the photo, then for every label part
     (uint32, one channel) its labels in colours that stay apart for colour-blind viewers too, over the photo's lightness
     and with their borders. The tree has the coarsest labels at its top; a node is as wide as the label's share of the
     image. The result is an 8-bit sRGB image for screens, made from every nth pixel: do not measure it.
@@ -35,7 +35,7 @@ class LabelView(ScanThenMap):
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)
 
-    source: Image = image(help="an image with label parts, as --texlabel or --texsuperpixel:keep=1 makes it")
+    source: Image = image(help="an image with label parts, as `label` or `superpixel` with `keep` makes it")
     side: int = param(384, ge=64, le=4096, unit="px", help="longer side of one panel")
     columns: int = param(3, ge=1, le=16, help="panels in a row")
     strength: float = param(0.65, ge=0, le=1, help="of the labels' colours over the photo")
@@ -47,8 +47,9 @@ class LabelView(ScanThenMap):
         labels = [named.get(id(part), LabelMap(part, 0)) for part in self.source.parts if holds_ids(part)]
         if not labels:
             raise ImageError(
-                f"{self.source.source} has no label parts: it takes what --texlabel or --texsuperpixel makes"
-                " (ops drop further parts, but with -a)"
+                f"has no label parts: expected what {texture_filter('label')} or {texture_filter('superpixel')} makes"
+                f"{either(' (ops drop further parts, but with -a)', '')}",
+                subject=self.source.source,
             )
         photo = None if holds_ids(self.source.first) else self.source.first
         spec = labels[0].part.spec

@@ -34,10 +34,10 @@ log = logging.getLogger("oiiotex")
 class Paint(Quilted):
     """Turn a painting of labels into a texture, at one scale or at two.
 
-    What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (--texquilt). A second
+    What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (`quilt`). A second
     painting, fine, lays labels of the next finer level over it; where it is empty (black, id 0 or alpha 0), the first
     stays (LSA16: Lockerman, Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for
-    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what --texpalette wrote: which colour is which
+    Texture Synthesis, SIGGRAPH 2016, section 6.2). table=FILE is what `palette` wrote: which colour is which
     label; paintings of ids need none. With plan=FILE the next edit begins there: before=FILE keeps every patch whose
     labels did not change, so that pixels elsewhere are the same to the bit.
     """
@@ -56,7 +56,7 @@ class Paint(Quilted):
     level: int | None = param(
         None, ge=1, help="which label map is painted: label.N; the table's, else the coarsest, when left out"
     )
-    table: Path | None = param(None, help="JSON of --texpalette: which label each colour of the paintings means")
+    table: Path | None = param(None, help="JSON of `palette`: which label each colour of the paintings means")
     soft: float = param(0.2, ge=0, le=1, help=SOFT)
     size: Size | None = param(None, ge=8, le=1 << 22, unit="px", help="of the result; the painting's when left out")
     plan: Path | None = param(None, help="what was painted, and with which patches, goes to this file (.npz)")

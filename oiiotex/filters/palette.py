@@ -46,7 +46,7 @@ class Palette(LabelledExemplar, InBands):
     right of it are its children on the next finer level, side by side (LSA16: Lockerman, Sauvage, Allegre, Dischler,
     Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016, section 6.2, figures 13
     and 14). The largest label is on top. json=FILE says for each its id, name, colour to paint with, area, parent,
-    children and place in the picture: the table of --texpaint. paints=FILE is a palette for painting programs, chips=1
+    children and place in the picture: the table of `paint`. paints=FILE is a palette for painting programs, `chips`
     a picture of the same colours.
     """
 

@@ -15,7 +15,7 @@ from ..patchmatch.recipe import Recipe
 class PatchMatch(PatchSynthesis):
     """The photo synthesized anew by PatchMatch alone: the paper's baselines (MJH17 section 5.2).
 
-    The same as --texstationarize without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
+    The same as `stationarize` without its projection. `tile=xy` is toroidal PatchMatch, `tile=none` the plain one.
     """
 
     name: ClassVar[str] = "patchmatch"

@@ -27,7 +27,7 @@ PRESET_HELP = (
     "Modifiers for those that are not given. keep (large structures stay whole): sigma = longer side /"
     f" {KEEP_SIGMA_SHARE}, patch={LARGE_PATCH}; even (structures beyond sigma are evened out, too): sigma = longer"
     f" side / {EVEN_SIGMA_SHARE}, patch={SMALL_PATCH}; clean (objects are removed): as even, with contrast=0 and the"
-    " mask of --texdominant. -v prints the line that makes the same pixels. Default: none of them."
+    " mask of `dominant`. -v prints the line that makes the same pixels. Default: none of them."
 )
 
 

@@ -31,7 +31,7 @@ class Preview(Gather):
     The plane is the stress test of MJH17 (section 5.2): all repetition shows there. With `exemplar` the photo stands
     beside it, and what a paint program's 'make seamless' makes of it, 2 x 2: the photo blended with itself shifted by
     half. Every pixel is the mean of all it covers. Values are averaged as they are stored: of a picture that is not
-    linear convert a copy first (--tocolorspace), where the light at the horizon must be right.
+    linear convert a copy first (OpenImageIO's `colorconvert`), where the light at the horizon must be right.
     """
 
     name: ClassVar[str] = "preview"
@@ -104,7 +104,7 @@ class Preview(Gather):
             return [name for name in PANELS if self.exemplar is not None or name not in _OF_EXEMPLAR]
         names = list(self.panels)
         if any(name not in PANELS for name in names):
-            raise ParameterError(f"panels={self.panels}: allowed is {', '.join(PANELS)}")
+            raise ParameterError(parameter="panels", value=self.panels, expected=", ".join(PANELS))
         missing = [name for name in names if name in _OF_EXEMPLAR]
         if self.exemplar is None and missing:
             raise ParameterError(f"panels={self.panels}: {missing[0]} needs exemplar=")

@@ -11,7 +11,7 @@ from ..core.image import Image, Part
 from ..core.op import Kind, Output
 from ..core.parameters import Words, image, param
 from ..core.source_map import COPIED, ST
-from ..errors import ImageError, ParameterError, present
+from ..errors import ImageError, ParameterError, modifier, present
 from ..exemplar.exemplar_op import LABEL, MASK
 from ..exemplar.photo_lattice import Structured
 from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
@@ -26,7 +26,7 @@ class Quilting(Quilted, Structured):
     """Sew a texture of any size together from patches of a photo, as a stream.
 
     Image quilting (Efros & Freeman, SIGGRAPH 2001): square patches on a regular grid, each the one that fits what is
-    there best, cut along the line where both look most alike. With label maps (--texlabel:keep=1) a guide says what is
+    there best, cut along the line where both look most alike. With label maps (of `label`) a guide says what is
     to be where: patches are looked up by their content, the two most frequent labels in them (LSA16: Lockerman,
     Sauvage, Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH
     2016, section 6.1). Every pixel of the result is a copy of one pixel of the photo, and the result does not depend
@@ -88,10 +88,11 @@ class Quilting(Quilted, Structured):
     def _rendered(self, session: Session) -> dict[str, Part]:
         """From a plan."""
         if self.plan is None:
-            raise ParameterError("render=1 makes the result from a plan: plan=FILE says which")
+            raise ParameterError(f"{modifier(render=True)} requires plan=FILE")
         planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap
         if any(value is not None for value in planned):
-            raise ParameterError("render=1 takes everything from the plan; say none of size, patch, mask, label, guide")
+            given = "size, patch, overlap, mask, label, labels and guide"
+            raise ParameterError(f"{modifier(render=True)} conflicts with {given}: the plan has them")
         plan, size = Plan.load(self.plan, session.budget)
         spec = self.exemplar.first.spec
         if size != (spec.width, spec.height):

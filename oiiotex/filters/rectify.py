@@ -56,11 +56,12 @@ class Rectify(Gather):
     """
 
     name: ClassVar[str] = "rectify"
+    rescales: ClassVar[bool] = True
     space: ClassVar[Space] = Space.ANY
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("rectified", Kind.PIXELS, "the surface from the front, in the photo's own colour space and type"),
         Output(
-            "st", Kind.COORDINATES, "where every pixel comes from, between pixels, as --st_warp reads it",
+            "st", Kind.COORDINATES, "where every pixel comes from, between pixels, as `st_warp` reads it",
             asked_by="stmap",
         ),
         Output("geometry", Kind.TABLE, "corners, size, cells, metres, matrix", asked_by="json", lines=_lines),
@@ -115,7 +116,8 @@ class Rectify(Gather):
         """Four points of the photo, and how many cells of its lattice lie between them where they follow from it."""
         if self.corners is not None:
             if len(self.corners) != 8:
-                raise ParameterError(f"corners={self.corners}: eight numbers are wanted, x,y of four points")
+                expected = "eight numbers: x,y of four points"
+                raise ParameterError(parameter="corners", value=self.corners, expected=expected)
             corners = np.array(self.corners, float).reshape(4, 2)
             require_quadrangle(corners)
             return corners, None
@@ -140,7 +142,8 @@ class Rectify(Gather):
         if self.physical is None:
             return None
         if len(self.physical) != 2:
-            raise ParameterError(f"physical={self.physical}: two numbers are wanted, width,height in metres")
+            expected = "two numbers: width,height in metres"
+            raise ParameterError(parameter="physical", value=self.physical, expected=expected)
         across, down = cells or (1, 1)
         return self.physical[0] * across, self.physical[1] * down
 

@@ -39,12 +39,12 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sigmas(Whole):
-    """Show what each sigma of --texstationarize makes of a photo, and find sigmas whose steps look even.
+    """Show what each sigma of `stationarize` makes of a photo, and find sigmas whose steps look even.
 
     A contact sheet of n small tiles, from the largest sigma (amount 0) to the smallest (amount 1), laid out 2 x 2. How
     much a tile changes with sigma hangs on the photo: neighbours are compared by the earth mover's distance between
     their histograms, and sigmas are spread anew so that the steps are even (MJH17: Moritz, James, Haines, Ritschel,
-    Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). --texstationarize:amount= finds its sigma on the
+    Weyrich, Texture Stationarization, Eurographics 2017, section 4.4). Its `amount` finds its sigma on the
     same scale, which is kept in the user's cache. The table is printed; json keeps it. The result is an 8-bit sRGB
     image for screens: do not measure it.
     """

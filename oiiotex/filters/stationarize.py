@@ -38,11 +38,11 @@ class Stationarize(PatchSynthesis):
     """Turn a photo into a texture that tiles without visible repetition.
 
     Gradients of light and stains repeat visibly when a photo is tiled. They are removed first (`flatten`), as by
-    --texflatten. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
+    `flatten`. Then the photo is resynthesized from its own patches, while local histograms, or another measure, are
     kept uniform above a scale sigma (MJH17: Moritz, James, Haines, Ritschel, Weyrich, Texture Stationarization,
     Eurographics 2017). Every pixel of the result is a copy of one pixel of the photo, all its channels together; where
     drift is removed, the copy is corrected by a gain and an offset in Lab that vary slowly, but for the rims of stains.
-    With relevel=1, heights are copies plus a constant for each copied piece.
+    With `relevel`, heights are copies plus a constant for each copied piece.
     """
 
     name: ClassVar[str] = "stationarize"
@@ -53,7 +53,7 @@ class Stationarize(PatchSynthesis):
         None,
         ge=0,
         le=1,
-        help="Share of the photo's gradients and stains that is removed before synthesis, as by --texflatten. 0: every"
+        help="Share of the photo's gradients and stains that is removed before synthesis, as by `flatten`. 0: every"
         " pixel is a verbatim copy. Default: 1; 0 with within and for data.",
     )
     drift: bool | Path = param(False, help=DRIFT_HELP)
@@ -69,7 +69,7 @@ class Stationarize(PatchSynthesis):
         None,
         ge=0,
         le=1,
-        help="instead of sigma: how stationary it shall look, in even steps that hang on the photo (see --texsigmas)",
+        help="instead of sigma: how stationary it shall look, in even steps that hang on the photo (see `sigmas`)",
     )
     contrast: float | None = param(
         None,

@@ -16,7 +16,7 @@ from ..core.parameters import Size, param
 from ..core.source_map import ST, SourceMap
 from ..core.window import Domain, Window
 from ..deferred import np, oiio
-from ..errors import ParameterError
+from ..errors import ParameterError, modifier
 from ..exemplar.photo_lattice import Structured, fitting_size
 from ..multiscale.graph import Graph
 from ..multiscale.infinite_plane import Plane, States
@@ -52,7 +52,7 @@ class Synth(Multiscale, Structured):
             Kind.PIXELS,
             "pixels copied from the exemplars, all channels, in the root's colour space and type",
         ),
-        replace(ST, help="where every pixel comes from, as --texwarp reads it; with graph also the exemplar's number"),
+        replace(ST, help="where every pixel comes from, as `warp` reads it; with graph also the exemplar's number"),
         Output(
             "transfer",
             Kind.COORDINATES,
@@ -118,18 +118,20 @@ class Synth(Multiscale, Structured):
     def _asked_window(self) -> Window | None:
         """What `window` says, inside of what `size` says; None where it says nothing."""
         if self.tiles and not _SHARE.fullmatch(self.tiles):
-            raise ParameterError(f"tiles={self.tiles}: allowed is I/N, I from 1 to N")
+            raise ParameterError(parameter="tiles", value=self.tiles, expected="I/N, I from 1 to N")
         if not self.window:
             return None
         match = _WINDOW.fullmatch(self.window)
         if not match:
-            raise ParameterError(f"window={self.window}: allowed is WxH+X+Y, such as 1920x1080+0-400")
+            expected = "WxH+X+Y, such as 1920x1080+0-400"
+            raise ParameterError(parameter="window", value=self.window, expected=expected)
         width, height, left, top = map(int, match.groups())
         if max(width, height) > 1 << 30 or max(abs(left), abs(top)) > FARTHEST:
-            raise ParameterError(f"window={self.window}: allowed are sides up to 2^30 px, places up to 2^60 px away")
+            expected = "sides up to 2^30 px, places up to 2^60 px away"
+            raise ParameterError(parameter="window", value=self.window, expected=expected)
         window = Window.sized(left, top, width, height)
         if self.size is not None and window & Window(0, 0, *self.size) != window:
-            raise ParameterError(f"window={self.window} is not inside size={self.size}")
+            raise ParameterError(parameter="window", value=self.window, expected=f"a window inside size={self.size}")
         return window
 
     def _windows(self, spec: oiio.ImageSpec, asked: Window | None) -> tuple[Window | None, Window]:
@@ -143,7 +145,8 @@ class Synth(Multiscale, Structured):
             return display, window
         share, count = map(int, self.tiles.split("/"))
         if not 1 <= share <= count <= window.height:
-            raise ParameterError(f"tiles={self.tiles}: allowed is I/N, I from 1 to N, N at most {window.height} rows")
+            expected = f"I/N, I from 1 to N, N at most {window.height} rows"
+            raise ParameterError(parameter="tiles", value=self.tiles, expected=expected)
         rows = (window.top + window.height * n // count for n in (share - 1, share))
         return display or window, Window(window.left, next(rows), window.right, next(rows))
 
@@ -152,11 +155,10 @@ class Synth(Multiscale, Structured):
         if not self.toroidal:
             return None
         if self.size is None or display is None:
-            raise ParameterError("toroidal=1: say size, after which the texture repeats")
+            raise ParameterError(f"{modifier(toroidal=True)} requires size, after which the texture repeats")
         if any(n % (1 << level) for n in self.size):
-            raise ParameterError(
-                f"toroidal=1: size={self.size}: on level {level} allowed are multiples of {1 << level} px"
-            )
+            expected = f"multiples of {1 << level} px, for {modifier(toroidal=True)} on level {level}"
+            raise ParameterError(parameter="size", value=self.size, expected=expected)
         return display.width, display.height
 
     def _in_step(self, plane: Plane, level: int, around: tuple[int, int] | None, session: Session) -> InStep | None:

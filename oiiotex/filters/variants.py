@@ -12,7 +12,7 @@ from ..core.image import Image
 from ..core.op import Kind, Op, Output, Space
 from ..core.parameters import Words, image, nearest, param
 from ..deferred import np
-from ..errors import ParameterError
+from ..errors import ParameterError, texture_filter
 from ..session import Session
 from .composite import Composite
 from .cut import Cut
@@ -32,7 +32,7 @@ class Variants(Whole):
     """Lay out what a synthesis makes of a photo: a column for every seed, a row for every value of one modifier.
 
     So a seed is chosen by eye, or it is seen what a modifier does: `vary=sigma:over=8,16,32` makes three rows of
-    --texstationarize. Everything else is as the filter has it when nothing is said. The caption says what to say for
+    `stationarize`. Everything else is as the filter has it when nothing is said. The caption says what to say for
     the one that is liked. The result is an 8-bit sRGB image for screens: do not measure it.
     """
 
@@ -81,7 +81,8 @@ class Variants(Whole):
         known = {p.name: p for p in op.parameters() if p.name not in _FIXED}
         if self.vary not in known:
             names = ", ".join(known)
-            raise ParameterError(f"vary={self.vary}: of {op.flag()} {names} can differ{nearest(self.vary, known)}")
+            of = f"of {texture_filter(op.name)} {names} can differ{nearest(self.vary, known)}"
+            raise ParameterError(of, parameter="vary", value=self.vary)
         parameter = known[self.vary]
         return [(parameter.attribute, parameter.parse(text), f"{self.vary}={text}") for text in self.over]
 

@@ -22,9 +22,9 @@ from ..session import Session
 class Warp(Gather):
     """Re-make an image from a map of source coordinates, pixel for pixel, to the bit.
 
-    `oiiotex normal.exr st.exr --texwarp -o normal_tile.exr` gives the normals that belong to a tile made with
-    `:stmap=st.exr`. The result has the map's size; nothing is interpolated, so normals stay normals. The image must
-    have the display window of the photo from which the map was made.
+    Of a photo's normals and the `stmap` of a tile, it makes the normals that belong to that tile. The result has the
+    map's size; nothing is interpolated, so normals stay normals. The image must have the display window of the photo
+    from which the map was made.
     """
 
     name: ClassVar[str] = "warp"

@@ -35,7 +35,7 @@ class Zoom(Multiscale):
 
     A frame follows from its number alone, whichever others are rendered, and only what it shows is synthesized (HRRG08:
     Han, Risser, Ramamoorthi, Grinspun, Multiscale Texture Synthesis, 2008, figure 3). `--frames` says the number; on
-    whole octaves a frame is a window of --texsynth of that level, between them the two levels around it are resampled
+    whole octaves a frame is a window of `synth` of that level, between them the two levels around it are resampled
     and blended. Without `graph` the top image is zoomed into for ever: one exemplar with an edge of r=1 to itself.
     """
 
@@ -52,7 +52,7 @@ class Zoom(Multiscale):
     first: int = param(1, help="the number of the frame where the zoom begins")
     speed: float = param(0.05, ge=-8, le=8, help="octaves a frame: 1 doubles the size of things, below 0 zooms out")
     level: float | None = param(
-        None, ge=0, le=MOST_LEVEL, help="the zoom of the first frame, as of --texsynth; the root's own resolution"
+        None, ge=0, le=MOST_LEVEL, help="the zoom of the first frame, as of `synth`; the root's own resolution"
     )
     at: Numbers | None = param(None, unit="px", help="X,Y: what is zoomed into, in pixels of the root; its middle")
     size: Size | None = param(None, ge=1, le=1 << 16, unit="px", help="of the frame; the root's own when left out")
@@ -69,7 +69,7 @@ class Zoom(Multiscale):
     def compute(self, session: Session) -> dict[str, Any]:
         """The frame."""
         if self.at is not None and len(self.at) != 2:
-            raise ParameterError(f"at={self.at}: allowed are two numbers, X,Y")
+            raise ParameterError(f"at={self.at}: expected two numbers, X,Y")
         quality = Quality(op=self, session=session, copies=False)  # what is wrong with its limits is said now
         plane = self.opened(session)
         first = plane.root.first
@@ -108,7 +108,7 @@ class Zoom(Multiscale):
         zoom = begin + self.speed * (number - self.first)
         if not 0 <= zoom <= MOST_LEVEL:
             raise ParameterError(
-                f"frame {number} would be at {zoom:.6g} octaves: allowed are 0 to {MOST_LEVEL};"
+                f"frame {number} would be at {zoom:.6g} octaves: expected 0 to {MOST_LEVEL};"
                 f" it begins at {begin:.6g} with frame {self.first}, speed={self.speed:.6g}"
             )
         deepest = plane.finest + plane.graph.depth()

@@ -12,7 +12,7 @@ from typing import Any
 from ..color.config import as_float
 from ..core.label_map import LabelMap
 from ..deferred import np
-from ..errors import ImageError
+from ..errors import ImageError, texture_filter
 from ..io.documents import read_document
 
 _DISTINCT = 48  # colours that are told apart; further labels begin again
@@ -63,7 +63,7 @@ class LabelNames:
         It is no such table.
     """
 
-    HELP = "table of --texpalette: what labels are called, in parts and in Cryptomatte"
+    HELP = "table of `palette`: what labels are called, in parts and in Cryptomatte"
 
     def __init__(self, path: Path):
         document, self._path = read_document(path), path
@@ -72,11 +72,12 @@ class LabelNames:
             rows = {level: document["labels"]} | ({level - 1: document["finer"]} if document.get("finer") else {})
             self._names = {at: {entry["id"]: entry["name"] for entry in entries} for at, entries in rows.items()}
         except (KeyError, TypeError, AttributeError) as error:
-            raise ImageError(f"names={path}: not a table of --texpalette") from error
+            expected = f"a table of {texture_filter('palette')}"
+            raise ImageError(parameter="names", value=str(path), expected=expected) from error
         numbers = [number for at, one in self._names.items() for number in (at, *one)]
         texts = [text for one in self._names.values() for text in one.values()]
         if not all(type(n) is int and n >= 1 for n in numbers) or not all(type(t) is str and t.strip() for t in texts):
-            raise ImageError(f"names={path}: allowed are ids of 1 and up, and texts as names")
+            raise ImageError(f"names={path}: expected ids of 1 and up, and texts as names")
 
     def of(self, maps: Sequence[LabelMap]) -> list[LabelMap]:
         """All maps of an image with their labels called so; raises ImageError where they have no such label."""

@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 from .. import __version__
 from ..api import materials
 from ..api.files import hash_of, writing_only_below
-from ..api.images import SHORT_OF_MEMORY, TAG, Image, Session, read
+from ..api.images import TAG, Image, Session, read
 from ..api.lines import LANGUAGE, Frame, Task, parse, work
 from ..api.lines import Job as LineJob
 from ..api.materials import label_colours
 from ..deferred import np, oiio
-from ..errors import Error, one_line
+from ..errors import Error, MemoryBudgetError, one_line, within
 from ..recipes.found import Material, extract, link_or_copy
 from ..recipes.lines import SOURCE, Step, source_name, steps_of
 from ..recipes.recipe import Recipe
@@ -37,7 +37,6 @@ SCHEMA = "oiiotex.asset/2"
 # what is read of a sidecar, and of its files
 _SIDECAR = {"name": str, "key": str, "status": str, "reasons": list, "files": list}
 _FILE = {"path": str, "bytes": int, "sha256": str}
-_RESIZES = {"--resize", "--resample", "--fit", "--pixelaspect", "--rotate", "--warp", "--st_warp", "--texrectify"}
 _STEP = 0.1  # of a height map's range, between neighbours
 
 
@@ -78,17 +77,15 @@ class Outcome(NamedTuple):
         What asset.json says; None where it failed.
     error : str
     seconds : float
+    short_of_memory : bool
+        More memory would help.
     """
 
     name: str
     sidecar: dict[str, Any] | None
     error: str = ""
     seconds: float = 0.0
-
-    @property
-    def short_of_memory(self) -> bool:
-        """Whether more memory would help."""
-        return SHORT_OF_MEMORY in self.error
+    short_of_memory: bool = False
 
 
 def key_of(material: Material, recipe: Recipe, digests: Mapping[str, str]) -> str:
@@ -116,7 +113,8 @@ def make(job: Job) -> Outcome:
     except Exception as error:  # a fault of ours must not end a night's run either
         shutil.rmtree(folder, ignore_errors=True)
         kind = "" if isinstance(error, (Error, OSError)) else f"internal, {type(error).__name__}: "
-        return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start)
+        short = isinstance(error, MemoryBudgetError)
+        return Outcome(job.material.name, None, one_line(f"{kind}{error}"), time.perf_counter() - start, short)
 
 
 def read_sidecar(folder: Path) -> dict[str, Any]:
@@ -175,8 +173,9 @@ def run_line(step: Step, folder: Path, budget: int = 0, threads: int = 0) -> int
     task = Task(Frame(None, step.words), len(parse(list(step.words), LANGUAGE).steps))
     with writing_only_below(folder / step.product):
         _, error, status = work(LineJob(task, budget, threads, folder=str(folder)))
-    if error:
-        raise Error(f"product {step.product}: {error}")
+    if error is not None:
+        with within(f"product {step.product}"):
+            raise error
     return status
 
 
@@ -244,9 +243,9 @@ class _Making:
     # --- lines ---
 
     def _products(self, steps: Sequence[Step]) -> tuple[dict[str, str], list[str]]:
-        """Run the lines, or take what they would make from before; gives their keys, and which failed a limit."""
+        """Run the lines, or take their files from before; gives keys of what may be taken again, and failed limits."""
         keys: dict[str, str] = {}
-        reasons = []
+        failed: dict[str, str] = {}
         before = self._before()
         for step in steps:
             keys[step.product] = hash_of(
@@ -257,16 +256,14 @@ class _Making:
             (self.folder / step.product).mkdir(exist_ok=True)
             self._lay_out_sources()
             if status := run_line(step, self.folder, self.job.budget, self.job.threads):
-                reasons.append(f"product {step.product}: beyond a limit of its line (exit {status})")
-        return keys, reasons
+                failed[step.product] = f"product {step.product}: beyond a limit of its line (exit {status})"
+        return {name: key for name, key in keys.items() if name not in failed}, list(failed.values())
 
     def _before(self) -> dict[str, Any]:
         """What an earlier run made of this material."""
         if self.job.before:
             with contextlib.suppress(Error):
-                sidecar = read_sidecar(Path(self.job.before))
-                if not sidecar["reasons"] or not any("of its line" in text for text in sidecar["reasons"]):
-                    return sidecar
+                return read_sidecar(Path(self.job.before))
         return {}
 
     def _taken(self, step: Step, before: Mapping[str, Any]) -> bool:
@@ -330,8 +327,8 @@ class _Making:
         for step in reversed(steps):
             if step.product in needed:
                 needed |= set(step.takes)
-        words = {word.split(":")[0] for step in steps if step.product in needed for word in step.words}
-        if not size or words & _RESIZES:
+        lines = [parse(list(step.words), LANGUAGE).steps for step in steps if step.product in needed]
+        if not size or any(each.op is not None and each.op.rescales for line in lines for each in line):
             return ()
         self._lay_out_sources()
         photo = read(self.folder / source_name("color", self.job.material.maps["color"])).first.spec

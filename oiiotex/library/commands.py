@@ -101,13 +101,13 @@ def _add_search(parser: argparse.ArgumentParser, status: str = "") -> None:
 
 def _path(text: str) -> Path:
     if not text:  # which a Path takes for the current folder
-        raise argparse.ArgumentTypeError("'': allowed is a path")
+        raise argparse.ArgumentTypeError("'': expected a path")
     return Path(text)
 
 
 def _number(text: str) -> int:
     if not (text.isascii() and text.isdigit()):
-        raise argparse.ArgumentTypeError(f"'{text}': allowed is a whole number")
+        raise argparse.ArgumentTypeError(f"'{text}': expected a whole number")
     return int(text)
 
 
@@ -144,7 +144,7 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
     if given.share:
         match = _SHARE.fullmatch(given.share)
         if not match or int(match[1]) > int(match[2]) or given.join:
-            raise ParameterError(f"--share {given.share}: allowed is I/N, I from 1 to N, N to 999999, without --join")
+            raise ParameterError(f"--share {given.share}: expected I/N, I from 1 to N, N to 999999, without --join")
         share = int(match[1]), int(match[2])
     from .catalogue import Catalogue
     from .export import blender_list, write_blender

@@ -59,7 +59,7 @@ class Search:
         """
         limits = [Limit.read(text) for text in self.measures]
         if not self.distance >= 0:
-            raise ParameterError(f"--distance {self.distance:g}: allowed is a number >= 0")
+            raise ParameterError(f"--distance {self.distance:g}: expected a number >= 0")
         lab, fits, share_of = _lab("--color", self.color), _size(self.size), _share(self.label, self.distance)
         measures = catalogue.measures()
         _require_known(limits, measures)
@@ -98,7 +98,7 @@ def _lab(option: str, text: str) -> tuple[float, ...]:
         return ()
     match = _HEX.fullmatch(text)
     if not match:
-        raise ParameterError(f"{option} {text}: allowed is RRGGBB")
+        raise ParameterError(f"{option} {text}: expected RRGGBB")
     from ..api.materials import lab_of_srgb
 
     return tuple(lab_of_srgb([int(match[1][n : n + 2], 16) / 255 for n in (0, 2, 4)]))
@@ -109,7 +109,7 @@ def _share(text: str, distance: float) -> Callable[[Sequence[Label]], float]:
     match = _LABEL.fullmatch(text)
     wanted, least = (match[1], float(match[2] or 0)) if match else ("", 0.0)
     if least >= 1 or ">" in wanted:
-        raise ParameterError(f"--label {text}: allowed is NAME or #RRGGBB, and >SHARE behind it, less than 1")
+        raise ParameterError(f"--label {text}: expected NAME or #RRGGBB, and >SHARE behind it, less than 1")
     lab = _lab("--label", wanted) if wanted.startswith("#") else ()
 
     def share_of(labels: Sequence[Label]) -> float:
@@ -128,7 +128,7 @@ def _size(text: str) -> Callable[[Asset], bool]:
         return lambda asset: True
     match = _SIZE.fullmatch(text)
     if not match:
-        raise ParameterError(f"--size {text}: allowed is WIDTHxHEIGHT, > or < before it, and m for metres behind it")
+        raise ParameterError(f"--size {text}: expected WIDTHxHEIGHT, > or < before it, and m for metres behind it")
     wanted = float(match[2]), float(match[3])
     compare = {">": operator.ge, "<": operator.le, "": operator.eq}[match[1]]
 

@@ -41,7 +41,7 @@ def token_for(host: str, given: str) -> str:
     """
     if given:
         if len(given) < LEAST_TOKEN or not given.isascii() or not given.isalnum():
-            raise ParameterError(f"token: at least {LEAST_TOKEN} letters and digits are wanted")
+            raise ParameterError(f"token: expected at least {LEAST_TOKEN} letters and digits")
         return given
     if host not in LOOPBACK:
         raise ParameterError(

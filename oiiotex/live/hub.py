@@ -21,7 +21,7 @@ from ..api.files import require_plain
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
 from ..api.service import BRUSH, EXPORT, Client, LinkError, Settings, connect, spec_of
 from ..deferred import np, oiio
-from ..errors import Error, ParameterError, one_line
+from ..errors import Error, ParameterError
 from .document import Document
 
 SAVE_EVERY = 0.5  # s, at most, that are lost
@@ -30,7 +30,6 @@ MOST_PAGES = 16
 MOST_TASKS = 64  # that pages have asked for and are not done
 _PATIENCE = 10.0  # s between two restarts of the resident process
 MALFORMED = (ValueError, KeyError, TypeError, AttributeError, RecursionError, struct.error)
-_NONSENSE = json.dumps({"do": "error", "text": "oiiotex ERROR: the page's message is malformed"})
 _LOOKING = {"label": "Looking for the photo's labels", "dominant": "Looking for the dominant texture"}
 _WAITING = 1024  # messages that wait for a page: who is slower is let go
 
@@ -210,23 +209,31 @@ class Hub:
 
     # --- pages ---
 
-    def begin(self, work: Coroutine[Any, Any, None]) -> None:
-        """Have a coroutine done; its error is said on all pages."""
+    def begin(self, work: Coroutine[Any, Any, None], page: Page | None = None) -> None:
+        """Have a coroutine done; its error is said on the page that has asked for it, or on all."""
         assert self.loop is not None
-        task = self.loop.create_task(self._said(work))
+        task = self.loop.create_task(self._said(work, page))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _said(self, work: Coroutine[Any, Any, None]) -> None:
+    async def _said(self, work: Coroutine[Any, Any, None], page: Page | None) -> None:
         try:
             await work
-        except asyncio.CancelledError:
-            raise
-        except Error as error:
-            self.tell({"do": "error", "text": f"oiiotex ERROR: {error}"})
         except Exception as error:
-            log.error("oiiotex ERROR: internal, %s: %s", type(error).__name__, one_line(str(error)))
-            self.tell({"do": "error", "text": f"oiiotex ERROR: internal, {type(error).__name__}: {error}"})
+            self._tell_failure(error, page)
+
+    def _tell_failure(self, error: Exception, page: Page | None) -> None:
+        """Send an error's fields, and the line that says it, to a page or to all."""
+        if page is not None and isinstance(error, MALFORMED):
+            error = Error("the page's message is malformed")
+        elif not isinstance(error, Error):
+            error = Error(f"internal, {type(error).__name__}: {error}")
+            log.error("oiiotex ERROR: %s", error)
+        message = error.facts() | {"do": "error", "text": f"oiiotex ERROR: {error}"}
+        if page is None:
+            self.tell(message)
+        else:
+            page.tell(json.dumps(message))
 
     def tell(self, message: dict[str, Any], but: Page | None = None) -> None:
         """Send a message to all pages."""
@@ -282,25 +289,14 @@ class Hub:
             asked = json.loads(text)
             require_plain(asked)
             self._answer(page, asked, data)
-        except Error as error:
-            page.tell(json.dumps({"do": "error", "text": f"oiiotex ERROR: {error}"}))
-        except MALFORMED:
-            page.tell(_NONSENSE)
-
-    async def _taken(self, page: Page, work: Coroutine[Any, Any, None]) -> None:
-        """What a page asks of a room; errors are its own."""
-        try:
-            await work
-        except Error as error:
-            page.tell(json.dumps({"do": "error", "text": f"oiiotex ERROR: {error}"}))
-        except MALFORMED:
-            page.tell(_NONSENSE)
+        except (Error, *MALFORMED) as error:
+            self._tell_failure(error, page)
 
     def _answer(self, page: Page, asked: dict[str, Any], data: bytes) -> None:
         if len(self._tasks) > MOST_TASKS:
             raise Error("too much is asked for at a time: wait for some of it")
         if asked["do"] != "set":
-            self.begin(self._taken(page, self.rooms[asked["room"]].take(page, asked, data)))
+            self.begin(self.rooms[asked["room"]].take(page, asked, data), page)
             return
         room = asked["room"]
         if room == "history":

@@ -165,17 +165,17 @@ def parse_graph(document: Any, path: Path) -> Graph:
     root = _root(top.get("root"), names, [(edge.source, edge.destination) for edge in drawn], where)
     resample = top.get("resample", False)
     if not isinstance(resample, bool):
-        raise ImageError(f"{where}: resample={resample}: allowed is true or false")
+        raise ImageError(f"{where}: resample={resample}: expected true or false")
     edges, factors = _placed(drawn, root, names, resample, where)
     seed = top.get("seed")
     if seed is not None and (not _whole(seed) or not 0 <= seed < 2**32):
-        raise ImageError(f"{where}: seed={seed}: allowed is a whole number >= 0 and <= 4294967295")
+        raise ImageError(f"{where}: seed={seed}: expected a whole number >= 0 and <= 4294967295")
     return Graph(names, files, root, edges, factors, wraps, _jitter(top.get("jitter"), where), seed)
 
 
 def _mapping(entry: Any, known: tuple[str, ...], where: str) -> dict[str, Any]:
     if not isinstance(entry, dict):
-        raise ImageError(f"{where}: an object of {', '.join(known[:4])} is wanted, not {type(entry).__name__}")
+        raise ImageError(f"{where}: expected an object of {', '.join(known[:4])}, not {type(entry).__name__}")
     for name in entry:
         if name not in known:
             raise ImageError(f"{where}: unknown '{name}'{nearest(str(name), known)}; there is {', '.join(known)}")
@@ -205,7 +205,7 @@ def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Pat
             raise ImageError(f"{path}: there are two exemplars '{name}'")
         wrap = node.get("wrap")
         if wrap not in (None, "periodic", "mirror"):
-            raise ImageError(f"{path}: exemplar '{name}': wrap={wrap}: allowed is periodic or mirror")
+            raise ImageError(f"{path}: exemplar '{name}': wrap={wrap}: expected periodic or mirror")
         names.append(name)
         files.append(path.parent / file)
         wraps.append(wrap)
@@ -237,13 +237,11 @@ def _edge(entry: Any, names: tuple[str, ...], where: str) -> _Drawn:
         raise ImageError(f"{where}: edge {_said(edge)}: r or scale says how their pixels relate")
     r, scale = edge.get("r"), edge.get("scale")
     if "r" in edge and (not _whole(r) or r < 0):
-        raise ImageError(
-            f"{where}: edge {_said(edge)}: r={r}: allowed is a whole number >= 0; a ratio is said by scale"
-        )
+        raise ImageError(f"{where}: edge {_said(edge)}: r={r}: expected a whole number >= 0; a ratio is said by scale")
     if "scale" not in edge:
         return _Drawn(ends[0], ends[1], float(edge["r"]), None)
     if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 1 <= scale < 2**30:
-        raise ImageError(f"{where}: edge {_said(edge)}: scale={scale}: allowed is a number >= 1")
+        raise ImageError(f"{where}: edge {_said(edge)}: scale={scale}: expected a number >= 1")
     return _Drawn(ends[0], ends[1], math.log2(scale), r)
 
 
@@ -359,7 +357,7 @@ def _jitter(value: Any, where: str) -> tuple[float, ...] | None:
     rhos = value if isinstance(value, list) else [value]
     for rho in rhos:
         if isinstance(rho, bool) or not isinstance(rho, (int, float)) or not 0 <= rho <= 1:
-            raise ImageError(f"{where}: jitter {rho}: allowed is a number >= 0 and <= 1, or one per level")
+            raise ImageError(f"{where}: jitter {rho}: expected a number >= 0 and <= 1, or one per level")
     if not rhos:
         raise ImageError(f"{where}: jitter has no levels")
     return tuple(float(rho) for rho in rhos)

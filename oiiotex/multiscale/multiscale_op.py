@@ -81,7 +81,7 @@ class Multiscale(AnyWindow):
         elif self.exemplar is not None:
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
-            raise ParameterError(f"{self.name}: takes an image, or graph=FILE")
+            raise ParameterError("expected an image, or graph=FILE")
         if self.lock:  # the root comes out as it is only where its neighbourhoods go around, as its plane does
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:

@@ -262,7 +262,7 @@ class Synthesizer:
     def begin(self, level: int, window: Window) -> Callable[[], State]:
         """The same, without waiting for it: what is called for it waits, to be called once."""
         if not 0 <= level <= MOST_LEVEL:
-            raise ParameterError(f"level={level}: allowed is a whole number >= 0 and <= {MOST_LEVEL}")
+            raise ParameterError(f"level={level}: expected a whole number >= 0 and <= {MOST_LEVEL}")
         with self._turn:
             try:
                 begun = self._begun(plan(window, level, self._settings.passes), window)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from ..deferred import np
-from ..errors import DeviceError, OutOfDeviceMemory
+from ..errors import DeviceError, MemoryBudgetError, OutOfDeviceMemory
 
 if TYPE_CHECKING:
     import pyopencl as cl
@@ -116,7 +116,7 @@ def require_room(
 
     Raises
     ------
-    DeviceError
+    MemoryBudgetError, DeviceError
         With the figures.
     """
     lent = sum(table.nbytes for table in (tables or {}).values())
@@ -124,10 +124,7 @@ def require_room(
     total, largest = sum(sizes), max(sizes)
     on_host = held + (lent if device.own_memory else total)
     if on_host > budget:
-        raise DeviceError(
-            f"{asker} needs {megabytes(on_host)} MB, the budget is {megabytes(budget)} MB:"
-            " raise --cache, or make the tile or the photo smaller"
-        )
+        raise MemoryBudgetError(asker, on_host, budget, "make the tile or the photo smaller")
     most = device.memory_budget(budget) - device.taken if device.own_memory else device.memory
     for size, limit in ((total, most), (largest, device.largest)):
         if size > limit:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ..core.image import resized
 from ..core.window import Domain
 from ..deferred import np
-from ..errors import DeviceError
+from ..errors import DeviceError, MemoryBudgetError
 from ..opencl.buffers import require_room
 from ..opencl.device import Device
 from ..projections.histograms import ValueCounts
@@ -127,7 +127,7 @@ def plan_memory(
     if size(None, None) - none > budget * CELLS_SHARE:
         cells = _most(lambda n: size(None, n) - none <= budget * CELLS_SHARE, 1)
     whole = needed(None, cells)
-    with contextlib.suppress(DeviceError):
+    with contextlib.suppress(DeviceError, MemoryBudgetError):
         require_room(device, whole, budget, "", on_host + _FIELD_BYTES * pixels)
         return Plan(whole, on_host + _FIELD_BYTES * pixels, 0)
 
@@ -145,7 +145,7 @@ def plan_memory(
 
     rows = rows_in(min((room_beside(on_host) - size(least, cells)) * ROWS_SHARE, BAND_BYTES))
     plan = banded(on_host, rows)
-    with contextlib.suppress(DeviceError):
+    with contextlib.suppress(DeviceError, MemoryBudgetError):
         require_room(device, plan.layout, budget, "", on_host)
         return plan
 

@@ -247,7 +247,7 @@ class Quality:
     def _limit(self, text: str) -> Limit:
         match = _LIMIT.fullmatch(text)
         if not match:
-            raise ParameterError(f"fail={text}: allowed is NAME>NUMBER or NAME<NUMBER, such as seam>1.3")
+            raise ParameterError(parameter="fail", value=text, expected="NAME>NUMBER or NAME<NUMBER, such as seam>1.3")
         name, relation, number = match.groups()
         if name not in REPORT_MEASURES:
             names = ", ".join(REPORT_MEASURES)

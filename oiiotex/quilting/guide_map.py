@@ -14,7 +14,7 @@ from ..core.demand import cached
 from ..core.image import Channels, Part, channels_of
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, ParameterError
+from ..errors import ImageError, ParameterError, texture_filter
 from ..io.documents import read_document
 from ..labels.content_table import ContentTable
 from ..labels.legend import code_of, codes_in, colour_of, oklab_of
@@ -144,7 +144,7 @@ class Table:
 
 SOFT = (
     "how far a colour of a painting may be from one of the table to be taken for the nearest, in Oklab, where black and"
-    " white are 1 apart: what soft brushes blend is within 0.2 of --texpalette's colours; 0: none"
+    " white are 1 apart: what soft brushes blend is within 0.2 of `palette`'s colours; 0: none"
 )
 
 
@@ -167,9 +167,8 @@ def read_table(path: Path, soft: float = 0.0) -> Table:
         colours = {"," in name for rows in named for name in rows}
         keys, finer = ({code_of(n) if "," in n else int(n): key for n, key in rows.items()} for rows in named)
     except (ImageError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ImageError(
-            f"table={path}: not a table of '255,0,0' or ids to labels or [k1, k2], nor of --texpalette: {error}"
-        ) from error
+        problem = f"not a table of '255,0,0' or ids to labels or [k1, k2], nor of {texture_filter('palette')}: {error}"
+        raise ImageError(problem, parameter="table", value=str(path)) from error
     if not keys:
         raise ImageError(f"table={path} is empty")
     if len(colours) > 1:

@@ -14,7 +14,7 @@ from ..core.parameters import Size
 from ..core.source_map import NONE
 from ..core.window import Window
 from ..deferred import np
-from ..errors import ImageError, present
+from ..errors import ImageError, present, texture_filter
 from ..io.documents import read_arrays
 from .guide_map import Meaning, Strays
 from .quilt_plan import Grid, Plan
@@ -125,7 +125,8 @@ def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
     """
     arrays = read_arrays(path, budget)
     if "keys" not in arrays:
-        raise ImageError(f"before={path} is no plan of --texpaint: it does not say what was painted")
+        expected = f"a plan of {texture_filter('paint')}, which says what was painted"
+        raise ImageError(parameter="before", value=str(path), expected=expected)
     if f"{prefix}keys" not in arrays:
         return None
     plan, _ = Plan.of(arrays, path, prefix)

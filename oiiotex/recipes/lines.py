@@ -18,7 +18,7 @@ from ..api.lines import LANGUAGE, parse, split_modifiers
 from ..api.lines import Step as WrittenStep
 from ..api.materials import COLOURS, ROLES
 from ..deferred import np
-from ..errors import Error, ParameterError
+from ..errors import Error, ParameterError, within
 from .found import MapFile
 from .recipe import Deliver, Recipe
 
@@ -70,14 +70,14 @@ def steps_of(recipe: Recipe, maps: Mapping[str, MapFile]) -> list[Step]:
     made: set[str] = set()
     for number, product in enumerate(recipe.products):
         filler = _Filler(product.name, recipe, maps, names[:number], made)
-        try:
-            words = list[str]()
-            for text in shlex.split(product.line):
+        words = list[str]()
+        with within(f"product {product.name}"):
+            try:
+                texts = shlex.split(product.line)
+            except ValueError as error:
+                raise ParameterError(f"{error}") from error
+            for text in texts:
                 words += filler.filled(text, words)
-        except ParameterError as error:
-            raise ParameterError(f"product {product.name}: {error}") from error
-        except ValueError as error:  # of shlex
-            raise ParameterError(f"product {product.name}: {error}") from error
         if not filler.lacking:
             steps.append(Step(product.name, tuple(words), tuple(sorted(filler.takes)), filler.outputs))
             made.add(product.name)
@@ -95,10 +95,8 @@ def require_lines(recipe: Recipe) -> str:
     """
     steps = steps_of(recipe, _EVERY_MAP)
     for step in steps:
-        try:
+        with within(f"product {step.product}"):
             _require_deliverable(step)
-        except ParameterError as error:
-            raise ParameterError(f"product {step.product}: {error}") from error
     delivered = [step.product for step in steps if step.outputs]
     if len(delivered) != 1:
         raise ParameterError(f"{len(delivered)} products have $outputs: one must, whose files are delivered")
@@ -128,11 +126,12 @@ def require_confined(recipe: Recipe) -> None:
             command = parse(words, LANGUAGE)
             rehearsals = Rehearsals(session_for(command, words), files)
             try:
-                with writing_only_below(Path(step.product)):
+                with within(f"product {step.product}"), writing_only_below(Path(step.product)):
                     rehearsals.foresight(command.steps, Frame(None, step.words))
-            except Error as error:  # whatever else is wrong need not be so for every material
-                if isinstance(error.__cause__ or error, OutsideError):
-                    raise ParameterError(f"product {step.product}: {error}") from error
+            except OutsideError:
+                raise
+            except Error:  # whatever else is wrong need not be so for every material
+                pass
 
 
 def _require_deliverable(step: Step) -> None:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from ..api.lines import nearest
 from ..api.materials import COLOURS, ROLES
-from ..errors import Error, ParameterError
+from ..errors import Error, ParameterError, within
 
 SCHEMA = 1
 _MOST_BYTES = 4 << 20
@@ -26,7 +26,7 @@ _HANDS = ("opengl", "directx")
 def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
         names = ", ".join(name or '""' for name in allowed)
-        raise ParameterError(f"{what} '{value}': allowed are {names}")
+        raise ParameterError(f"{what} '{value}': expected {names}")
 
 
 class Limit(NamedTuple):
@@ -41,7 +41,7 @@ class Limit(NamedTuple):
         """From 'NAME>NUMBER' or 'NAME<NUMBER'."""
         match = _LIMIT.fullmatch(text.strip())
         if not match:
-            raise ParameterError(f"'{text}': allowed is NAME>NUMBER or NAME<NUMBER, such as seam>1.5")
+            raise ParameterError(f"'{text}': expected NAME>NUMBER or NAME<NUMBER, such as seam>1.5")
         return cls(match[1], match[2], float(match[3]))
 
     def passed_by(self, value: float) -> bool:
@@ -83,7 +83,7 @@ class Facts:
         for role in self.maps:
             _require_among("maps", role, tuple(ROLES))
         if self.size_m and (len(self.size_m) != 2 or min(self.size_m) <= 0):
-            raise ParameterError(f"size_m={list(self.size_m)}: allowed are width and height in metres")
+            raise ParameterError(f"size_m={list(self.size_m)}: expected width and height in metres")
 
     def under(self, own: Facts) -> Facts:
         """These, where `own` says nothing else; tags of both."""
@@ -118,7 +118,7 @@ class Product:
     def __post_init__(self) -> None:
         taken = ("source", "tx", *ROLES)
         if not _NAME.fullmatch(self.name) or self.name in taken:
-            raise ParameterError(f"name '{self.name}': allowed are a-z, 0-9 and _, but not {', '.join(taken)}")
+            raise ParameterError(f"name '{self.name}': expected a-z, 0-9 and _, but not {', '.join(taken)}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,17 +237,15 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def _limits(texts: Any, name: str) -> list[Limit]:
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-        raise ParameterError(f"{name}: judge.limits: allowed is a list of texts")
-    try:
+        raise ParameterError(f"{name}: judge.limits: expected a list of texts")
+    with within(f"{name}: judge.limits"):
         return [Limit.read(text) for text in texts]
-    except ParameterError as error:
-        raise ParameterError(f"{name}: judge.limits: {error}") from error
 
 
 def _table(document: Mapping[str, Any], key: str, name: str) -> dict[str, Any]:
     table = document.get(key, {})
     if not isinstance(table, dict):
-        raise ParameterError(f"{name}: {key}: allowed is a table")
+        raise ParameterError(f"{name}: {key}: expected a table")
     return table
 
 
@@ -260,17 +258,15 @@ def _refuse_unknown(table: Mapping[str, Any], known: set[str], where: str) -> No
 def _made(kind: Any, table: Any, where: str) -> Any:
     """A dataclass of a table whose values have the types of its fields."""
     if not isinstance(table, dict):
-        raise ParameterError(f"{where}: allowed is a table")
+        raise ParameterError(f"{where}: expected a table")
     declared = {f.name: str(f.type) for f in fields(kind)}
     _refuse_unknown(table, set(declared), where)
     values = {key: _typed(value, declared[key], f"{where}: {key}") for key, value in table.items()}
     missing = [f.name for f in fields(kind) if f.name in ("name", "line") and f.name not in values]
     if missing:
         raise ParameterError(f"{where}: {missing[0]} must be given")
-    try:
+    with within(where):
         return kind(**values)
-    except ParameterError as error:
-        raise ParameterError(f"{where}: {error}") from error
 
 
 def _typed(value: Any, kind: str, where: str) -> Any:
@@ -278,10 +274,10 @@ def _typed(value: Any, kind: str, where: str) -> Any:
         item, label = ((int, float), "numbers") if "float" in kind else (str, "texts")
         if all(isinstance(v, item) and not isinstance(v, bool) for v in value):
             return tuple(value)
-        raise ParameterError(f"{where}: allowed is a list of {label}")
+        raise ParameterError(f"{where}: expected a list of {label}")
     if kind.startswith("Mapping") and isinstance(value, dict) and all(isinstance(v, str) for v in value.values()):
         return value
     if (kind.startswith("str") and isinstance(value, str)) or (kind == "bool" and isinstance(value, bool)):
         return value
     expected = {"str": "a text", "bool": "true or false", "tuple": "a list", "Mapping": "a table of texts"}
-    raise ParameterError(f"{where}: allowed is {expected[kind.split('[')[0].split(' ')[0]]}")
+    raise ParameterError(f"{where}: expected {expected[kind.split('[')[0].split(' ')[0]]}")

@@ -17,7 +17,7 @@ from ..core.image import Image
 from ..core.machine import start_python
 from ..core.window import Window
 from ..deferred import np
-from ..errors import Error
+from ..errors import Error, of_facts
 from .messages import Link, LinkError
 from .pictures import image_facts
 from .settings import Settings
@@ -201,7 +201,7 @@ class Client:
         elif state == "cancelled":
             request.set_exception(CancelledError())
         else:
-            request.set_exception(Error(facts["text"]))
+            request.set_exception(of_facts(facts))
 
 
 def connect(settings: Settings) -> Client:

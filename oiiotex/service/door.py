@@ -3,13 +3,14 @@
 
 Its one word is JSON: {"name": "wall.oiiotex?seed=7"}; {"texture": TEXT} for one that was opened before;
 {"device": NAME} or {"device": null} for the process alone. It prints {"socket": PATH, "texture": TEXT}, once that
-process listens, or {"error": TEXT}.
+process listens, or {"error": TEXT, "facts": FIELDS}.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from typing import Any
 
 from ..errors import Error
 from ..session import Session
@@ -18,7 +19,7 @@ from .settings import Settings
 from .texture_file import TextureFile, read_texture_file
 
 
-def answer(word: str) -> dict[str, str]:
+def answer(word: str) -> dict[str, Any]:
     """What is printed.
 
     Parameters
@@ -36,7 +37,7 @@ def answer(word: str) -> dict[str, str]:
         settings = file.settings()
         connect(settings).close()
     except Error as error:
-        return {"error": str(error)}
+        return {"error": str(error), "facts": error.facts()}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {"error": "what the door was asked is malformed"}
     return {"socket": str(settings.socket()), "texture": file.text()}

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..errors import Error, Interrupted
+from ..errors import OUT_OF_MEMORY, Error, Interrupted
 
 REPORT_EVERY = 0.05  # s, at most, between two reports of progress
 _numbers = itertools.count()
@@ -32,7 +32,7 @@ class Job:
     work : callable
         Is called with the job.
     report : callable
-        Called with (state, value): 'progress' (done, total), 'done' what `work` gave, 'failed' a text, 'cancelled'.
+        Called with (state, value): 'progress' (done, total), 'done' what `work` gave, 'failed' an Error, 'cancelled'.
     """
 
     priority: int
@@ -118,13 +118,13 @@ class Jobs:
         try:
             result = job.work(job)
         except Interrupted as error:
-            job.report(*(("cancelled", None) if job.cancelled else ("failed", str(error))))
+            job.report(*(("cancelled", None) if job.cancelled else ("failed", error)))
         except Error as error:
-            job.report("failed", str(error))
+            job.report("failed", error)
         except MemoryError:
-            job.report("failed", "out of memory: lower --cache, or make the tile or the photo smaller")
+            job.report("failed", Error(OUT_OF_MEMORY))
         except Exception as error:  # a fault of ours: the process goes on
-            job.report("failed", f"internal, {type(error).__name__}: {error}")
+            job.report("failed", Error(f"internal, {type(error).__name__}: {error}"))
         else:
             job.report("done", result)
         finally:

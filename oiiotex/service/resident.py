@@ -23,7 +23,7 @@ from typing import Any
 from .. import __version__
 from ..core.machine import usable_threads
 from ..deferred import oiio
-from ..errors import Error, one_line
+from ..errors import Error
 from ..io.atomic import discard_all
 from ..session import Session
 from .jobs import Job, Jobs
@@ -140,9 +140,10 @@ class _Client:
                 try:
                     self._take(number, asked, arrays)
                 except Error as error:
-                    self._answer(number, "failed", {"text": str(error)})
+                    self._answer(number, "failed", error.facts())
                 except Exception as error:  # whatever a stranger's message leads to
-                    self._answer(number, "failed", {"text": f"the request is malformed: {one_line(str(error))[:300]}"})
+                    malformed = Error(f"the request is malformed: {str(error)[:300]}")
+                    self._answer(number, "failed", malformed.facts())
         except LinkError:
             pass
         except MemoryError:
@@ -194,9 +195,9 @@ class _Client:
                 self._answer(number, state, {"done": value[0], "total": value[1]})
                 return
             self._jobs.pop(number, None)
-            facts, arrays = value if state == "done" else ({"text": value}, [])
+            facts, arrays = value if state == "done" else ({}, [])
             if state == "failed":
-                facts["log"] = job.log
+                facts = value.facts() | {"log": job.log}
             self._answer(number, state, facts, arrays)
 
         job = self._jobs[number] = Job(int(asked.get("priority", 5)), work, report)
@@ -208,9 +209,9 @@ class _Client:
         except LinkError:  # who receives is told, and ends it all
             pass
         except Exception as error:  # what was made cannot be sent: too large, or no JSON
-            text = f"the answer cannot be sent: {one_line(str(error))[:300]}"
+            failed = Error(f"the answer cannot be sent: {str(error)[:300]}")
             with contextlib.suppress(LinkError):
-                self._link.send({"text": text, "log": [], "re": number, "state": "failed"})
+                self._link.send(failed.facts() | {"log": [], "re": number, "state": "failed"})
 
 
 class _ToJob(logging.Handler):

@@ -138,12 +138,12 @@ def read_texture_file(name: str) -> TextureFile:
     where = str(path)
     document = read_document(path)
     if not isinstance(document, dict):
-        raise ImageError(f"{where}: an object of {', '.join(_KEYS[:5])} is wanted, not {type(document).__name__}")
+        raise ImageError(f"{where}: expected an object of {', '.join(_KEYS[:5])}, not {type(document).__name__}")
     for key in document:
         if key not in _KEYS + _WORDS:
             raise ImageError(f"{where}: unknown '{key}'{nearest(str(key), _KEYS)}; there is {', '.join(_KEYS)}")
     if document.get("oiiotex") != VERSION or document["oiiotex"] is True:
-        raise ImageError(f'{where}: "oiiotex": {VERSION}, the version of the format, is wanted')
+        raise ImageError(f'{where}: expected "oiiotex": {VERSION}, the version of the format')
     return _checked(document | _asked(query, where), path)
 
 
@@ -162,7 +162,7 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
     where = str(path)
     given = [key for key in _FILES[:3] if document.get(key) is not None]
     if len(given) != 1:
-        raise ImageError(f"{where}: one of photo, graph and tiles is wanted, not {' and '.join(given) or 'none'}")
+        raise ImageError(f"{where}: expected one of photo, graph and tiles, not {' and '.join(given) or 'none'}")
     if document.get("plan") is not None:
         for key in ("graph", "tiles", "size", "seed", "level"):
             if document.get(key) is not None:
@@ -172,7 +172,7 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
         raise ImageError(f"{where}: level beside tiles: they have one")
     for key in (*given, "colorspace", "device"):
         if document.get(key) is not None and not (isinstance(document[key], str) and document[key]):
-            raise ImageError(f"{where}: {key}={str(document[key])[:60]}: allowed is a text")
+            raise ImageError(f"{where}: {key}={str(document[key])[:60]}: expected a text")
         if document.get(key) is not None and (len(document[key]) > MOST_TEXT or "\0" in document[key]):
             raise ImageError(
                 f"{where}: {key}={document[key][:60]!r}...: expected {MOST_TEXT} letters at most, none NUL"
@@ -180,9 +180,9 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
     for key, most in (("seed", 2**32 - 1), ("level", MOST_LEVEL)):
         value = document.get(key)
         if value is not None and (type(value) is not int or not 0 <= value <= most):
-            raise ImageError(f"{where}: {key}={str(value)[:60]}: allowed is a whole number >= 0 and <= {most}")
+            raise ImageError(f"{where}: {key}={str(value)[:60]}: expected a whole number >= 0 and <= {most}")
     if not isinstance(document.get("autocc", False), bool):
-        raise ImageError(f"{where}: autocc={str(document['autocc'])[:60]}: allowed is true or false")
+        raise ImageError(f"{where}: autocc={str(document['autocc'])[:60]}: expected true or false")
     if document.get("graph") is not None and document.get("colorspace") is not None:
         raise ImageError(f"{where}: colorspace is a photo's; the files of a graph say theirs, or autocc lets names do")
     files = {key: os.path.abspath(path.parent / document[key]) for key in given}
@@ -198,13 +198,13 @@ def _checked(document: dict[str, Any], path: Path) -> TextureFile:
 def _size(size: Any, where: str) -> tuple[int, int]:
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     if not match or max(map(int, match.groups())) > MOST_SIDE:
-        given = "size is wanted:" if size is None else f"size={str(size)[:60]}: allowed is"
+        given = "size is missing: expected" if size is None else f"size={str(size)[:60]}: expected"
         raise ImageError(f"{where}: {given} WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
     width, height = map(int, match.groups())
     if not tile_side(width, height):
         raise ImageError(
             f"{where}: size={size}: OpenImageIO's cache holds no more than {_MOST_TILES} tiles of {_TILES[-1]} px:"
-            " allowed are 2^48 px in all, such as 16777216x16777216"
+            " expected at most 2^48 px in all, such as 16777216x16777216"
         )
     return width, height
 

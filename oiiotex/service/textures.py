@@ -71,7 +71,7 @@ class Texture:
         """
         size = f"{window.width}x{window.height}"
         if window.empty or window.width * window.height > _MOST or (window & _PLANE) != window:
-            raise ImageError(f"window {size}{window.left:+d}{window.top:+d}: allowed are up to {_MOST} px, near")
+            raise ImageError(f"window {size}{window.left:+d}{window.top:+d}: expected up to {_MOST} px, near")
         if not 0 <= level < self.levels:
             raise ImageError(f"level {level}: there are {self.levels}")
 
@@ -121,7 +121,7 @@ class _Quilt:
         self._part: Part = op.compute(quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):
-            raise ImageError(f"{file.plan}: allowed are 2^48 px in all")
+            raise ImageError(f"{file.plan}: expected 2^48 px in all")
 
     def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
         """Those of a window, black beyond the border."""

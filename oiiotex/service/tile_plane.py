@@ -104,5 +104,5 @@ def _edges(part: Part, source: str) -> Edges:
     text = _said(part) or "n0e0s0w0"
     match = _EDGES.fullmatch(text)
     if match is None:
-        raise ImageError(f"{source}: part '{part.name}': {EDGES}={text}: allowed is such as n0e1s1w0")
+        raise ImageError(f"{source}: part '{part.name}': {EDGES}={text}: expected such as n0e1s1w0")
     return Edges(*map(int, match.groups()))

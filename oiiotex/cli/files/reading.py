@@ -172,7 +172,7 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
 def missing_file(chain: Chain, policy: str) -> None:
     """Replace files that cannot be read: error, black or checker."""
     if policy not in ("error", "black", "checker"):
-        raise ParameterError(f"'{policy}': allowed is error, black or checker")
+        raise ParameterError(f"'{policy}': expected error, black or checker")
     chain.settings["--missingfile"] = policy
 
 

@@ -135,7 +135,7 @@ def _range(text: str) -> tuple[float, float, float]:
     value, limit = (0.0, numbers[0]) if len(numbers) == 1 else numbers[:2]
     step = numbers[2] if len(numbers) == 3 else 1.0 if limit >= value else -1.0
     if len(numbers) > 3 or step == 0 or (limit - value) * step < 0:
-        raise ParameterError(f"'{text}' is no range: allowed is END, START,END or START,END,STEP that leads there")
+        raise ParameterError(f"'{text}' is no range: expected END, START,END or START,END,STEP that leads there")
     return value, limit, step
 
 
@@ -150,7 +150,7 @@ def end_for(chain: Chain) -> None:
 
 def _check_name(name: str) -> None:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
-        raise ParameterError(f"'{name}' is no name for a variable: allowed are letters, digits and _")
+        raise ParameterError(f"'{name}' is no name for a variable: expected letters, digits and _")
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from ...core.image import Image
 from ...core.parameters import nearest
 from ...deferred import np, oiio
-from ...errors import ImageError, ParameterError
+from ...errors import ParameterError, within
 from ..printing.metadata import metadata_text
 from ..printing.pixel_statistics import part_color, part_statistics, part_statistics_text
 from .expression_values import (
@@ -52,10 +52,8 @@ def substituted(text: str, chain: Chain) -> str:
     result, at = "", 0
     while (opening := text.find("{", at)) >= 0 and (end := _after_braces(text, opening)):
         expression = text[opening + 1 : end - 1]
-        try:
+        with within(f"{{{expression}}}"):
             value = _Evaluation(expression, chain).value()
-        except (ParameterError, ImageError) as error:
-            raise ParameterError(" ".join(f"{{{expression}}}: {error}".split())) from error
         result, at = result + text[at:opening] + value, end
     return result + text[at:]
 

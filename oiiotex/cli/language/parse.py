@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 from ...core.op import Op
 from ...core.parameters import Parameter, declared, nearest, parse_modifiers
 from ...deferred import Shelf
-from ...errors import ParameterError
+from ...errors import Error, ParameterError
 
 MOST_THREADS, MOST_MB = 4096, 1 << 40
 
@@ -217,10 +218,18 @@ def _step(word: str, declaration: type[Op] | Option, left: Iterator[str]) -> Ste
 def _check_early(step: Step, modifiers: Mapping[str, str]) -> None:
     """Refuse modifiers that no expression can make right any more."""
     plain = {name: text for name, text in modifiers.items() if "{" not in text}
-    try:
+    with errors_of_step(step):
         values_of(step, {**plain, **{name: None for name in modifiers if name not in plain}})
-    except ParameterError as error:
-        raise ParameterError(f"{step.name} : {error}") from None
+
+
+@contextlib.contextmanager
+def errors_of_step(step: Step) -> Iterator[None]:
+    """Errors that leave this block name the step's word, unless they name one already."""
+    try:
+        yield
+    except Error as error:
+        error.step = error.step or (step.name if step.word.startswith("-") else "")
+        raise
 
 
 def values_of(step: Step, modifiers: Mapping[str, str | None]) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Ses
             pool = stack.enter_context(worker_processes(workers, debugging=False))
             todo = jobs(workers)
             futures = [pool.submit(work, job, dask_cluster.RETRIES) for job in todo]
-            answers: Iterator[tuple[str, str, int]] = (future.result() for future in as_completed(futures))
+            answers: Iterator[tuple[str, Error | None, int]] = (future.result() for future in as_completed(futures))
         else:
             client, workers = stack.enter_context(dask_cluster.cluster(address))
             todo = jobs(workers)
@@ -74,8 +74,8 @@ def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Ses
             display.clear()
             sys.stdout.write(printed if len(tasks) > 1 else "")
             status = max(status, own)
-            if error:
-                raise Error(error)
+            if error is not None:
+                raise error
     return status if len(tasks) > 1 else run_task(tasks[0], session, Shares.of(line))
 
 

@@ -50,8 +50,8 @@ def run_in_parallel(tasks: list[Task], workers: int, session: Session, display: 
             display.clear()
             sys.stdout.write(printed)
             status = max(status, own)
-            if error:
-                skip(Error(error), command)
+            if error is not None:
+                skip(error, command)
     return status
 
 

@@ -103,7 +103,7 @@ def shares_of(settings: dict[str, tuple[str, ...]], words: Sequence[str]) -> Sha
         return None
     match = _SHARE.fullmatch(settings["--share"][0])
     if not match or int(match[1]) > int(match[2]):
-        raise ParameterError(f"--share {settings['--share'][0]}: allowed is I/N, I from 1 to N, N to 999999")
+        raise ParameterError(f"--share {settings['--share'][0]}: expected I/N, I from 1 to N, N to 999999")
     return Shares.of(words, int(match[1]), int(match[2]))
 
 

@@ -61,19 +61,20 @@ def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
     return chain.status
 
 
-def work(job: Job) -> tuple[str, str, int]:
+def work(job: Job) -> tuple[str, Error | None, int]:
     """Do a job: (what it printed, its error, its exit code)."""
     if job.version != __version__:
-        return "", f"a worker has oiiotex {__version__}, the line is from {job.version}: they must be the same", 1
+        text = f"a worker has oiiotex {__version__}, the line is from {job.version}: they must be the same"
+        return "", Error(text), 1
     if job.folder and not os.path.isdir(job.folder):
-        return "", f"a worker does not see the folder {job.folder}", 1
+        return "", Error(f"a worker does not see the folder {job.folder}"), 1
     printed = io.StringIO()
     try:
         with _at_work, contextlib.chdir(job.folder or os.curdir), contextlib.redirect_stdout(printed):
             status = run_task(job.task, _session_of(job), job.shares)
-        return printed.getvalue(), "", status
+        return printed.getvalue(), None, status
     except Error as error:
-        return printed.getvalue(), str(error), 1
+        return printed.getvalue(), error, 1
 
 
 def _session_of(job: Job) -> Session:

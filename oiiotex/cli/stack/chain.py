@@ -21,7 +21,7 @@ from ...io.formats import Format
 from ...io.reading import read
 from ...run import run
 from ...session import Session
-from ..language.parse import Option, Step, split_modifiers, values_of
+from ..language.parse import Option, Step, errors_of_step, split_modifiers, values_of
 from ..language.sequences import Frame
 from ..language.titles import title_of
 from .first_image import First
@@ -33,13 +33,6 @@ log = logging.getLogger("oiiotex")
 
 _DEEPEST = 40  # ops that wait for each other's pixels: each takes up to a dozen calls, and Python has 1000
 _BEYOND_A_LIMIT = 3  # the exit code where all is written, and a measure is beyond its limit
-
-
-class StepError(Error):
-    """An error together with the step that raised it."""
-
-    def __init__(self, step: Step, cause: Error):
-        super().__init__(f"{step.name} : {cause}" if step.word.startswith("-") else str(cause))
 
 
 class Chain:
@@ -99,14 +92,12 @@ class Chain:
             if self.skipping and not (step.option and step.option.control):
                 continue
             try:
-                self._do(step)
+                with errors_of_step(step):
+                    self._do(step)
             except Error as error:
-                failed = error if isinstance(error, StepError) else StepError(step, error)
                 if not self.settings.get("--no-error-exit"):
-                    if failed is error:
-                        raise
-                    raise failed from error
-                log.error("oiiotex ERROR: %s", failed)
+                    raise
+                log.error("oiiotex ERROR: %s", error)
         self._nothing_waits()
         if self.loops:
             raise ParameterError(f"{self.loops[-1].name} has no end")
@@ -158,7 +149,8 @@ class Chain:
         if self._waiting:
             step, _, values = self._waiting[0]
             need = self._need(step, values)
-            raise StepError(step, ParameterError(f"takes {need} image(s), there are {len(self.stack)}"))
+            with errors_of_step(step):
+                raise ParameterError(f"takes {need} image(s), there are {len(self.stack)}")
 
     def _need(self, step: Step, values: dict[str, Any]) -> int:
         if step.op is not None:
@@ -169,16 +161,12 @@ class Chain:
     def _run_waiting(self) -> None:
         while self._waiting and len(self.stack) >= self._need(self._waiting[0][0], self._waiting[0][2]):
             step, texts, values = self._waiting.pop(0)
-            try:
+            with errors_of_step(step):
                 if step.op is not None:
                     self.apply(step.op, **values)
                 else:
                     assert step.option is not None
                     self._run_option(step.option, texts, values)
-            except Error as error:
-                if isinstance(error, StepError):
-                    raise
-                raise StepError(step, error) from error
 
     def apply(self, op: type[Op], **values: Any) -> None:
         """Replace the op's operands on the stack by its result."""
@@ -308,9 +296,8 @@ class Chain:
             return self.opened(name)
         parts = ", ".join(part.name for part in operands[0].parts) if operands else ""
         has = f"the image has {parts}" if parts else "there is no image"
-        raise ParameterError(
-            f"{parameter.name}={name}: neither a part ({has}) nor a file; allowed is {parameter.allowed()}"
-        )
+        problem = f"neither a part ({has}) nor a file"
+        raise ParameterError(problem, parameter=parameter.name, value=name, expected=parameter.expected)
 
 
 def require_flat(images: Iterable[Image]) -> None:

@@ -41,7 +41,7 @@ def set_tile(chain: Chain, width: str, height: str) -> None:
     sides = []
     for text in (width, height):
         if not (text.isascii() and text.isdigit() and 0 < int(text) <= 65536):
-            raise ParameterError(f"'{width} {height}': allowed are two whole numbers from 1 to 65536")
+            raise ParameterError(f"'{width} {height}': expected two whole numbers from 1 to 65536")
         sides.append(int(text))
     chain.settings["--tile"] = tuple(sides)
     chain.settings.pop("--scanline", None)
@@ -50,7 +50,7 @@ def set_tile(chain: Chain, width: str, height: str) -> None:
 def set_planar(chain: Chain, text: str) -> None:
     """Store channels so from here on: contig, separate or default."""
     if text not in ("contig", "separate", "default"):
-        raise ParameterError(f"'{text}': allowed is contig, separate or default")
+        raise ParameterError(f"'{text}': expected contig, separate or default")
     chain.settings["--planarconfig"] = None if text == "default" else text
 
 

@@ -103,6 +103,7 @@ class Resize(HostOp, Gather):
     """Resize, with a filter as wide as the scale asks for."""
 
     name: ClassVar[str] = "resize"
+    rescales: ClassVar[bool] = True
 
     source: Image = image(help="the image")
     size: str = _SIZE
@@ -153,6 +154,7 @@ class Resample(Remap):
     """Resize without a filter: between the four nearest pixels, or the nearest one."""
 
     name: ClassVar[str] = "resample"
+    rescales: ClassVar[bool] = True
     deep: ClassVar[bool] = True
 
     size: str = _SIZE
@@ -185,6 +187,7 @@ class Fit(HostOp, Gather):
     """Resize to fit in a size, in proportion."""
 
     name: ClassVar[str] = "fit"
+    rescales: ClassVar[bool] = True
 
     source: Image = image(help="the image")
     size: str = argument(help="WxH or WxH+X+Y: the new display window")
@@ -250,6 +253,7 @@ class PixelAspect(Hosted, Gather):
     """Scale width or height up to a pixel aspect ratio."""
 
     name: ClassVar[str] = "pixelaspect"
+    rescales: ClassVar[bool] = True
 
     source: Image = image(help="the image")
     aspect: float = argument(help="width of a pixel, as a multiple of its height")

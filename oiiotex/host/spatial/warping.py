@@ -133,6 +133,7 @@ def warped(
 class Warped(HostOp, Gather):
     """Resampled through a matrix."""
 
+    rescales: ClassVar[bool] = True
     source: Image = image(help="the image")
     filter: str = param("", help="name of the filter; lanczos3 when left out")
     recompute_roi: bool = param(False, help="the data window becomes what the warped one covers")
@@ -199,6 +200,7 @@ class STWarp(HostOp, Gather):
     """Warp by an image whose channels say where each pixel comes from, as shares of width and height."""
 
     name: ClassVar[str] = "st_warp"
+    rescales: ClassVar[bool] = True
 
     source: Image = image(help="the image")
     st: Image = image(help="the coordinates")
