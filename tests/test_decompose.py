@@ -16,7 +16,7 @@ from oiiotex import errors, filters
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_reduced import LabPixels, lab_pixels, reduction
 from oiiotex.core.image import from_buffer, to_buffer
-from oiiotex.filters.decompose import Decompose
+from oiiotex.filters.texdecompose import Decompose
 from oiiotex.run import run
 from oiiotex.segmentation import region_merging, subtextures, textons
 from oiiotex.segmentation.clique_partition import joined_to

@@ -234,12 +234,12 @@ def test_a_mask_follows_pixels_better_than_dilated_patches(n):
 
 
 def test_paper_is_ldr09_by_the_letter():
-    op = filters.Dominant(source=None, paper=True)
+    op = filters.op_named("dominant")(source=None, paper=True)
     assert (op.rule, op.mode, op.step) == ("paper", "diffusion", 1)
     with pytest.raises(errors.ParameterError, match="step=2: paper=1 says step=1"):
-        filters.Dominant(source=None, paper=True, step=2)
+        filters.op_named("dominant")(source=None, paper=True, step=2)
     with pytest.raises(errors.ParameterError, match="preset=clean: paper=1 leaves preset out"):
-        filters.Stationarize(exemplar=None, paper=True, preset="clean")
+        filters.op_named("stationarize")(exemplar=None, paper=True, preset="clean")
     noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
     assert "noise" in dominant_texture(noise, Session()).rejected
     assert "noise" not in dominant_texture(noise, Session(), rule="paper", step=1).rejected

@@ -11,7 +11,7 @@ import pytest
 
 from oiiotex import errors, filters
 from oiiotex.core.window import Window
-from oiiotex.filters.join import first_gap
+from oiiotex.filters.texjoin import first_gap
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.peer import OIIOTOOL

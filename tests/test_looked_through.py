@@ -19,12 +19,12 @@ from oiiotex.core.label_map import LabelMap
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import Size
 from oiiotex.core.window import Window
-from oiiotex.filters.content import Content
-from oiiotex.filters.cut import Cut
-from oiiotex.filters.paint import Paint
-from oiiotex.filters.palette import Palette
-from oiiotex.filters.preview import Preview
-from oiiotex.filters.quilt import Quilting
+from oiiotex.filters.texcontent import Content
+from oiiotex.filters.texcut import Cut
+from oiiotex.filters.texpaint import Paint
+from oiiotex.filters.texpalette import Palette
+from oiiotex.filters.texpreview import Preview
+from oiiotex.filters.texquilt import Quilting
 from oiiotex.graphcut import photo as photo_in_tiles
 from oiiotex.labels import content_scan
 from oiiotex.quilting.quilt_job import Quilted

@@ -92,7 +92,7 @@ def test_ffmpeg_itself_takes_what_it_is_told(tmp_path):
 
 
 def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["oiiotex.filters.zoom"].Zoom, "opened", None)
+    monkeypatch.setattr(sys.modules["oiiotex.filters.texzoom"].Zoom, "opened", None)
     with pytest.raises(errors.ImageError, match=r"a movie is a .gif or a .mp4"):
         filters.zoom(PHOTO, movie=tmp_path / "z.avi")
     monkeypatch.setenv("PATH", "")

@@ -11,7 +11,7 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.filters.quilt import Quilting
+from oiiotex.filters.texquilt import Quilting
 from oiiotex.io.reading import read
 from oiiotex.labels import content_table
 from oiiotex.run import run

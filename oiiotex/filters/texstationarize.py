@@ -20,12 +20,12 @@ from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.materials import kinds_of
 from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
 from ..exemplar.photo_lattice import STRUCTURE
+from ..exemplar.presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
 from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
 from ..session import Session
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-from .presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
 
 log = logging.getLogger("oiiotex")
 
@@ -109,7 +109,8 @@ class Stationarize(PatchSynthesis):
         if self.preset is None:
             return super().compute(session)
         stages = session.stages()
-        return filled(self, next(stages)).compute(next(stages))
+        sigma = self.amount is None and self.sigmamap is None
+        return filled(self, self.preset, next(stages), sigma=sigma).compute(next(stages))
 
     def _strength(self, session: Session) -> float:
         """Share of the drift that is removed."""

@@ -20,7 +20,7 @@ from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from ..session import Session
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-from .stationarize import Stationarize
+from . import op_named
 
 _BYTES = 30  # of a pixel of the photo, while it is reduced
 
@@ -73,7 +73,8 @@ class Sigmas(Whole):
         spec = self.exemplar.first.spec
         width, height = self.size or Size(spec.width, spec.height)
         order_of(self.measure, self.order)
-        how = Stationarize(exemplar=self.exemplar, measure=self.measure, order=self.order, seed=self.seed)
+        same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
+        how: Any = op_named("stationarize")(**same)
         session.require(_BYTES * spec.width * spec.height, f"looking at {spec.width}x{spec.height}")
         require_tiles(session.device, how.recipe(width, height), (spec.height, spec.width), session.budget)
         with session.stats.time("read and colour"):

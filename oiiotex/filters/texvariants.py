@@ -14,14 +14,8 @@ from ..core.parameters import Words, image, nearest, param
 from ..deferred import np
 from ..errors import ParameterError
 from ..session import Session
-from .composite import Composite
-from .cut import Cut
-from .patchmatch import PatchMatch
-from .quilt import Quilting
-from .stationarize import Stationarize
-from .synth import Synth
+from . import op_named
 
-_OPS: dict[str, type[Op]] = {op.name: op for op in (Stationarize, PatchMatch, Quilting, Cut, Synth, Composite)}
 _FIXED = (
     "seed", "data", "n", "variants", "report", "fail", "json", "plan", "render", "stmap", "keep", "grown", "graph",
 )  # fmt: skip
@@ -41,7 +35,11 @@ class Variants(Whole):
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)
 
     exemplar: Image = image(help="the photo; for composite with label maps")
-    filter: str = param("stationarize", choices=tuple(_OPS), help="the filter, by the name of its function")
+    filter: str = param(
+        "stationarize",
+        choices=("stationarize", "patchmatch", "quilt", "cut", "synth", "composite"),
+        help="the filter, by the name of its function",
+    )
     seeds: int = param(4, ge=1, le=16, help="how many seeds, from seed on")
     seed: int = param(0, ge=0, le=2**32 - 17, help="the first seed")
     vary: str | None = param(None, help="the modifier that differs from row to row")
@@ -63,7 +61,7 @@ class Variants(Whole):
 
     def _uses(self) -> list[tuple[str, Op]]:
         """All uses of the filter with their captions, checked before the first is made."""
-        op = _OPS[self.filter]
+        op = op_named(self.filter)
         uses = []
         for name, value, text in self._values(op):
             for seed in range(self.seed, self.seed + self.seeds):
