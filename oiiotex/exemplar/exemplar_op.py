@@ -4,28 +4,26 @@
 from __future__ import annotations
 
 import functools
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
-from ..color.lab import working_values
-from ..core.demand import SomeRows, first_channels
-from ..core.image import Image
+from ..color.lab import DATA, working_values
+from ..core.demand import SomeRows, first_channels, materialized
+from ..core.image import Image, Part
 from ..core.label_map import label_maps
 from ..core.op import Op, Space
-from ..core.parameters import image, param
+from ..core.parameters import Numbers, Words, image, param
 from ..core.source_map import STMAP
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.disk_cache import hash_of
 from ..session import Session
 from .exemplar_masks import both, label_map, labelled_pixels, masked_pixels
+from .materials import KINDS_HELP, MATCH_HELP, read_material
 
 Found = TypeVar("Found")
-
-log = logging.getLogger("oiiotex")
 
 EXEMPLAR = "the photo; where labels are spoken of, with label maps as --texlabel:keep=1 makes them"
 MASK = "where pixels may come from: above one half of the first channel's range; of ids: all but 0"
@@ -78,7 +76,7 @@ class LabelledExemplar(Op):
     labels: Image | None = image(None, help=LABELS)
     label: ClassVar[int | None] = None
     level: int | None = param(None, ge=1, help=LEVEL)
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
+    data: bool = param(False, help=DATA)
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
     stmap: bool | Path = param(False, help=STMAP)
 
@@ -103,7 +101,20 @@ class LabelledExemplar(Op):
 
     def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
         """Values of the exemplar, and where it is opaque."""
-        return working_values(self.exemplar, session, self.working_space)
+        return working_values(self.exemplar, session, self.working_space, self.holds_photo(session))
+
+    def holds_photo(self, session: Session) -> bool:
+        """Whether the values of the photo lie in memory, and not in a file."""
+        return True
+
+    def holds(self, session: Session, size: int) -> bool:
+        """Whether so many bytes a pixel of the photo are a quarter of the budget at most."""
+        spec = self.exemplar.first.spec
+        return size * spec.width * spec.height <= session.budget // 4
+
+    def in_any_order(self, part: Part, held: bool) -> Part:
+        """The same pixels, of which any may be asked for: decoded to a file where they are not held."""
+        return part if held or part.ready else materialized(part, 0)
 
     def _allowed(self) -> np.ndarray | None:
         """Where mask and label let pixels be taken from; None: everywhere."""
@@ -121,9 +132,7 @@ class LabelledExemplar(Op):
         used |= {id(one.part) for one in label_maps(self.exemplar).values()}
         lost = [part.name for part in self.exemplar.parts[1:] if not (part.exact or id(part) in used)]
         if lost:
-            log.warning(
-                "%s: of %s only the first part is used, not %s", self.flag(), self.exemplar.source, ", ".join(lost)
-            )
+            self.warn("of %s only the first part is used, not %s", self.exemplar.source, ", ".join(lost))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,3 +146,26 @@ class ExemplarOp(LabelledExemplar):
         if self.label is None and (self.level is not None or self.labels is not None):
             raise ParameterError("level and labels say where label is looked up: say label, too")
         return super()._allowed()
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaterialOp(ExemplarOp):
+    """What is copied together from one photo, or from the n maps of one material."""
+
+    exemplar: Image = image(help="the photo; of n maps of a material, the first")
+    maps: tuple[Image, ...] = image((), help="the other maps of the material, made anew with it", count="n")
+    n: int = param(1, ge=1, le=16, help="how many maps of one material are made together, the last images of the stack")
+    kinds: Words | None = param(None, help=KINDS_HELP)
+    match: Numbers | None = param(None, ge=0, help=MATCH_HELP)
+
+    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
+        """All maps of the material together."""
+        held = self.holds_photo(session)
+        return read_material(self.all_maps(), self.kinds, self.match, self.data, session, held)
+
+    def all_maps(self) -> tuple[Image, ...]:
+        """The exemplar and the others; raises ParameterError where they are not as many as n says."""
+        maps = (self.exemplar, *self.maps)
+        if self.n != len(maps):
+            raise ParameterError(f"n={self.n}: there are {len(maps)} maps")
+        return maps

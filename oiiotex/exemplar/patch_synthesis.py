@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from ..core.attributes import mark_as_data
 from ..core.demand import first_channels, materialized
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
-from ..core.parameters import Size, SizeRule, Words, image, param
+from ..core.parameters import Size, SizeRule, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..deferred import np
 from ..errors import ParameterError
@@ -26,28 +25,26 @@ from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
-from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality, regularity_of, say_what_was_lost
+from ..quality.report import REPORT, Look, Quality, regularity_of, say_what_was_lost
+from ..quality.reported_op import Reported
 from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
 from ..session import Session
 from .coarse_looks import coarse_looks
 from .constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
-from .exemplar_op import ExemplarPixels
+from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL, height_tile
-from .material_op import MaterialOp
 from .materials import kinds_of
 from .photo_lattice import fitting_size, least_size, photo_courses, photo_lattice
 
-log = logging.getLogger("oiiotex")
-
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
-_LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
+_LAB_BYTES = 12  # a pixel of a map
 _SIZE_HELP = "size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size"
 _PATCH_HELP = f"Side of a patch: the scale up to which detail is copied whole. Default: {PATCH}."
 
 
 @dataclass(frozen=True, kw_only=True)
-class PatchSynthesis(MaterialOp, InBands):
+class PatchSynthesis(Reported, MaterialOp, InBands):
     """What both ops share: inputs, how a recipe becomes an image, the report."""
 
     outputs: ClassVar[tuple[Output, ...]] = (
@@ -92,8 +89,6 @@ class PatchSynthesis(MaterialOp, InBands):
     resume: bool = param(
         False, help="keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there"
     )
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
 
     def recipe(self, width: int, height: int) -> Recipe:
         """What to synthesize at this size."""
@@ -187,7 +182,7 @@ class PatchSynthesis(MaterialOp, InBands):
         kept = None
         if marked is not None:
             if not marked.any():
-                log.warning("%s: within marks no pixel: the photo stays as it is", self.flag())
+                self.warn("within marks no pixel: the photo stays as it is")
             source, lost = remade_source(marked, seen.opaque, recipe, constraints, run), None
         else:
             if self.tiling == "xy" and self.size is None and self.holds_photo(session):
@@ -232,8 +227,7 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def holds_photo(self, session: Session) -> bool:
         """Whether the photo lies in memory: what needs more than the budget with it is read by rows."""
-        spec = self.exemplar.first.spec
-        return _LAB_BYTES * self.n * spec.width * spec.height <= session.budget * _LAB_SHARE
+        return self.holds(session, _LAB_BYTES * self.n)
 
     def _in_any_order(self, part: Part, session: Session) -> Part:
         """The same pixels, decoded: in memory where the photo lies there."""

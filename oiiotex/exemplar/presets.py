@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -14,8 +13,6 @@ from ..session import Session
 
 if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis
-
-log = logging.getLogger("oiiotex")
 
 _DOMINANT = "--texdominant"
 EVEN, CLEAN, KEEP = PRESETS = "even", "clean", "keep"
@@ -61,7 +58,7 @@ def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) ->
             before = f"{_DOMINANT}{':data=1' * op.data}:keep=1 "
     others = "".join(f"{shlex.quote(image.source)} " for image in op.operands()[1:])
     line = _words(plain, "mask" if before else "")
-    log.info("%s: preset=%s: the same as %s%s%s", op.flag(), preset, before, others, line)
+    op.inform("preset=%s: the same as %s%s%s", preset, before, others, line)
     return plain
 
 

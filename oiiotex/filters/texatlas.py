@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +16,12 @@ from ..core.parameters import Size, param
 from ..core.source_map import COPIED, ST, SourceMap, require_addressable
 from ..deferred import np
 from ..errors import ImageError, ParameterError
-from ..exemplar.material_op import MaterialOp
+from ..exemplar.exemplar_op import MaterialOp
 from ..exemplar.materials import kinds_of
 from ..session import Session
 
 if TYPE_CHECKING:
     from ..atlas.mesh import Mesh
-
-log = logging.getLogger("oiiotex")
 
 _LARGEST = 65536  # px of all tiles together
 _FINEST, _COARSEST = 0.5, 2.0  # px of the atlas that a pixel of the photo is wide
@@ -150,8 +147,7 @@ class Atlas(MaterialOp, Whole):
             )
         stretch = np.sort(flat / solid)
         low, high = stretch[[len(stretch) // 20, -1 - len(stretch) // 20]]
-        log.info(
-            "%s: %d charts%s on %.0f %% of the atlas; areas of triangles are stretched by a factor of up to %.3g",
-            self.flag(), mesh.chart.max() + 1, " by xatlas" if mesh.unwrapped else "", 100 * flat.sum(), high / low,
-        )  # fmt: skip
+        charts = f"{mesh.chart.max() + 1} charts{' by xatlas' if mesh.unwrapped else ''}"
+        text = "%s on %.0f %% of the atlas; areas of triangles are stretched by a factor of up to %.3g"
+        self.inform(text, charts, 100 * flat.sum(), high / low)
         return float(unit)

@@ -3,18 +3,17 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..color.lab import lens_of
+from ..color.lab import InLab, lens_of
 from ..core.access import ScanThenMap
 from ..core.demand import bands
 from ..core.image import Image, Part
 from ..core.label_map import LabelMap
-from ..core.op import Kind, Output, Space
+from ..core.op import Kind, Output
 from ..core.parameters import image, param
 from ..deferred import np
 from ..labels.legend import LabelNames
@@ -25,15 +24,13 @@ if TYPE_CHECKING:
     from ..color.lab_reduced import LabPixels
     from ..segmentation.subtextures import Decomposition, DecompositionSettings
 
-log = logging.getLogger("oiiotex")
-
 WORKING_PIXELS = 1 << 20
 CLIQUES_THRESHOLD = 0.76  # of filter bank textons in discs of 48 px
 _HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture segmentation problems"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decompose(OnePart, ScanThenMap):
+class Decompose(OnePart, InLab, ScanThenMap):
     """Decompose a texture into the simpler ones that it is a patchwork of.
 
     Regions compete for pixels by their textons; those that are likelier one texture than two are merged, until none
@@ -46,7 +43,6 @@ class Decompose(OnePart, ScanThenMap):
 
     name: ClassVar[str] = "decompose"
     carries: ClassVar[bool] = True
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
         Output("label.1", Kind.IDS, "one channel, of the image's windows: write it to EXR or TIFF"),
@@ -100,7 +96,6 @@ class Decompose(OnePart, ScanThenMap):
     names: Path | None = param(None, help=LabelNames.HELP)
     single: bool = param(False, help=SINGLE)
     json: Path | None = param(None, help="count, areas and settings go to this file")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "haar",
@@ -128,9 +123,9 @@ class Decompose(OnePart, ScanThenMap):
         pixels = lab_pixels(self.source, lens, session, factor)
         session.advance(1, 4)
         split = decomposed(pixels, settings, session, session.advance)
-        log.info("%s: %d subtextures, from %d groups of %d", self.flag(), split.count, split.groups, split.samples)
+        self.inform("%d subtextures, from %d groups of %d", split.count, split.groups, split.samples)
         if self.labels is not None and 0 < split.count < self.labels:
-            log.warning("%s: %d subtextures, not %d: no more hold their own", self.flag(), split.count, self.labels)
+            self.warn("%d subtextures, not %d: no more hold their own", split.count, self.labels)
         labels = _label_map(first, pixels, split)
         if names is not None:
             (labels,) = names.of([labels])

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..color.lab import InLab
 from ..core.access import ScanThenMap
 from ..core.image import Image
-from ..core.op import Kind, Output, Space
+from ..core.op import Kind, Output
 from ..core.parameters import image, param
 from ..deferred import np
 from ..exemplar.exemplar_masks import masked_pixels
@@ -17,7 +18,7 @@ from ..session import Session
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dominant(ScanThenMap):
+class Dominant(InLab, ScanThenMap):
     """Find the dominant texture of a photo: a mask without objects, cracks, stains and shadows.
 
     Overlapping patches are points in a space of colours; heat that spreads from the densest one reaches the large
@@ -32,7 +33,6 @@ class Dominant(ScanThenMap):
 
     name: ClassVar[str] = "dominant"
     carries: ClassVar[bool] = True
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
         Output("dominant", Kind.MASK, "1 where the dominant texture is; in the image's windows"),
@@ -67,7 +67,6 @@ class Dominant(ScanThenMap):
     chart: Path | None = param(
         None, help="a picture of the kernel's curve, and of density over heat with their thresholds, goes to this file"
     )
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     PAPER: ClassVar[dict[str, Any]] = {"rule": "paper", "mode": "diffusion", "step": 1}
 

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -26,8 +25,6 @@ from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
 from ..session import Session
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-
-log = logging.getLogger("oiiotex")
 
 SIGMA_SHARE = 8  # of the longer side is sigma: structures up to there are kept
 PAPER_SIGMA_SHARE, PAPER_PATCH = 32, 11
@@ -172,7 +169,7 @@ class Stationarize(PatchSynthesis):
         tiles = SigmaTiles(session.device, seen.values, seen.usable, recipe, session.budget, seen.why)
         scale = perceived_scale(tiles, DEFAULT_COUNT, session.advance, scale_folder())
         sigma = scale.sigma_at(self.amount)
-        log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
+        self.inform("amount %g is sigma %.2f px", self.amount, sigma)
         return replace(recipe, sigma=sigma)
 
     @property

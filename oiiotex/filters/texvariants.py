@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..charts.drawing import PAPER, Sheet, sampled, shown_pixels
+from ..color.lab import InLab
 from ..core.access import Whole
 from ..core.image import Image
-from ..core.op import Kind, Op, Output, Space
+from ..core.op import Kind, Op, Output
 from ..core.parameters import Words, image, nearest, param
 from ..deferred import np
 from ..errors import ParameterError
@@ -22,7 +23,7 @@ _FIXED = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Variants(Whole):
+class Variants(InLab, Whole):
     """Lay out what a synthesis makes of a photo: a column for every seed, a row for every value of one modifier.
 
     So a seed is chosen by eye, or it is seen what a modifier does: `vary=sigma:over=8,16,32` makes three rows of
@@ -31,7 +32,6 @@ class Variants(Whole):
     """
 
     name: ClassVar[str] = "variants"
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)
 
     exemplar: Image = image(help="the photo; for composite with label maps")
@@ -45,7 +45,6 @@ class Variants(Whole):
     vary: str | None = param(None, help="the modifier that differs from row to row")
     over: Words | None = param(None, help="its values, as they are said for the filter")
     thumb: int = param(256, ge=32, le=2048, unit="px", help="longer side of a result in the sheet, at most")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The sheet."""
