@@ -19,25 +19,7 @@ _STEPS = 12  # horizons are looked for at so many places along each direction, c
 def heights_around(
     part: Part, window: Window, reach: int, wraps: tuple[bool, bool], channel: int, name: str
 ) -> np.ndarray:
-    """Heights of a window grown by `reach`; beyond the border those of the other side, or the border's own again.
-
-    Parameters
-    ----------
-    part : Part
-        Of image `name`, whose `channel` holds heights.
-    window : Window
-    reach : int
-        px
-    wraps : (bool, bool)
-        Whether the other side goes on along x, along y.
-    channel : int
-    name : str
-
-    Raises
-    ------
-    BrokenValues
-        NaN or Inf.
-    """
+    """Heights of a window grown by `reach` px; beyond the border those of the other side, or the border's own again."""
     whole, places = part.window, []
     for low, high, begin, size, wrap in zip(window[:2], window[2:], whole[:2], whole.size, wraps, strict=True):
         at = np.arange(low - reach, high + reach) - begin

@@ -27,17 +27,8 @@ def drawing_bytes(width: int) -> int:
 
 
 def marked(photo: Part, picture: Callable[[Window], np.ndarray], contents: Contents, place: tuple[int, int]) -> Part:
-    """The photo, dimmed but where a patch of the key has its centre, and a patch outlined.
-
-    Parameters
-    ----------
-    photo : Part
-    picture : callable
-        Window of the data window -> (height, width, 3) float32 sRGB.
-    contents : Contents
-    place : (int, int)
-        Left and top of the patch, in the data window.
-    """
+    """The photo, dimmed but where a patch of the key has its centre, and the patch at (left, top) outlined; `picture`
+    gives a window of the data window, (height, width, 3) float32 sRGB."""
     left, top = place
     width, height, side = photo.spec.width, photo.spec.height, contents.side
     thick = max(1, min(width, height) // 300)
@@ -59,18 +50,7 @@ def marked(photo: Part, picture: Callable[[Window], np.ndarray], contents: Conte
 
 
 def key_table(picture: Callable[[Window], np.ndarray], contents: Contents) -> np.ndarray:
-    """One patch of every key: first label down, second across, the labels' colours at the heads.
-
-    Parameters
-    ----------
-    picture, contents
-        As of `marked`; the contents in two passes.
-
-    Returns
-    -------
-    (side, side, 3) float32
-        sRGB.
-    """
+    """One patch of every key: first label down, second across, the labels' colours at the heads; sRGB float32."""
     labels = np.unique(list(contents.counts))
     if len(labels) > _MOST:
         area = np.array([contents.areas[label] for label in labels.tolist()])

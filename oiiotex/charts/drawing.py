@@ -153,15 +153,7 @@ def coloured(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> 
 
 
 def label_tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
-    """The tree of labels, coarsest on top: a node's width is its share of the image.
-
-    Parameters
-    ----------
-    labels : list of LabelMap
-        Finest first.
-    maps : list of (height, width) int
-        Ids of each, of some of its pixels.
-    """
+    """The tree of labels, given finest first with (height, width) ids of each: a node is as wide as its share."""
     width, row = 320, 64
     sheet = Sheet(width, row * len(labels) + _NODE)
     above: dict[int, tuple[float, float]] = {}  # left and right of each label of the level above

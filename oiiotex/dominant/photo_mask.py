@@ -29,22 +29,12 @@ TEXELS = 12000  # at most, unless step says otherwise: the paper's images have u
 
 @dataclass(frozen=True, eq=False)
 class PhotoMask:
-    """Where a photo shows its dominant texture.
-
-    Attributes
-    ----------
-    photo : Part
-    pixels : LabPixels
-        Of the photo, reduced.
-    texture : Dominant
-    mask : (height, width) bool
-        Of the reduced photo.
-    """
+    """Where a photo shows its dominant texture."""
 
     photo: Part
-    pixels: LabPixels
+    pixels: LabPixels  # of the photo, reduced
     texture: Dominant
-    mask: np.ndarray
+    mask: np.ndarray  # (height, width) bool, of the reduced photo
 
     @property
     def part(self) -> Part:
@@ -116,29 +106,8 @@ def photo_mask(
     rule: str = "repaired",
     strict: bool = False,
 ) -> PhotoMask:
-    """Where a photo shows its dominant texture.
-
-    Parameters
-    ----------
-    flag : str
-        Who asks, for messages.
-    photo : Image
-        Its first part is looked at.
-    space : Space
-        Where it is looked at: LAB, or DATA.
-    session : Session
-    allowed : callable
-        What of it is looked at, (height, width) bool; None: all.
-    patch, step, mode, rule
-        As of --texdominant.
-    strict : bool
-        A photo without a dominant texture is an error, else a warning and an empty mask.
-
-    Raises
-    ------
-    ImageError
-        The photo is smaller than a patch, or, with strict, has no dominant texture.
-    """
+    """Where a photo shows its dominant texture, for op `flag`, as --texdominant says; `allowed` gives what of it is
+    looked at, (height, width) bool or None."""
     width, height = photo.first.window.width, photo.first.window.height
     factor = reduction(width, height, WORKING_PIXELS)
     shape = -(-height // factor), -(-width // factor)

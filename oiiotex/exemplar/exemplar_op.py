@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from ..color.lab import DATA, working_values
+from ..core.attributes import mark_as_data
 from ..core.demand import SomeRows, first_channels, materialized
 from ..core.image import Image, Part
 from ..core.label_map import label_maps
@@ -21,7 +22,7 @@ from ..errors import ImageError, ParameterError
 from ..io.disk_cache import hash_of
 from ..session import Session
 from .exemplar_masks import both, label_map, labelled_pixels, masked_pixels
-from .materials import KINDS_HELP, MATCH_HELP, read_material
+from .materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material
 
 Found = TypeVar("Found")
 
@@ -34,25 +35,12 @@ LEVEL = "which label map: label.N of the exemplar or of labels; the coarsest whe
 
 @dataclass(frozen=True, eq=False)
 class ExemplarPixels:
-    """What is seen of an exemplar.
+    """What is seen of an exemplar."""
 
-    Attributes
-    ----------
-    values : (height, width, channels) float32
-        Lab, or data scaled to 0 .. 100; further channels are those of further maps. Rows of a `PatchSynthesis` may lie
-        in a file, all others are an array.
-    opaque : (height, width) bool or None
-        Where it shows something; None: everywhere.
-    usable : (height, width) bool or None
-        Where pixels may be taken from; None: everywhere.
-    why : str
-        What the pixels are that may not be taken, for messages.
-    """
-
-    values: SomeRows
-    opaque: np.ndarray | None
-    usable: np.ndarray | None
-    why: str
+    values: SomeRows  # (height, width, channels) float32: Lab, or data scaled to 0 .. 100; those of further maps follow
+    opaque: np.ndarray | None  # (height, width) bool: where it shows something; None: everywhere
+    usable: np.ndarray | None  # (height, width) bool: where pixels may be taken from; None: everywhere
+    why: str  # what the pixels are that may not be taken, for messages
 
     def remembered(self, session: Session, find: Callable[..., Found], flag: str, *more: object) -> Found:
         """What `find(flag, lab, usable, *more)` finds in the photo, or found when these pixels were last looked at."""
@@ -81,17 +69,7 @@ class LabelledExemplar(Op):
     stmap: bool | Path = param(False, help=STMAP)
 
     def read(self, session: Session, *also: np.ndarray | None) -> ExemplarPixels:
-        """Values, usable pixels, and why the others are not; `also` are further (height, width) bool of usable ones.
-
-        Raises
-        ------
-        ImageError
-            The mask or the label map is of another size than the exemplar, or nothing is left; NaN or Inf.
-        ColorError
-            As by `lens_of`.
-        ParameterError
-            There is no such level or label.
-        """
+        """Values, usable pixels, and why the others are not; `also` are further (height, width) bool of usable ones."""
         with session.stats.time("read and colour"):
             values, opaque = self.seen(session)
             allowed = functools.reduce(both, also, self._allowed())
@@ -169,3 +147,21 @@ class MaterialOp(ExemplarOp):
         if self.n != len(maps):
             raise ParameterError(f"n={self.n}: there are {len(maps)} maps")
         return maps
+
+    def result_count(self) -> int:
+        """Each map of the material is an image of its own."""
+        return 1 + len(self.maps)
+
+    @property
+    def map_kinds(self) -> list[str]:
+        """What each of the maps is; raises ParameterError where `kinds` does not fit them."""
+        return kinds_of(self.kinds, 1 + len(self.maps), self.data)
+
+    def of_all(self, maps: Sequence[Part], make: Callable[[Part, str], dict[str, Any]]) -> tuple[dict[str, Any], ...]:
+        """What `make(map, its kind)` gives of all maps; of others than the first the op's image alone."""
+        name, results = self.main().name, list[dict[str, Any]]()
+        for one, kind in zip(maps, self.map_kinds, strict=True):
+            parts = make(one, kind)
+            image = parts[name] if kind == "colour" else parts[name].respecced(mark_as_data)
+            results.append({name: image} if results else parts | {name: image})
+        return tuple(results)

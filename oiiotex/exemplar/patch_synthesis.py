@@ -11,7 +11,6 @@ from typing import ClassVar
 from ..color.config import as_float
 from ..color.lab import working_values
 from ..core.access import InBands
-from ..core.attributes import mark_as_data
 from ..core.demand import first_channels, materialized
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
@@ -34,7 +33,6 @@ from .coarse_looks import coarse_looks
 from .constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
 from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL, height_tile
-from .materials import kinds_of
 from .photo_lattice import fitting_size, least_size, photo_courses, photo_lattice
 
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
@@ -107,14 +105,14 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             uniformity=self.uniformity,
             reuse=self.reuse,
             # one piece all around the torus cannot be leveled by a constant
-            shifted="height" not in kinds_of(self.kinds, 1 + len(self.maps), self.data),
+            shifted="height" not in self.map_kinds,
             contrast=contrast,
             flat=flat,
         )
 
     def result_count(self) -> int:
         """Each variant and each map of the material is an image of its own."""
-        return self.variants * (1 + len(self.maps))
+        return self.variants * super().result_count()
 
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """The tile, and where its pixels come from; of several maps and variants one such mapping each."""
@@ -242,8 +240,8 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
 
     def planned(self, session: Session) -> tuple[Size, Quality]:
         """The size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
-        maps = self.all_maps()
-        self._check(maps)
+        self.all_maps()  # as many as n says
+        self._check()
         size = self.asked_size
         tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
         quality = Quality.of_copies(self, session, size, tiling, patch=self.side, losses=self.finds_losses)
@@ -265,13 +263,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
     def _tiles(
         self, maps: list[Part], source: SourceMap, session: Session, in_place: bool = False
     ) -> tuple[dict[str, Part], ...]:
-        """All maps from the same pixels; the source coordinates follow the first. What is no colour is data."""
+        """All maps from the same pixels; the source coordinates follow the first."""
         tiling = "none" if self.variants > 1 else self.tiling  # variants go on in each other
-        tiles = []
-        for one, kind in zip(maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
-            parts = source.parts("tile", one, tiling, in_place, by_rows=not self.holds_photo(session))
-            tiles.append(parts if kind == "colour" else parts | {"tile": parts["tile"].respecced(mark_as_data)})
-        return (tiles[0], *({"tile": tile["tile"]} for tile in tiles[1:]))
+        by_rows = not self.holds_photo(session)
+        return self.of_all(maps, lambda one, _: source.parts("tile", one, tiling, in_place, by_rows=by_rows))
 
     @property
     def finds_losses(self) -> bool:
@@ -284,7 +279,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The tiles, the steps in heights among them measured, and closed where that was asked for."""
         wrap = "x" in self.tiling, "y" in self.tiling
         maps, results = (self.exemplar, *self.maps), []
-        for tile, one, kind in zip(tiles, maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
+        for tile, one, kind in zip(tiles, maps, self.map_kinds, strict=True):
             if kind == "height":
                 part = height_tile(self.flag(), tile["tile"], one, source, wrap, self.relevel, still, session)
                 tile = tile | {"tile": part}
@@ -309,9 +304,9 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The recipe with what follows from the photo."""
         return recipe
 
-    def _check(self, maps: tuple[Image, ...]) -> None:
+    def _check(self) -> None:
         """Refuse modifiers that do not go together."""
-        if self.relevel and "height" not in kinds_of(self.kinds, len(maps), self.data):
+        if self.relevel and "height" not in self.map_kinds:
             raise ParameterError("relevel=1: none of the maps is a height: kinds= says which is")
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
         if self.within is not None and self.asked_size != own:

@@ -29,17 +29,8 @@ PRESET_HELP = (
 
 
 def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) -> PatchSynthesis:
-    """The op with what its preset chooses where it was left out, and without preset; -v says its line.
-
-    Parameters
-    ----------
-    op : PatchSynthesis
-        --texstationarize with a preset.
-    preset : str
-    session : Session
-    sigma : bool
-        Whether the preset chooses sigma where it was left out.
-    """
+    """The op with what its preset chooses where it was left out (`sigma`: that, too), and without preset; -v says its
+    line."""
     chosen: dict[str, Any] = {}
     if op.within is None:
         chosen["contrast"] = 0.0 if preset == CLEAN else CONTRAST

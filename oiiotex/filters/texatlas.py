@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..core.access import Whole
-from ..core.attributes import mark_as_data
-from ..core.image import Image, channels_of
+from ..core.image import Part, channels_of
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
-from ..core.source_map import COPIED, ST, SourceMap, require_addressable
+from ..core.source_map import COPIED, ST, require_addressable
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..exemplar.exemplar_op import MaterialOp
-from ..exemplar.materials import kinds_of
 from ..session import Session
 
 if TYPE_CHECKING:
@@ -71,15 +68,11 @@ class Atlas(MaterialOp, Whole):
         "opengl", choices=("opengl", "directx"), help="where green of maps of kind normal points: up (opengl) or down"
     )
 
-    def result_count(self) -> int:
-        """Each map of the material is an image of its own."""
-        return 1 + len(self.maps)
-
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The atlas, and where its pixels come from; of several maps one such mapping each."""
         from ..atlas.charts import Frames  # trimesh and its like are slow to import
         from ..atlas.mesh import read_mesh
-        from ..atlas.normals import turns
+        from ..atlas.normals import turned, turns
         from ..atlas.synthesis import stack, synthesize
 
         if self.mesh is None:
@@ -112,27 +105,18 @@ class Atlas(MaterialOp, Whole):
                 fine, frames, size, levels, self.seed, self.mesh.name, session.spread, session.advance
             )
         self.say_what_stays()
-        first, *others = self._copies(maps, source, lambda: turns(fine, frames)[face])
+
+        def copied(one: Part, kind: str) -> dict[str, Any]:
+            parts = source.parts("atlas", one)
+            if kind == "normal":
+                encoded = bool(one.pixels()[..., list(channels_of(one.spec).colour)].min() >= 0)
+                turn = turns(fine, frames)[face]
+                parts["atlas"] = turned(parts["atlas"], turn, encoded, self.convention == "opengl")
+            return parts
+
+        first, *others = self.of_all([image.first for image in maps], copied)
         first["mesh"] = lambda: mesh.obj(tiles)
         return (first, *others) if others else first
-
-    def _copies(
-        self, maps: tuple[Image, ...], source: SourceMap, turn: Callable[[], np.ndarray]
-    ) -> list[dict[str, Any]]:
-        """All maps from the same pixels; the source coordinates follow the first. What is no colour is data."""
-        from ..atlas.normals import turned
-
-        copies: list[dict[str, Any]] = []
-        for image, kind in zip(maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
-            parts = source.parts("atlas", image.first)
-            if kind == "normal":
-                colour = list(channels_of(image.first.spec).colour)
-                encoded = bool(image.first.pixels()[..., colour].min() >= 0)
-                parts["atlas"] = turned(parts["atlas"], turn(), encoded, self.convention == "opengl")
-            if kind != "colour":
-                parts["atlas"] = parts["atlas"].respecced(mark_as_data)
-            copies.append({"atlas": parts["atlas"]} if copies else parts)
-        return copies
 
     def _unit(self, mesh: Mesh, size: Size, photo_width: int) -> float:
         """How wide a pixel of the photo is on the surface; says what charts do to areas."""

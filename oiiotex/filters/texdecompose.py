@@ -10,19 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..color.lab import InLab, lens_of
 from ..core.access import ScanThenMap
-from ..core.demand import bands
-from ..core.image import Image, Part
-from ..core.label_map import LabelMap
+from ..core.image import Image
 from ..core.op import Kind, Output
 from ..core.parameters import image, param
-from ..deferred import np
 from ..labels.legend import LabelNames
 from ..labels.single_part import SINGLE, OnePart
 from ..session import Session
 
 if TYPE_CHECKING:
-    from ..color.lab_reduced import LabPixels
-    from ..segmentation.subtextures import Decomposition, DecompositionSettings
+    from ..segmentation.subtextures import DecompositionSettings
 
 WORKING_PIXELS = 1 << 20
 CLIQUES_THRESHOLD = 0.76  # of filter bank textons in discs of 48 px
@@ -111,7 +107,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
         from ..color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
-        from ..segmentation.subtextures import decomposed, memory_needed
+        from ..segmentation.subtextures import decomposed, facts_of, label_map_of, memory_needed
 
         first = self.source.first
         width, height = first.window.width, first.window.height
@@ -126,14 +122,14 @@ class Decompose(OnePart, InLab, ScanThenMap):
         self.inform("%d subtextures, from %d groups of %d", split.count, split.groups, split.samples)
         if self.labels is not None and 0 < split.count < self.labels:
             self.warn("%d subtextures, not %d: no more hold their own", split.count, self.labels)
-        labels = _label_map(first, pixels, split)
+        labels = label_map_of(first, pixels, split)
         if names is not None:
             (labels,) = names.of([labels])
         session.advance(4, 4)
         return {
             **({} if self.single else {"label.1": labels.part}),
             "cryptomatte": [labels],
-            "facts": lambda: _facts(labels.part, split, settings, factor),
+            "facts": lambda: facts_of(labels.part, split, settings, factor),
         }
 
     def _settings(self, pixels: int) -> DecompositionSettings:
@@ -163,27 +159,3 @@ class Decompose(OnePart, InLab, ScanThenMap):
 def _step(pixels: int) -> int:
     """Between samples: 16 px, more where there would be many, less in small images."""
     return max(4, min(16, round(math.sqrt(pixels) / 16 / 4) * 4), math.ceil(math.sqrt(pixels / 2500)))
-
-
-def _label_map(like: Part, pixels: LabPixels, split: Decomposition) -> LabelMap:
-    """The label map in the image's windows."""
-    from ..superpixels.superpixels import label_spec
-
-    spec = label_spec(like.spec)
-    spec.attribute("oiiotex:samples", split.samples)  # regions or places that were grouped
-    part = pixels.part("label.1", spec, split.labels.astype(np.uint32)[..., None])
-    return LabelMap.of(part, 1, [0] * split.count)
-
-
-def _facts(labels: Part, split: Decomposition, settings: DecompositionSettings, factor: int) -> dict[str, Any]:
-    """What there is to say, for `json`."""
-    areas = np.zeros(split.count + 1, np.int64)
-    for band in bands(labels):
-        areas += np.bincount(labels.read(band).ravel(), minlength=split.count + 1)
-    return {
-        "labels": [{"id": i, "pixels": int(area)} for i, area in enumerate(areas[1:].tolist(), 1)],
-        "reduction": factor,
-        "samples": split.samples,
-        "groups": split.groups,
-        "settings": dict(vars(settings)),
-    }

@@ -16,7 +16,6 @@ from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
 from ..errors import ParameterError
 from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_op import ExemplarPixels
-from ..exemplar.materials import kinds_of
 from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
 from ..exemplar.photo_lattice import STRUCTURE
 from ..exemplar.presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
@@ -113,7 +112,7 @@ class Stationarize(PatchSynthesis):
         """Share of the drift that is removed."""
         if self.flatten is not None:
             return self.flatten
-        colour = kinds_of(self.kinds, 1 + len(self.maps), self.data)[0] == "colour"
+        colour = self.map_kinds[0] == "colour"
         if not colour or self.within is not None:
             return 0.0
         return 0.0 if lens_of(self.exemplar, session, self.working_space).space is None else 1.0

@@ -32,24 +32,12 @@ _KEY_BITS = 32  # k1 << _KEY_BITS | k2
 
 @dataclass(frozen=True)
 class _Strip:
-    """Keys of some rows of windows, a window named by its top left pixel in the data window.
+    """Keys of some rows of windows, a window named by its top left pixel in the data window."""
 
-    Attributes
-    ----------
-    top : int
-        The first row.
-    keys : (rows, columns) int64
-        k1 << 32 | k2 of `content_table.window_keys`; 0: none.
-    counts : dict of int to int
-        How many windows have each key.
-    ids : (rows, width)
-        Labels of the rows that no other strip gives.
-    """
-
-    top: int
-    keys: np.ndarray
-    counts: dict[int, int]
-    ids: np.ndarray
+    top: int  # the first row
+    keys: np.ndarray  # (rows, columns) int64: k1 << 32 | k2 of `content_table.window_keys`; 0: none
+    counts: dict[int, int]  # how many windows have each key
+    ids: np.ndarray  # (rows, width): labels of the rows that no other strip gives
 
 
 def _key_pair(code: int) -> tuple[int, int]:
@@ -84,18 +72,7 @@ def scan_bytes(width: int, height: int, side: int, session: Session) -> int:
 
 
 def _key_strips(labels: Part, side: int, session: Session, advance: Callable[[], object]) -> Iterator[_Strip]:
-    """All windows of side x side px, from the top down.
-
-    Parameters
-    ----------
-    labels : Part
-        One channel of ids; 0 is no label.
-    side : int
-        px; as the map is wide and high at most.
-    session : Session
-    advance : callable
-        Called after each strip.
-    """
+    """All windows of side x side px of a map of ids (0 is no label), from the top down; `advance` after each strip."""
     whole, part = labels.window, cached(labels, session.cache)
     bands = list(Window(0, 0, whole.width, whole.height - side + 1).cells(whole.width, _rows(whole.width, side)))
     pieces = list(Window(0, 0, whole.width - side + 1, 1).cells(_columns(side), 1))
@@ -144,18 +121,9 @@ def _keyed(ids: np.ndarray, side: int) -> tuple[np.ndarray, dict[int, int]]:
 
 
 class Contents:
-    """How many windows of a label map have each key, and where those of one key have their centres.
+    """How many windows of `side` px of a label map have each key, and where those of one key have their centres.
 
-    Parameters
-    ----------
-    labels : Part
-    side : int
-        Of windows, px.
-    session : Session
-    key : (int, int)
-        Whose windows are marked.
-    passes : int
-        How often the map will be looked through, for progress.
+    `passes` is how often the map will be looked through: 2 where `middles` are asked for.
     """
 
     def __init__(self, labels: Part, side: int, session: Session, key: tuple[int, int], passes: int):

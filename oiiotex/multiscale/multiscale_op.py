@@ -122,17 +122,8 @@ def _changed(path: Path) -> tuple[int, int] | None:
 def with_report(
     quality: Quality, plane: Plane, results: dict[str, Any], source: Callable[[Window], SourceMap] | None = None
 ) -> dict[str, Any]:
-    """The op's results with the measures of its image beside the root.
-
-    Parameters
-    ----------
-    quality : Quality
-    plane : Plane
-    results : dict
-        As the op's `compute` gives them, its main image among them.
-    source : callable, optional
-        window -> the pixels of the root that are shown there, where all are copies of these.
-    """
+    """The op's results with the measures of its image beside the root; `source` gives the root's pixels that a window
+    shows, where all are copies of these."""
     main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
     size = root.side**2, main.spec.width * main.spec.height
 
@@ -144,17 +135,7 @@ def with_report(
 
 
 def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool = False) -> oiio.ImageSpec:
-    """The spec of a window of a texture.
-
-    Parameters
-    ----------
-    spec : ImageSpec
-        Of the root exemplar.
-    display, place : Window
-        Display and data window on the plane, px.
-    toroidal : bool
-        The display window goes on in itself along both axes.
-    """
+    """The spec of a window of a texture, display and data window on its plane; toroidal: the display window tiles."""
     new = tile_spec(spec, "xy" if toroidal else "none", (display.width, display.height))
     new.full_x, new.full_y = display.left, display.top
     new.x, new.y, new.width, new.height = place.left, place.top, place.width, place.height
