@@ -52,44 +52,17 @@ class Sheet:
         self._buffer.set_pixels(window.roi(3), np.ascontiguousarray(picture, np.float32))
 
     def box(self, left: int, top: int, right: int, bottom: int, colour: Sequence[float] | np.ndarray) -> None:
-        """Fill a rectangle.
-
-        Parameters
-        ----------
-        left, top, right, bottom : int
-            Its outermost pixels, all of them filled.
-        colour : sequence of 3 floats
-            sRGB, 0 to 1.
-        """
+        """Fill a rectangle up to its outermost pixels; sRGB, 0 to 1."""
         oiio.ImageBufAlgo.render_box(self._buffer, left, top, right, bottom, tuple(map(float, colour)), True)
 
     def line(self, x: int, y: int, to_x: int, to_y: int, colour: tuple[float, float, float]) -> None:
-        """Draw a line, one pixel wide.
-
-        Parameters
-        ----------
-        x, y, to_x, to_y : int
-            Its end pixels.
-        colour : 3 floats
-            sRGB, 0 to 1.
-        """
+        """Draw a line between two pixels, one pixel wide; sRGB, 0 to 1."""
         oiio.ImageBufAlgo.render_line(self._buffer, x, y, to_x, to_y, colour, True)
 
     def text(
         self, text: str, left: int, baseline: int, size: int = TEXT - 2, ink: tuple[float, float, float] = (INK,) * 3
     ) -> None:
-        """Draw a line of text; without a font there is none.
-
-        Parameters
-        ----------
-        text : str
-        left, baseline : int
-            Where it begins.
-        size : int
-            Height, px.
-        ink : 3 floats
-            sRGB, 0 to 1.
-        """
+        """Draw a line of text, `size` px high; without a font there is none."""
         text = text.encode("utf-8", "replace").decode()  # names in files of strangers may be no UTF-8
         if not oiio.ImageBufAlgo.render_text(self._buffer, left, baseline, text, size, "", ink):
             self._buffer.geterror()
