@@ -102,24 +102,7 @@ class Quilted(LabelledExemplar, Gather):
 
 @dataclass(frozen=True, kw_only=True)
 class Sewing:
-    """What one layer of a result is sewn of, where that is not what its op says.
-
-    Attributes
-    ----------
-    op : Quilted
-        Which exemplar, and how.
-    guide : Image or None
-    level : int or None
-    size : Size or None
-    patch, overlap : int or None
-        As of --texquilt.
-    structured : Structured or None
-        The op, where it keeps the exemplar's lattice.
-    meaning : callable or None
-        The ids that the label map has -> what the guide's ids or colours mean; None: ids that mean themselves.
-    begun : Begun or None
-        A painting to begin with: its patches stay where the same is asked for.
-    """
+    """What one layer of a result is sewn of, where that is not what its op says."""
 
     op: Quilted
     guide: Image | None
@@ -127,18 +110,12 @@ class Sewing:
     size: Size | None
     patch: int | None
     overlap: int | None = None
-    structured: Structured | None = None
-    meaning: Callable[[np.ndarray], Meaning] | None = None
-    begun: Begun | None = None
+    structured: Structured | None = None  # the op, where it keeps the exemplar's lattice
+    meaning: Callable[[np.ndarray], Meaning] | None = None  # None: ids mean themselves
+    begun: Begun | None = None  # a painting whose patches stay where the same is asked for
 
     def quilt(self, seen: ExemplarPixels, session: Session) -> Quilt:
-        """The quilt, of which nothing is made yet: its sources, its grid, what it is asked for, its plan at the end.
-
-        Raises
-        ------
-        ImageError, ParameterError
-            It does not fit the memory, no patch fits the exemplar, or the guide asks for what there is not.
-        """
+        """The quilt, of which nothing is made yet: its sources, its grid, what it is asked for, its plan at the end."""
         source = self.op.exemplar.first
         width, height = source.spec.width, source.spec.height
         lab, allowed = np.empty((height, width, 3), np.int16), seen.usable
@@ -168,11 +145,6 @@ class Sewing:
         """Refuse what sizes alone show not to fit: before anything is read, on a device not opened.
 
         What there is of labels can only make patches smaller, and their number larger.
-
-        Raises
-        ------
-        ImageError, DeviceError
-            With the figures.
         """
         source, labels = self.op.exemplar.first, self._label_map()
         shorter = min(source.spec.width, source.spec.height)
@@ -299,17 +271,7 @@ def _task(grid: Grid) -> str:
 
 
 def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, session: Session) -> dict[str, Any]:
-    """Pixels of `op.exemplar` from their sources as the op's image, the sources as 'st', the exemplar's label parts.
-
-    Parameters
-    ----------
-    op : Quilted
-    read : callable
-        Window of the result -> its sources.
-    grid : Grid
-        Its size and where it wraps.
-    session : Session
-    """
+    """The op's image by the sources that `read` gives of a window, these as 'st', and the exemplar's label parts."""
     source, size = op.exemplar.first, (grid.width, grid.height)
     # all parts are asked for the same windows
     spec = tile_spec(source.spec, "x" * grid.wrap_x + "y" * grid.wrap_y, size)
