@@ -28,12 +28,20 @@ def settings(op: type[Op], **more: object) -> dict[str, object]:
     return {**found, "labels": quarters()} if op.name in LABELLED else found
 
 
+def ids(values: np.ndarray, **attributes: float) -> oiio.ImageBuf:
+    """A label map, (height, width); attributes of ours."""
+    spec = oiio.ImageSpec(values.shape[1], values.shape[0], 1, oiio.UINT32)
+    for name, value in attributes.items():
+        spec.attribute(f"oiiotex:{name}", value)
+    made = oiio.ImageBuf(spec)
+    made.set_pixels(made.roi, values.astype(np.uint32)[..., None])
+    return made
+
+
 def quarters() -> oiio.ImageBuf:
     """A label map for the photo: four labels, in four pieces."""
-    labels = oiio.ImageBuf(oiio.ImageSpec(72, 64, 1, oiio.UINT32))
     y, x = np.indices((64, 72))
-    labels.set_pixels(labels.roi, (1 + x // 36 + 2 * (y // 32)).astype(np.uint32)[..., None])
-    return labels
+    return ids(1 + x // 36 + 2 * (y // 32))
 
 
 def buffer(pixels: np.ndarray, kind=oiio.FLOAT, space: str = "srgb_rec709_scene", names=None) -> oiio.ImageBuf:
@@ -58,10 +66,7 @@ def scramble(height: int, width: int, like: oiio.ImageBuf) -> oiio.ImageBuf:
 def operands(op: type[Op], photo: oiio.ImageBuf) -> list[oiio.ImageBuf]:
     """Images for all of an op's inputs, the photo first; a label map for what takes one."""
     if is_view(op):
-        spec = oiio.ImageSpec(72, 64, 1, oiio.UINT32)
-        labels = oiio.ImageBuf(spec)
-        labels.set_pixels(labels.roi, (np.indices((64, 72)).sum(0) // 30 + 1).astype(np.uint32)[..., None])
-        return [labels]
+        return [ids(np.indices((64, 72)).sum(0) // 30 + 1)]
     if op.name in PAINTINGS:
         return [photo, quarters()]
     return [photo, *(scramble(40, 48, photo) for _ in op.images()[1:])]

@@ -113,6 +113,13 @@ def oiiotex(*words: object, cwd: Path | None = None, **options: object) -> subpr
     return installed(*line, cwd=cwd, **options)
 
 
+def run_in(folder: Path, *words: object) -> subprocess.CompletedProcess:
+    """Run the program in a folder, and expect exit 0."""
+    done = oiiotex(*words, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def installed(*words: object, **options: object) -> subprocess.CompletedProcess:
     """Run the installed program."""
     command = [sys.executable, "-m", "oiiotex.cli.main", *map(str, words)]

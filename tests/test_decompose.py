@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import OpenImageIO as oiio
@@ -16,7 +15,8 @@ from oiiotex import errors, filters
 from oiiotex.color.lab import lens_of
 from oiiotex.color.lab_reduced import LabPixels, lab_pixels, reduction
 from oiiotex.core.image import from_buffer, to_buffer
-from oiiotex.filters.decompose import Decompose
+from oiiotex.filters import texdecompose
+from oiiotex.filters.texdecompose import Decompose
 from oiiotex.run import run
 from oiiotex.segmentation import region_merging, subtextures, textons
 from oiiotex.segmentation.clique_partition import joined_to
@@ -281,7 +281,7 @@ def test_a_threshold_of_one_leaves_all_apart_and_of_zero_none():
 
 
 def test_larger_images_are_labelled_at_their_own_size(monkeypatch):
-    monkeypatch.setattr(sys.modules[Decompose.__module__], "WORKING_PIXELS", 96 * 96)
+    monkeypatch.setattr(texdecompose, "WORKING_PIXELS", 96 * 96)
     picture, truth = quarters(192)
     alpha = np.ones((192, 192, 1))
     alpha[33:77, 101:107] = 0

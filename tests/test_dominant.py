@@ -104,14 +104,6 @@ def test_the_chart_of_what_has_no_curve(tmp_path):
         assert load(tmp_path / "chart.png").shape[1] == 2 * dominant_chart.WIDTH
 
 
-@pytest.mark.parametrize("modifier", ["chart", "json"])
-def test_the_photo_is_not_overwritten(tmp_path, fails, modifier):
-    path = save(np.zeros((9, 9, 3)), tmp_path / "p.png")
-    before = path.read_bytes()
-    assert "would overwrite source, an image that it reads" in fails("p.png", f"--texdominant:{modifier}=p.png")
-    assert path.read_bytes() == before
-
-
 def test_a_quilt_from_the_mask_takes_no_other_pixel(tmp_path):
     """The issue's command: the photo and its mask in one image, straight into the synthesis."""
     save(composite(3)[1], tmp_path / "wall.png")
@@ -137,13 +129,8 @@ def test_a_rejected_photo_cannot_be_quilted(tmp_path):
     assert not (tmp_path / "clean.exr").exists()
 
 
-@pytest.mark.parametrize("mode", ["euclidean", "spectral"])
-def test_comparison_modes_make_masks(mode):
-    _, picture, _ = composite(3)
-    mask = mask_of(picture, mode=mode, step=3)
-    assert set(np.unique(mask)) <= {0, 1}
-    if mode == "spectral":
-        assert 0.4 < mask.mean() <= 1
+def test_the_mode_of_the_papers_comparison_makes_masks():
+    assert set(np.unique(mask_of(composite(3)[1], mode="euclidean", step=3))) <= {0, 1}
 
 
 def test_a_normalised_cut_parts_two_textures():
@@ -163,13 +150,6 @@ def test_noise_is_rejected_with_a_warning_and_an_empty_mask(caplog):
     assert "no dominant texture" in caplog.text
     with pytest.raises(errors.ImageError, match="no dominant texture"):
         mask_of(noise, strict=True)
-
-
-def test_rejection_is_exit_0_or_1(tmp_path, fails):
-    path = save(np.random.default_rng(0).random((60, 60, 3)), tmp_path / "noise.png")
-    done = oiiotex(path, "--texdominant", "-o", "mask.exr", cwd=tmp_path)
-    assert done.returncode == 0 and "no dominant texture" in done.stderr
-    assert "no dominant texture" in fails(path, "--texdominant:strict=1")
 
 
 def test_a_plain_image_is_all_dominant():
@@ -207,15 +187,6 @@ def test_a_mask_with_holes_says_where_to_look():
         mask_of(picture, mask=buffer(mask[:8, :8], ("Y",)))
 
 
-def test_nan_is_counted_and_memory_refused():
-    broken = pictures.moss(32, 32, 0)
-    broken[3, 4, 0] = np.nan
-    with pytest.raises(errors.ImageError, match="1 NaN"):
-        mask_of(broken)
-    with pytest.raises(errors.ImageError, match=r"needs \d+ MB of memory; the budget is 1 MB"):
-        mask_of(pictures.moss(64, 64, 0), session=Session(budget=1 << 20))
-
-
 def test_pictures_seen_directly_are_those_of_the_filter():
     _, picture, _ = composite(0)
     pixels = seen_as(picture, Session())
@@ -234,12 +205,12 @@ def test_a_mask_follows_pixels_better_than_dilated_patches(n):
 
 
 def test_paper_is_ldr09_by_the_letter():
-    op = filters.Dominant(source=None, paper=True)
+    op = filters.op_named("dominant")(source=None, paper=True)
     assert (op.rule, op.mode, op.step) == ("paper", "diffusion", 1)
     with pytest.raises(errors.ParameterError, match="step=2: paper=1 says step=1"):
-        filters.Dominant(source=None, paper=True, step=2)
+        filters.op_named("dominant")(source=None, paper=True, step=2)
     with pytest.raises(errors.ParameterError, match="preset=clean: paper=1 leaves preset out"):
-        filters.Stationarize(exemplar=None, paper=True, preset="clean")
+        filters.op_named("stationarize")(exemplar=None, paper=True, preset="clean")
     noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
     assert "noise" in dominant_texture(noise, Session()).rejected
     assert "noise" not in dominant_texture(noise, Session(), rule="paper", step=1).rejected

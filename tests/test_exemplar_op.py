@@ -14,8 +14,8 @@ from oiiotex.core.image import Image, Part, from_buffer
 from oiiotex.core.op import Space
 from oiiotex.errors import ImageError, ParameterError
 from oiiotex.exemplar.exemplar_op import ExemplarOp, LabelledExemplar
-from oiiotex.filters.cut import Cut
-from oiiotex.filters.quilt import Quilting
+from oiiotex.filters.texcut import Cut
+from oiiotex.filters.texquilt import Quilting
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, quarters

@@ -13,9 +13,9 @@ from oiiotex.color.lab import working_values
 from oiiotex.core.image import from_buffer
 from oiiotex.core.parameters import Size
 from oiiotex.core.window import Domain
-from oiiotex.filters.cut import Cut
-from oiiotex.filters.quilt import Quilting
-from oiiotex.filters.synth import Synth
+from oiiotex.filters.texcut import Cut
+from oiiotex.filters.texquilt import Quilting
+from oiiotex.filters.texsynth import Synth
 from oiiotex.regularity.lattice import BINS, Lattice, find_lattice
 from oiiotex.regularity.offset_prices import BITS, InStep, Prices
 from oiiotex.regularity.regularity import peaks_over_floor

@@ -176,4 +176,4 @@ def test_the_view_wants_labels():
         filters.labelview(buffer(NOISE))
     spec = oiio.ImageSpec(3, 2, 1, oiio.UINT32)
     part = from_pixels("label.1", np.arange(6, dtype=np.uint32).reshape(2, 3, 1), spec)
-    assert filters.LabelView(source=Image((part,))).compute(Session())["view"].any()
+    assert filters.op_named("labelview")(source=Image((part,))).compute(Session())["view"].any()

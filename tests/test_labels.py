@@ -222,12 +222,12 @@ def test_the_coarsest_level_has_as_many_labels_as_are_asked_for():
 def test_paper_is_lsa16_by_the_letter(monkeypatch):
     seen = []
     monkeypatch.setattr(scales, "Walk", lambda *a, **k: seen.append(k) or random_walk.Walk(*a, **k))
-    op = filters.Label(source=from_buffer(buffer(quarters(128)[0])), paper=True)
+    op = filters.op_named("label")(source=from_buffer(buffer(quarters(128)[0])), paper=True)
     assert (op.features, op.share, op.coarsest, op.runs, op.minsize) == ("moments", 1.0, False, 10, 25)
     op.compute(Session())
     assert seen and all(k == {"persistence": 0.95, "slowest": 0.0} for k in seen)  # the same at every level, no floor
     with pytest.raises(errors.ParameterError, match=r"share=0\.7: paper=1 says share=1"):
-        filters.Label(source=op.source, paper=True, share=0.7)
+        filters.op_named("label")(source=op.source, paper=True, share=0.7)
 
 
 # --- whole pictures ---

@@ -11,7 +11,7 @@ from oiiotex import filters
 from oiiotex.core.image import from_buffer
 from oiiotex.core.label_map import LabelMap, label_maps
 from oiiotex.errors import ImageError
-from oiiotex.filters.labelview import _title
+from oiiotex.filters.texlabelview import _title
 from oiiotex.run import run
 from oiiotex.session import Session
 from tests.conftest import load, oiiotex, save
@@ -57,9 +57,9 @@ def test_superpixels_beside_labels_have_a_panel_and_no_place_in_the_tree(folder)
 
 def test_titles_say_what_is_shown():
     photo = from_buffer(buffer(quarters(96)[0]))
-    cells = run(filters.Superpixel(source=photo, count=40, keep=True), Session())[0].image.parts[1]
+    cells = run(filters.op_named("superpixel")(source=photo, count=40, keep=True), Session())[0].image.parts[1]
     assert _title(LabelMap(cells, 0), NOTHING) == "superpixels: 40 superpixels at 15 px"
-    level = label_maps(run(filters.Label(source=photo), Session())[0].image)[1]
+    level = label_maps(run(filters.op_named("label")(source=photo), Session())[0].image)[1]
     assert level.count and level.scale
     assert _title(level, NOTHING) == f"label.1: {level.count} labels at {level.scale:.0f} px"
 

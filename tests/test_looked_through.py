@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 import tracemalloc
 from collections.abc import Callable
 
@@ -12,26 +11,25 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from oiiotex.charts import tile_preview
+from oiiotex.charts import content_chart, tile_preview
 from oiiotex.core import demand
 from oiiotex.core.image import Image, Part, from_pixels
 from oiiotex.core.label_map import LabelMap
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import Size
 from oiiotex.core.window import Window
-from oiiotex.filters.content import Content
-from oiiotex.filters.cut import Cut
-from oiiotex.filters.paint import Paint
-from oiiotex.filters.palette import Palette
-from oiiotex.filters.preview import Preview
-from oiiotex.filters.quilt import Quilting
+from oiiotex.filters import texpalette
+from oiiotex.filters.texcontent import Content
+from oiiotex.filters.texcut import Cut
+from oiiotex.filters.texpaint import Paint
+from oiiotex.filters.texpalette import Palette
+from oiiotex.filters.texpreview import Preview
+from oiiotex.filters.texquilt import Quilting
 from oiiotex.graphcut import photo as photo_in_tiles
 from oiiotex.labels import content_scan
 from oiiotex.quilting.quilt_job import Quilted
 from oiiotex.run import run
 from oiiotex.session import Session
-
-palette_file = sys.modules[Palette.__module__]  # filters.palette is the function
 
 
 def picture(width: int, height: int) -> Part:
@@ -101,7 +99,7 @@ def test_strips_do_not_show_in_contents(monkeypatch, more: dict[str, bool]):
     at_once = pixels_of(marked(150, 190, **more), Session(), 1000)
     monkeypatch.setattr(content_scan, "_STRIP_PIXELS", 150 * 20)
     monkeypatch.setattr(content_scan, "_STEP", 32)
-    monkeypatch.setattr(sys.modules[Content.__module__], "_ROWS", 3)
+    monkeypatch.setattr(content_chart, "_ROWS", 3)
     monkeypatch.setattr(Session, "require", lambda *_: None)
     for threads, budget, rows in ((1, 1 << 10, 7), (3, 1 << 20, 50)):  # a bit for each pixel is 3.6 kB
         seen = pixels_of(marked(150, 190, **more), Session(threads=threads, budget=budget), rows)
@@ -130,11 +128,12 @@ def test_photos_in_files_give_the_same(monkeypatch, op: type[Op]):
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     given = Image((Part("photo", spec, seen), ids))
     values = {"label": 3, "size": Size(40, 30), "patch": 12} if op is Cut else {"side": 16, "rows": 3, "level": 1}
-    for name, value in {"_REACH": 64, "_CELL": 32}.items():
-        monkeypatch.setattr(palette_file, name, value)
+    monkeypatch.setattr(texpalette, "_REACH", 64)
+    for module in (texpalette, content_scan):
+        monkeypatch.setattr(module, "CELL", 32)
     made = []
     for held in (True, False):
-        monkeypatch.setattr(op, "_holds_photo", lambda *_, held=held: held)
+        monkeypatch.setattr(op, "holds_photo", lambda *_, held=held: held)
         parts = run(op(exemplar=given, stmap=True, **values), Session())[0].image.parts
         made.append([part.pixels() for part in parts])
     for one, other in zip(*made, strict=True):
@@ -158,7 +157,7 @@ def test_quilts_of_photos_in_files_are_the_same(monkeypatch, op: type[Quilted]):
     more = {"painting": Image((painted,)), "fine": Image((from_pixels("fine", fine, painted.spec),))}
     made = []
     for held in (True, False):
-        monkeypatch.setattr(Quilted, "_in_memory", lambda *_, held=held: held)
+        monkeypatch.setattr(Quilted, "holds", lambda *_, held=held: held)
         if not held:
             monkeypatch.setattr(photo_in_tiles, "_PHOTO_BYTES", 1 << 30)
         use = op(exemplar=given, stmap=True, keep=True, patch=16, **more if op is Paint else {"size": Size(120, 90)})
@@ -175,9 +174,9 @@ def test_a_swatch_is_made_from_where_most_of_its_label_lies(monkeypatch):
     ids[140:150, 130:140], ids[520:640, 300:390] = 2, 2
     part = Part("label.1", oiio.ImageSpec(500, 700, 1, oiio.UINT32), lambda w: ids[w.top : w.bottom, w.left : w.right])
     usable = np.ones((700, 500), bool)
-    found = palette_file._windows(LabelMap(part, 1), usable, [1, 2], 256)
+    found = content_scan.fullest_windows(LabelMap(part, 1), usable, [1, 2], 256)
     assert found[1].size == (256, 256) and found[2] & Window(300, 520, 390, 640) == Window(300, 520, 390, 640)
     usable[500:] = False  # the smaller one is left
-    assert palette_file._windows(LabelMap(part, 1), usable, [2], 128)[2] == Window(128, 128, 256, 256)
-    areas = palette_file._areas(LabelMap(part, 1), usable)
+    assert content_scan.fullest_windows(LabelMap(part, 1), usable, [2], 128)[2] == Window(128, 128, 256, 256)
+    areas = content_scan.areas_of(LabelMap(part, 1), usable)
     assert areas[2] == 100 and areas.sum() == 700 * 500

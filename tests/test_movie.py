@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from oiiotex import errors, filters
+from oiiotex.filters import texzoom
 from oiiotex.io.movie import write_movie
 from oiiotex.session import Session
 from tests import pictures
@@ -92,7 +93,7 @@ def test_ffmpeg_itself_takes_what_it_is_told(tmp_path):
 
 
 def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["oiiotex.filters.zoom"].Zoom, "opened", None)
+    monkeypatch.setattr(texzoom.Zoom, "opened", None)
     with pytest.raises(errors.ImageError, match=r"a movie is a .gif or a .mp4"):
         filters.zoom(PHOTO, movie=tmp_path / "z.avi")
     monkeypatch.setenv("PATH", "")

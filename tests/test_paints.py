@@ -12,7 +12,7 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.cli.running.line_run import run
 from oiiotex.core.label_map import LabelMap
-from oiiotex.filters.palette import Palette
+from oiiotex.filters.texpalette import Palette
 from oiiotex.io.cryptomatte import hashed
 from oiiotex.io.paint_palette import Paint, write_palette
 from oiiotex.io.reading import read

@@ -19,7 +19,9 @@ from oiiotex.core.op import Op
 from oiiotex.core.parameters import param
 from oiiotex.deferred import Shelf
 from oiiotex.errors import ParameterError, one_line
-from oiiotex.filters import FILTERS, Stationarize, Warp
+from oiiotex.filters import FILTERS
+from oiiotex.filters.texstationarize import Stationarize
+from oiiotex.filters.texwarp import Warp
 
 FUZZ = settings(max_examples=150, deadline=None, derandomize=True, database=None)
 OPS = tuple(itertools.chain.from_iterable(LANGUAGE.ops.values()))

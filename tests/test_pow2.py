@@ -10,8 +10,8 @@ import pytest
 from oiiotex import filters
 from oiiotex.core.parameters import Size, SizeRule, parse_modifiers
 from oiiotex.errors import ParameterError, ParameterTypeError
-from oiiotex.filters.patchmatch import PatchMatch
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texpatchmatch import PatchMatch
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.recipes.recipe import commented_recipe
 from oiiotex.session import Session
 from tests import pictures

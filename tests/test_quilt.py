@@ -11,13 +11,10 @@ import OpenImageIO as oiio
 import pytest
 
 from oiiotex import errors, filters
-from oiiotex.filters.quilt import Quilting
-from oiiotex.io.reading import read
 from oiiotex.labels import content_table
-from oiiotex.run import run
 from oiiotex.session import Session
 from tests import pictures
-from tests.any_filter import buffer, pixels
+from tests.any_filter import buffer, ids, pixels
 from tests.conftest import load, oiiotex, save
 
 H, W = 144, 160
@@ -30,17 +27,8 @@ GUIDE = np.where(np.indices((60, 100)).sum(0) < 80, 1, 3)
 GUIDE[:20, 70:] = 2
 
 
-def ids(values: np.ndarray, rho: float = 0.0) -> oiio.ImageBuf:
-    spec = oiio.ImageSpec(values.shape[1], values.shape[0], 1, oiio.UINT32)
-    if rho:
-        spec.attribute("oiiotex:rho", rho)
-    made = oiio.ImageBuf(spec)
-    made.set_pixels(made.roi, values.astype(np.uint32)[..., None])
-    return made
-
-
 def labelled() -> dict[str, oiio.ImageBuf]:
-    return {"photo": buffer(PHOTO), "label.1": ids(FINE, 8.0), "label.2": ids(LABELS, 33.0)}
+    return {"photo": buffer(PHOTO), "label.1": ids(FINE, rho=8.0), "label.2": ids(LABELS, rho=33.0)}
 
 
 def label_under(made: dict[str, oiio.ImageBuf]) -> np.ndarray:
@@ -142,10 +130,7 @@ def test_a_key_that_no_patch_has_falls_back_and_is_said_once(caplog):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        (
-            {"guide": ids(GUIDE + 6)},
-            r"ids that mean no label: 9 \(\d+ samples, the first at \d+,\d+\), 7 ",
-        ),
+        ({"guide": ids(GUIDE + 6)}, r"ids that mean no label: 9 \(\d+ samples, the first at \d+,\d+\), 7 "),
         ({"guide": buffer(GUIDE[..., None] * np.ones(3), oiio.UINT8)}, "holds colours: table=FILE.json"),
         ({"guide": ids(GUIDE), "label": 1}, "guide and label both"),
         ({"table": "a.json"}, "say guide, too"),
@@ -194,14 +179,6 @@ def test_a_plan_of_another_size_is_refused(tmp_path):
     filters.quilt(buffer(PHOTO), size=(64, 64), plan=tmp_path / "p.npz")
     with pytest.raises(errors.ImageError, match=r"of an exemplar of 160x144, .* is 100x144"):
         filters.quilt(buffer(PHOTO[:, :100]), plan=tmp_path / "p.npz", render=True)
-
-
-def test_the_photo_is_never_overwritten(tmp_path):
-    save(PHOTO, tmp_path / "photo.exr", "half", "ACEScg")
-    for word in ("plan", "stmap"):
-        op = Quilting(exemplar=read(tmp_path / "photo.exr"), **{word: tmp_path / "photo.exr"})
-        with pytest.raises(errors.ParameterError, match=f"{word}=.*photo.exr would overwrite exemplar"):
-            run(op, Session())
 
 
 # --- texcontent ---

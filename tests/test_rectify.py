@@ -16,7 +16,7 @@ from oiiotex.capture.homography import aspect_of, homography, require_quadrangle
 from oiiotex.capture.slanted_lattice import largest_rectangle, slanted_lattice
 from oiiotex.core.image import Image, Part, from_buffer
 from oiiotex.core.window import Window
-from oiiotex.filters.rectify import Rectify
+from oiiotex.filters.texrectify import Rectify
 from oiiotex.run import run
 from oiiotex.session import Session
 from tests import pictures

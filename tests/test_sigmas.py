@@ -15,7 +15,7 @@ from oiiotex import errors, filters
 from oiiotex.core.image import from_buffer
 from oiiotex.exemplar import sigma_scale
 from oiiotex.exemplar.sigma_scale import SigmaTiles, distance, perceived_scale, variation
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.io.atomic import _host
 from oiiotex.session import Session
 from tests import pictures

@@ -65,7 +65,12 @@ def imported_rooms(path: Path) -> set[str]:
     return rooms - {"__version__"}
 
 
-@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+every_module = pytest.mark.parametrize(
+    "path", sorted(PACKAGE.rglob("*.py")), ids=lambda path: str(path.relative_to(PACKAGE))
+)
+
+
+@every_module
 def test_imports_run_one_way(path):
     room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
     if room in ("cl", "__init__"):
@@ -86,6 +91,17 @@ def test_the_studio_layer_stands_on_the_public_surface(room):
             if isinstance(node, ast.ImportFrom) and node.level > 1:
                 names = [node.module.split(".")[0]] if node.module else [alias.name for alias in node.names]
                 assert set(names) <= SURFACE | {"__version__"}, path.name
+
+
+@every_module
+def test_no_module_imports_the_file_of_an_op(path):
+    """What needs an op asks for it by name: `filters.op_named`. The room's list imports by name, too."""
+    files = {op.stem for op in (PACKAGE / "filters").glob("tex*.py")}
+    assert len(files) == len(filters.SHELVES)
+    for node in ast.walk(ast.parse(path.read_text())):
+        names = [alias.name for alias in node.names] if isinstance(node, (ast.Import, ast.ImportFrom)) else []
+        names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        assert not files & {word for name in names for word in name.split(".")}, ast.unparse(node)
 
 
 def test_rooms_stay_small_and_say_what_they_are():

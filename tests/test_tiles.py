@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -130,11 +131,8 @@ def test_threads_that_ask_for_the_same_piece_wait_for_one():
         start.wait()
         found.extend((key, int(cache.get(key, lambda key=key: make(key))[0])) for key in range(10))
 
-    threads = [threading.Thread(target=work) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(30)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda _: work(), range(8)))
     assert sorted(made) == list(range(10))
     assert sorted(found) == sorted([(key, key) for key in range(10)] * 8)
 
@@ -164,12 +162,10 @@ def test_an_error_reaches_every_thread_that_waits():
             cache.get("a", fail)
         seen.append(1)
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    waiting.set()
-    for thread in threads:
-        thread.join(30)
+    with ThreadPoolExecutor(4) as pool:
+        waits = [pool.submit(work) for _ in range(4)]
+        waiting.set()
+    assert all(one.result() is None for one in waits)
     assert len(seen) == 4
 
 

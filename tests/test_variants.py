@@ -11,7 +11,6 @@ from oiiotex import errors, filters
 from oiiotex.charts.drawing import GAP, TEXT
 from tests import pictures
 from tests.any_filter import buffer, pixels
-from tests.conftest import load, oiiotex, save
 
 PHOTO = pictures.stained(pictures.bricks(64, 72, seed=2))
 
@@ -63,12 +62,3 @@ def test_sizes_may_differ():
 def test_what_makes_no_sense_is_refused_before_the_work(given, said):
     with pytest.raises(errors.ParameterError, match=said):
         filters.variants(buffer(PHOTO), **given)
-
-
-def test_on_the_command_line(tmp_path):
-    save(PHOTO, tmp_path / "photo.png")
-    done = oiiotex(
-        "photo.png", "--texvariants:filter=quilt:seeds=2:vary=tile:over=none,xy", "-o", "v.png", cwd=tmp_path
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert load(tmp_path / "v.png").shape == (GAP + 2 * (64 + TEXT + 2 * GAP), GAP + 2 * (220 + GAP), 3)

@@ -12,7 +12,7 @@ import pytest
 from oiiotex import errors, filters
 from oiiotex.multiscale.zoom import filtered, taps, views
 from tests import pictures
-from tests.conftest import load, oiiotex, save
+from tests.conftest import load, run_in, save
 
 SRGB = "srgb_rec709_scene"
 
@@ -33,12 +33,6 @@ def photo(folder):
 
 def zoomed(folder, **values):
     return filters.zoom(photo(folder), **{"size": (80, 60), **values}).get_pixels(oiio.FLOAT)
-
-
-def run(folder, *words):
-    done = oiiotex(*words, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 # --- resampling ---
@@ -80,21 +74,21 @@ def test_views_are_exact_at_any_depth():
 
 def test_whole_octaves_are_windows_of_the_texture(folder):
     for frame, level in ((1, 6), (3, 7)):
-        run(folder, "--frames", frame, "--texzoom:graph=loop.json:speed=0.5:at=20,30:size=80x60", "-o", "z.#.exr")
+        run_in(folder, "--frames", frame, "--texzoom:graph=loop.json:speed=0.5:at=20,30:size=80x60", "-o", "z.#.exr")
         x, y = 20 * 2 ** (level - 6) - 40, 30 * 2 ** (level - 6) - 30
-        run(folder, f"--texsynth:graph=loop.json:level={level}:window=80x60{x:+d}{y:+d}", "-o", "w.exr")
+        run_in(folder, f"--texsynth:graph=loop.json:level={level}:window=80x60{x:+d}{y:+d}", "-o", "w.exr")
         np.testing.assert_array_equal(load(folder / f"z.{frame:04d}.exr"), load(folder / "w.exr"))
 
 
 def test_a_frame_depends_on_its_number_alone(folder):
     words = "--texzoom:speed=0.3:size=50x40"
-    run(folder, "photo.png", "--frames", "1-5", words, "-o", "a.#.png")
-    run(folder, "photo.png", "--frames", "5,2", words, "-o", "b.#.png")
+    run_in(folder, "photo.png", "--frames", "1-5", words, "-o", "a.#.png")
+    run_in(folder, "photo.png", "--frames", "5,2", words, "-o", "b.#.png")
     for n in (2, 5):
         np.testing.assert_array_equal(load(folder / f"a.{n:04d}.png"), load(folder / f"b.{n:04d}.png"))
     said = filters.zoom(photo(folder), frame=5, speed=0.3, size=(50, 40)).get_pixels(oiio.UINT8)
     np.testing.assert_array_equal(load(folder / "a.0005.png"), said)
-    run(folder, "photo.png", "--frames", "1-5", f"{words}:frame=2", "-o", "c.#.png")  # what is said counts
+    run_in(folder, "photo.png", "--frames", "1-5", f"{words}:frame=2", "-o", "c.#.png")  # what is said counts
     np.testing.assert_array_equal(load(folder / "c.0005.png"), load(folder / "a.0002.png"))
 
 
@@ -136,7 +130,7 @@ def test_the_deepest_frames(folder):
 
 
 def test_a_graph_that_ends_is_said(folder):
-    done = run(folder, "--frames", "1-2", "--texzoom:graph=plain.json:speed=1:size=20x20", "-o", "p.#.png")
+    done = run_in(folder, "--frames", "1-2", "--texzoom:graph=plain.json:speed=1:size=20x20", "-o", "p.#.png")
     assert done.stderr.count("the finest exemplar ends at 6: its pixels repeat") == 1 and "frame 2" in done.stderr
 
 

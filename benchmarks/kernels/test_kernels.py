@@ -27,7 +27,7 @@ from oiiotex.color.lab_grid import to_grid
 from oiiotex.core.image import from_buffer
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Window
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.io.reading import read as read_image
 from oiiotex.multiscale.graph import Graph
 from oiiotex.multiscale.infinite_plane import opened

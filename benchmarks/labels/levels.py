@@ -27,7 +27,7 @@ from benchmarks.shared.measures import data_folder
 from oiiotex import filters
 from oiiotex.color.lab import lens_of
 from oiiotex.core.image import Image, from_buffer, to_buffer
-from oiiotex.filters.label import label_map
+from oiiotex.filters.texlabel import label_map
 from oiiotex.labels.features import features_of, small_lab
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_levels
 from oiiotex.run import run
@@ -163,7 +163,9 @@ def main() -> None:
                 if arguments.pictures and cluster == "nmf":
                     maps = LabelMaps(found, labelled)
                     parts = [label_map(case.image.first, maps, n + 1).part for n in range(len(labelled))]
-                    view = run(filters.LabelView(source=Image((case.image.first, *parts), case.name)), session)[0].image
+                    view = run(
+                        filters.op_named("labelview")(source=Image((case.image.first, *parts), case.name)), session
+                    )[0].image
                     arguments.pictures.mkdir(parents=True, exist_ok=True)
                     to_buffer(view.first).write(str(arguments.pictures / f"{case.name}_{kind}.png"))
     print(f"\n{'':18s} {'':9s} {'Rand':>6s} {'ARI':>6s} {'cover':>6s} {'back':>6s}   UE %  count within 50 %   s")

@@ -31,8 +31,8 @@ from sklearn.metrics.cluster import contingency_matrix
 from benchmarks.labels.levels import Case, cases, score
 from benchmarks.shared.mosaics import KINDS, suite
 from benchmarks.subtextures import factorization
-from oiiotex.filters.decompose import CLIQUES_THRESHOLD, Decompose
-from oiiotex.filters.label import Label
+from oiiotex.filters.texdecompose import CLIQUES_THRESHOLD, Decompose
+from oiiotex.filters.texlabel import Label
 from oiiotex.run import run
 from oiiotex.segmentation import clique_partition, subtextures
 from oiiotex.session import Session

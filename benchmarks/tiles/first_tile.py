@@ -38,7 +38,7 @@ from oiiotex import filters
 from oiiotex.charts.tile_preview import made_seamless
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import Error
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.quality.copy_detection import copies_by_source
 from oiiotex.quality.seam_measures import seam_ratio
 from oiiotex.session import Session

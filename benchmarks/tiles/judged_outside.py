@@ -30,7 +30,7 @@ from benchmarks.shared.measures import sharpness
 from benchmarks.tiles import hex_tiling
 from oiiotex import filters
 from oiiotex.errors import Error
-from oiiotex.filters.stationarity import COST
+from oiiotex.filters.texstationarity import COST
 from tools.docs.pictures.comparison import PHOTOS, SIGMA, buffer, square, ways
 
 SIDE, PLANE = 256, 384  # px, of a photo and of what is judged

@@ -31,11 +31,11 @@ from oiiotex.core.image import from_buffer
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Domain
 from oiiotex.errors import Error
-from oiiotex.filters.cut import Cut
-from oiiotex.filters.patchmatch import PatchMatch
-from oiiotex.filters.quilt import Quilting
-from oiiotex.filters.stationarize import Stationarize
-from oiiotex.filters.synth import Synth
+from oiiotex.filters.texcut import Cut
+from oiiotex.filters.texpatchmatch import PatchMatch
+from oiiotex.filters.texquilt import Quilting
+from oiiotex.filters.texstationarize import Stationarize
+from oiiotex.filters.texsynth import Synth
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.patchmatch.recipe import Recipe
 from oiiotex.quality.copy_detection import copies_by_source

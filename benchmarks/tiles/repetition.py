@@ -23,7 +23,7 @@ from benchmarks.shared.measures import data_folder, load, low_frequency, sharpne
 from benchmarks.tiles.stationarization import Photo
 from oiiotex import filters
 from oiiotex.errors import ImageError
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.patchmatch.optimization import synthesize
 from oiiotex.quality.copy_detection import copies_by_source

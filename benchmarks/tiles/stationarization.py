@@ -30,8 +30,8 @@ from oiiotex.color.lab import working_values
 from oiiotex.color.lab_grid import steps_for
 from oiiotex.core.image import from_buffer
 from oiiotex.core.window import Domain
-from oiiotex.filters.patchmatch import PatchMatch
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texpatchmatch import PatchMatch
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.patchmatch import optimization as module
 from oiiotex.patchmatch.matcher import match_patches
 from oiiotex.session import Session

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a page needs beside the filters: label codes, painted plans, levels of zoom."""
 
-from ..filters.presets import PRESETS
+from ..exemplar.presets import PRESETS
 from ..labels.legend import code_of, codes_of, colour_of
 from ..multiscale.graph import read_graph
 from ..multiscale.synthesizer import MOST_LEVEL

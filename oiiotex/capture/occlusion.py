@@ -5,10 +5,35 @@ from __future__ import annotations
 
 import math
 
+from ..color.config import as_float
+from ..color.lab import count_broken
+from ..core.image import Part
+from ..core.window import Window
 from ..deferred import np
+from ..errors import BrokenValues
 
 SLICES = 8  # half as many as directions
 _STEPS = 12  # horizons are looked for at so many places along each direction, closer together near by
+
+
+def heights_around(
+    part: Part, window: Window, reach: int, wraps: tuple[bool, bool], channel: int, name: str
+) -> np.ndarray:
+    """Heights of a window grown by `reach` px; beyond the border those of the other side, or the border's own again."""
+    whole, places = part.window, []
+    for low, high, begin, size, wrap in zip(window[:2], window[2:], whole[:2], whole.size, wraps, strict=True):
+        at = np.arange(low - reach, high + reach) - begin
+        places.append(at % size if wrap else np.clip(at, 0, size - 1))
+    columns, rows = places
+    left, right = whole.left + int(columns.min()), whole.left + int(columns.max()) + 1
+    wanted = np.unique(rows)
+    runs = np.split(wanted, np.flatnonzero(np.diff(wanted) > 1) + 1)
+    bands = [part.read(Window(left, whole.top + int(r[0]), right, whole.top + int(r[-1]) + 1)) for r in runs]
+    heights = as_float(np.concatenate(bands)[..., channel])
+    broken = count_broken(heights)
+    if broken.any():
+        raise BrokenValues(name, broken)
+    return heights[np.searchsorted(wanted, rows)][:, columns - columns.min()]
 
 
 def visible_sky(heights: np.ndarray, radius: int) -> np.ndarray:

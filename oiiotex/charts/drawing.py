@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ..core.attributes import TAG
 from ..core.image import Part, channels_of, pixels_of
+from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..labels.legend import colours_of
@@ -14,6 +15,7 @@ from ..session import Session
 
 GAP, TEXT = 12, 16  # px of a sheet
 PAPER, INK = 0.93, 0.12
+_NODE = 14  # px, of a tree
 
 
 class Sheet:
@@ -50,44 +52,17 @@ class Sheet:
         self._buffer.set_pixels(window.roi(3), np.ascontiguousarray(picture, np.float32))
 
     def box(self, left: int, top: int, right: int, bottom: int, colour: Sequence[float] | np.ndarray) -> None:
-        """Fill a rectangle.
-
-        Parameters
-        ----------
-        left, top, right, bottom : int
-            Its outermost pixels, all of them filled.
-        colour : sequence of 3 floats
-            sRGB, 0 to 1.
-        """
+        """Fill a rectangle up to its outermost pixels; sRGB, 0 to 1."""
         oiio.ImageBufAlgo.render_box(self._buffer, left, top, right, bottom, tuple(map(float, colour)), True)
 
     def line(self, x: int, y: int, to_x: int, to_y: int, colour: tuple[float, float, float]) -> None:
-        """Draw a line, one pixel wide.
-
-        Parameters
-        ----------
-        x, y, to_x, to_y : int
-            Its end pixels.
-        colour : 3 floats
-            sRGB, 0 to 1.
-        """
+        """Draw a line between two pixels, one pixel wide; sRGB, 0 to 1."""
         oiio.ImageBufAlgo.render_line(self._buffer, x, y, to_x, to_y, colour, True)
 
     def text(
         self, text: str, left: int, baseline: int, size: int = TEXT - 2, ink: tuple[float, float, float] = (INK,) * 3
     ) -> None:
-        """Draw a line of text; without a font there is none.
-
-        Parameters
-        ----------
-        text : str
-        left, baseline : int
-            Where it begins.
-        size : int
-            Height, px.
-        ink : 3 floats
-            sRGB, 0 to 1.
-        """
+        """Draw a line of text, `size` px high; without a font there is none."""
         text = text.encode("utf-8", "replace").decode()  # names in files of strangers may be no UTF-8
         if not oiio.ImageBufAlgo.render_text(self._buffer, left, baseline, text, size, "", ink):
             self._buffer.geterror()
@@ -148,3 +123,37 @@ def coloured(ids: np.ndarray, lightness: np.ndarray | None, strength: float) -> 
     shown[border] *= 0.25
     shown[ids == 0] = 0
     return shown
+
+
+def label_tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
+    """The tree of labels, given finest first with (height, width) ids of each: a node is as wide as its share."""
+    width, row = 320, 64
+    sheet = Sheet(width, row * len(labels) + _NODE)
+    above: dict[int, tuple[float, float]] = {}  # left and right of each label of the level above
+    for depth, (one, ids) in enumerate(zip(reversed(labels), reversed(maps), strict=True)):
+        top = GAP + depth * row
+        areas = np.bincount(ids.ravel())[1:]
+        parents = one.parents(len(areas))
+        places = _places(areas, parents, above, float(width))
+        for label, (left, right) in places.items():
+            if parents[label - 1] in above:
+                start = round(sum(above[parents[label - 1]]) / 2)
+                sheet.line(start, top - row + _NODE, round((left + right) / 2), top, (0.6,) * 3)
+            colour = colours_of(np.array(label))
+            sheet.box(int(left), top, max(int(left), int(right) - 2), top + _NODE, colour)
+        above = places
+    return sheet
+
+
+def _places(
+    areas: np.ndarray, parents: np.ndarray, above: dict[int, tuple[float, float]], width: float
+) -> dict[int, tuple[float, float]]:
+    """Left and right of every label that has pixels: side by side within their parent, by area."""
+    parents = np.where(np.isin(parents, list(above)), parents, 0)
+    places: dict[int, tuple[float, float]] = {}
+    for parent in np.unique(parents[areas > 0]):
+        members = np.flatnonzero((parents == parent) & (areas > 0))
+        left, right = above.get(int(parent), (0.0, width))
+        edges = left + (right - left) * np.concatenate([[0], areas[members].cumsum() / areas[members].sum()])
+        places |= {int(m) + 1: (float(a), float(b)) for m, a, b in zip(members, edges, edges[1:], strict=False)}
+    return places

@@ -15,20 +15,7 @@ _LARGEST, _LEAST = 14, 8  # px; smaller text cannot be read
 
 
 def paint_chips(chips: Sequence[tuple[dict[str, Any], Window]], width: int, height: int) -> np.ndarray:
-    """The colours of a palette's entries in their places, ids and names in them as far as there is room.
-
-    Parameters
-    ----------
-    chips : sequence of (entry, Window)
-        As `labels.legend.Legend.entries` has them, and where each lies.
-    width, height : int
-        Of the picture, px.
-
-    Returns
-    -------
-    (height, width, 3) float32
-        sRGB.
-    """
+    """A palette's colours in their places, with ids and names where there is room: (height, width, 3) float32 sRGB."""
     sheet = Sheet(width, height)
     for entry, place in chips:
         colour = np.array([int(n) for n in entry["colour"].split(",")]) / 255

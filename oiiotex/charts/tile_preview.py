@@ -32,16 +32,7 @@ Rows = Callable[[int, int], "np.ndarray"]  # from which row to which -> (rows, w
 def area_means(image: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
     """Exact means of a periodic image over stretches of its first axis: no aliasing, however long they are.
 
-    Parameters
-    ----------
-    image : (n, ...) float
-        Value i covers [i, i + 1), and repeats with period n.
-    start, stop : (m,) float
-        Ends of the stretches, anywhere; start < stop.
-
-    Returns
-    -------
-    (m, ...) float64
+    Value i covers [i, i + 1); stretches go from `start` to `stop`, (m,) float, anywhere. (m, ...) float64.
     """
     n = len(image)
     sums = np.zeros((n + 1, *image.shape[1:]))
@@ -68,19 +59,9 @@ def repeated(tile: np.ndarray, times: int, height: int) -> np.ndarray:
 
 
 def plane_in_perspective(tile: np.ndarray, width: int, height: int) -> np.ndarray:
-    """A plane covered with the tile, seen from above it, the view level: the paper's stress test.
+    """A plane covered with the tile, seen from above it, the view level: the paper's stress test; float64.
 
     Every pixel is the mean of what it covers of the plane, a rectangle to first order. Above the horizon there is 0.
-
-    Parameters
-    ----------
-    tile : (rows, columns, channels) float
-    width, height : int
-        Of the picture, px.
-
-    Returns
-    -------
-    (height, width, channels) float64
     """
     eye, away = eye_and_away(tile.shape[1], width, height)
     horizon = height - len(away) + 1
@@ -96,12 +77,7 @@ def plane_in_perspective(tile: np.ndarray, width: int, height: int) -> np.ndarra
 def eye_and_away(tile: int, width: int, height: int) -> tuple[float, np.ndarray]:
     """Height of the camera above the plane, and how far away borders of rows are, the horizon first.
 
-    Parameters
-    ----------
-    tile : int
-        Its width, px: the unit of both.
-    width, height : int
-        Of the picture, px.
+    Both in the unit of the tile's width, px.
     """
     below = np.arange(height - round(height * HORIZON) + 1, dtype=np.float64)  # the borders, px below the horizon
     near = TILES_ACROSS * tile  # focal length `width`: at this distance so many tiles are seen across
@@ -110,19 +86,11 @@ def eye_and_away(tile: int, width: int, height: int) -> tuple[float, np.ndarray]
 
 
 def made_seamless(photo: np.ndarray) -> np.ndarray:
-    """The photo blended with itself shifted by half along both axes, as paint programs make an image seamless.
+    """The photo blended with itself shifted by half along both axes, as paint programs make an image seamless; float64.
 
     A baseline of MJH17 section 5.2. The shifted copy has its own borders in the middle, where it must not show, and is
     all there is at the photo's borders: with u and v the distances from the middle lines, 0 .. 1, it counts as
     u v / (u v + (1 - u) (1 - v)).
-
-    Parameters
-    ----------
-    photo : (height, width, channels) float
-
-    Returns
-    -------
-    (height, width, channels) float64
     """
     v, u = (np.abs(2 * (np.arange(n) + 0.5) / n - 1) for n in photo.shape[:2])
     return blended(photo, np.roll(photo, (photo.shape[0] // 2, photo.shape[1] // 2), (0, 1)), v, u)
@@ -144,16 +112,7 @@ def bytes_needed(values: int) -> int:
 
 
 class RowIntegrals:
-    """Integrals of a periodic image's columns from 0 to borders between rows, filled in while rows pass by.
-
-    Parameters
-    ----------
-    borders : (m,) float
-        px, anywhere.
-    shape : (int, int, int)
-        Of the image: rows, columns, channels.
-    in_memory : bool
-    """
+    """Integrals of a periodic image's columns from 0 to borders (px, anywhere), filled in while rows pass by."""
 
     def __init__(self, borders: np.ndarray, shape: tuple[int, int, int], in_memory: bool):
         self._turns = np.floor(borders / shape[0])
@@ -253,21 +212,9 @@ def reduced(photo: Part, height: int) -> Panel:
 
 
 def look_through(tile: Part, panels: Iterable[Panel], name: str, seamless: bool = False) -> None:
-    """Fill in the integrals of all panels of a tile, in one look.
+    """Fill in the integrals of all panels of a tile, in one look; seamless: as `made_seamless` makes it.
 
-    Parameters
-    ----------
-    tile : Part
-    panels : iterable of Panel
-    name : str
-        The tile's, for messages.
-    seamless : bool
-        The panels show what a paint program's 'make seamless' makes of it, `made_seamless`.
-
-    Raises
-    ------
-    BrokenValues
-        NaN or Inf in any channel: all are counted.
+    Raises BrokenValues where there is NaN or Inf in any channel: all are counted.
     """
     whole, filled = tile.window, [panel.integrals for panel in panels if panel.integrals is not None]
     broken, sums = np.zeros(2, np.int64), np.zeros((1, whole.width, tile.spec.nchannels))

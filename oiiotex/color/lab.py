@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from ..core.image import Channels, Image, Part, channels_of
-from ..core.op import Space
+from ..core.op import Op, Space
+from ..core.parameters import param
 from ..core.window import Window
 from ..deferred import np
 from ..errors import BrokenValues
@@ -21,6 +23,7 @@ from ..scan import scan
 from ..session import Session
 from .config import as_float, colour_space
 
+DATA = "the channels are no colours: compare them as they are"
 _SMALL = ("uint8", "uint16", "float16", "float32")  # types whose values are the same after a visit to float
 _MOST_LAB = 1e6
 _TINY = 2.0**-126  # the least normal number of 32 bits
@@ -263,3 +266,12 @@ def working_values(
 
     scan(part, lens, session, lambda seen, opaque, _: (seen, opaque), keep)
     return values, None if opaque.all() else opaque
+
+
+@dataclass(frozen=True, kw_only=True)
+class InLab(Op):
+    """What looks at colour in CIE Lab, and with `data` at channels as they are."""
+
+    space: ClassVar[Space] = Space.LAB
+
+    data: bool = param(False, help=DATA)

@@ -21,6 +21,7 @@ EDGES = "oiiotex:edges"  # of a Wang tile: the colours of its edges
 ESTIMATE = "oiiotex:estimate"  # of what was guessed and not measured: how
 HEIGHT_PX = "oiiotex:heightpx"  # of a height map: how many px a height of 1 rises above one of 0
 WINDOW = "oiiotex:window"  # of a plane without end, of which the image is a part
+PLANE = "oiiotex:plane"  # of a share of one: what its pixels follow from
 
 _OF_COLOURS = ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile")  # nothing of data
 _MOST_VALUES = 65536  # of an attribute

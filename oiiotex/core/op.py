@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import logging
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from typing import Any, ClassVar
 
 from ..errors import Error, ParameterError, modifier
 from .parameters import Parameter, declared
+
+log = logging.getLogger("oiiotex")
 
 
 class Space(enum.Enum):
@@ -186,6 +189,16 @@ class Op:
     def flag(cls) -> str:
         """The option's name on the command line."""
         return f"{cls.prefix}{cls.name}"
+
+    @classmethod
+    def inform(cls, text: str, *values: object) -> None:
+        """Log a line under its name; the text as `logging` takes it, with its values."""
+        log.info(f"%s: {text}", cls.flag(), *values)
+
+    @classmethod
+    def warn(cls, text: str, *values: object) -> None:
+        """The same as a warning."""
+        log.warning(f"%s: {text}", cls.flag(), *values)
 
     @classmethod
     def arguments(cls) -> tuple[Parameter, ...]:

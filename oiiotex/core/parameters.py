@@ -195,8 +195,9 @@ def param(
     le: float | None = None,
     choices: Iterable[Any] = (),
     frame: bool = False,
+    positional: bool = False,
 ) -> Any:
-    """Declare a parameter as a dataclass field.
+    """Declare a parameter as a dataclass field; `argument` is the same with `positional`.
 
     Parameters
     ----------
@@ -210,28 +211,14 @@ def param(
         All values that are allowed.
     frame : bool
         Where it is left out, --frames says it.
+    positional : bool
+        It is a word of its own behind the op: `--resize 50%`.
     """
-    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "frame": frame}
-    return dataclasses.field(default=default, metadata={_FIELD: facts})
+    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "frame": frame, "positional": positional}
+    return dataclasses.field(default=default, metadata={_FIELD: facts | {"choices": tuple(choices)}})
 
 
-def argument(
-    *,
-    help: str,
-    unit: str = "",
-    ge: float | None = None,
-    le: float | None = None,
-    choices: Iterable[Any] = (),
-) -> Any:
-    """Declare a parameter that is a word of its own behind the op: `--resize 50%`.
-
-    Parameters
-    ----------
-    help, unit, ge, le, choices
-        As of `param`.
-    """
-    facts = {"help": help, "unit": unit, "ge": ge, "le": le, "choices": tuple(choices), "positional": True}
-    return dataclasses.field(metadata={_FIELD: facts})
+argument = functools.partial(param, positional=True)
 
 
 def image(default: Any = dataclasses.MISSING, *, help: str, count: str = "") -> Any:

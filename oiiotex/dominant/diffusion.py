@@ -46,58 +46,28 @@ _MOST_KEPT = 0.75  # of the texels that are left, the hottest
 
 @dataclass(frozen=True)
 class Round:
-    """One pass of step 6: what the picture of LDR09 figure 4 (d) shows.
+    """One pass of step 6: what the picture of LDR09 figure 4 (d) shows."""
 
-    Attributes
-    ----------
-    seed : int
-        The texel that the heat comes from.
-    left : int
-        Texels that took part.
-    density, heat : float or None
-        Thresholds, heat as its decimal logarithm; None: no valley.
-    group : int
-        Texels above both.
-    small : bool
-        They are a small group, and were taken out.
-    """
-
-    seed: int
-    left: int
-    density: float
-    heat: float | None
-    group: int
-    small: bool
+    seed: int  # the texel that the heat comes from
+    left: int  # texels that took part
+    density: float  # its threshold
+    heat: float | None  # its threshold, as a decimal logarithm; None: no valley
+    group: int  # texels above both
+    small: bool  # they are a small group, and were taken out
 
 
 @dataclass(frozen=True)
 class Dominant:
-    """What was found.
-
-    Attributes
-    ----------
-    texels : Texels
-    types : (N,) int8
-        0 to 3.
-    density, heat : (N,) float64
-        Eq. 4; decimal logarithm of eq. 3 in the last round.
-    kernel : Kernel or None
-        None: all texels are alike.
-    steps : int
-        tau.
-    rounds : list of Round
-    rejected : str
-        Why there is no dominant texture; empty where there is one.
-    """
+    """What was found of N texels."""
 
     texels: Texels
-    types: np.ndarray
-    density: np.ndarray
-    heat: np.ndarray
-    kernel: Kernel | None = None
-    steps: int = 0
+    types: np.ndarray  # (N,) int8: 0 to 3
+    density: np.ndarray  # (N,) float64: eq. 4
+    heat: np.ndarray  # (N,) float64: decimal logarithm of eq. 3 in the last round
+    kernel: Kernel | None = None  # None: all texels are alike
+    steps: int = 0  # tau
     rounds: list[Round] = field(default_factory=list)
-    rejected: str = ""
+    rejected: str = ""  # why there is no dominant texture; empty where there is one
 
     @property
     def share(self) -> float:
@@ -116,22 +86,9 @@ def dominant_texture(
     rule: str = "repaired",
     seed: int = 0,
 ) -> Dominant:
-    """LDR09 section 5 but for the mask.
+    """LDR09 section 5 but for the mask; parameters as of --texdominant.
 
-    Parameters
-    ----------
-    pixels : LabPixels
-    session : Session
-    patch : int, optional
-        Side of a texel, px, odd; from the Fourier transform when left out.
-    step : int, optional
-        Between centres of texels; the smallest that leaves at most `most` texels when left out.
-    mode : str
-        "diffusion"; "euclidean": eq. 7 instead of eq. 1; "spectral": the larger half of a normalised cut.
-    rule : str
-        Of step 6: "paper", or "repaired" (see `_repaired`).
-    seed : int
-        Of the choice of landmarks.
+    `patch` is odd; `most` is how many texels there are at most where `step` is left out; `seed` chooses landmarks.
     """
     with threadpool_limits(1, "blas"), session.beside(lambda _: neighbour_correlation(pixels)) as correlated:
         side = patch or patch_size(pixels.lab[..., 0], session.spread)
@@ -369,17 +326,7 @@ def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, session: Se
 
 
 def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outside: float) -> np.ndarray:
-    """Values of texels at their centres, (h, w); where the step is wider, at the pixels that are nearest.
-
-    Parameters
-    ----------
-    texels : Texels
-    values : (N,)
-    shape : (int, int)
-        Of the image: height, width.
-    outside : float
-        What pixels get that no whole patch is around.
-    """
+    """Values (N,) of texels at their centres, else at the pixels nearest: (h, w), `outside` where no whole patch is."""
     height, width = shape
     half, step = texels.patch // 2, texels.step
     down, across = (max(0, -(-(s - texels.patch + 1) // step)) for s in shape)

@@ -33,18 +33,11 @@ _STRONG = 0.7  # of the strongest response: a longer period that reaches it goes
 
 
 def patch_size(light: np.ndarray, spread: Callable[..., Iterable[np.ndarray]] = map) -> int:
-    """LDR09 step 1: the period that answers most strongly along one of four directions, an odd number of px.
+    """LDR09 step 1: the period of lightness (h, w) that answers most strongly along one of four directions, odd, px.
 
     Departures, because the text says no more than that: the window is Hann's; a direction is a wedge of 45 degrees; a
     response is the power above a power law fitted to the mean of all directions, since textures have more power in low
     frequencies anyway; of strong responses the lowest frequency goes first, the others being its harmonics.
-
-    Parameters
-    ----------
-    light : (h, w) float
-        L.
-    spread : callable
-        Does pieces of work on several threads, in order.
     """
     height, width = light.shape
     most = min(MOST_PATCH, min(height, width) // 8)
@@ -92,23 +85,13 @@ def _blurred(light: np.ndarray, sigma: float, spread: Callable[..., Iterable[np.
 
 @dataclass(frozen=True)
 class Texels:
-    """N overlapping patches.
+    """N overlapping patches."""
 
-    Attributes
-    ----------
-    values : (N, d) float32
-        Principal components.
-    rows, columns : (N,) int
-        Centres.
-    patch, step : int
-        Side, and distance of neighbouring centres, px.
-    """
-
-    values: np.ndarray
-    rows: np.ndarray
+    values: np.ndarray  # (N, d) float32: principal components
+    rows: np.ndarray  # (N,) int, of centres, as columns
     columns: np.ndarray
-    patch: int
-    step: int
+    patch: int  # side, px
+    step: int  # distance of neighbouring centres, px
 
     @property
     def count(self) -> int:
@@ -117,17 +100,7 @@ class Texels:
 
 
 def texels_of(pixels: LabPixels, patch: int, step: int, session: Session) -> Texels:
-    """LDR09 steps 2 and 6.1: patches around every `step`th pixel, where all of a patch is seen, reduced by PCA.
-
-    Parameters
-    ----------
-    pixels : LabPixels
-    patch : int
-        Side, px, odd.
-    step : int
-        Between centres, px.
-    session : Session
-    """
+    """LDR09 steps 2 and 6.1: patches around every `step`th pixel, where all of a patch is seen, reduced by PCA."""
     height, width = pixels.seen.shape
     half = patch // 2
     whole = np.lib.stride_tricks.sliding_window_view(pixels.seen, (patch, patch))[::step, ::step].all((2, 3))
@@ -163,24 +136,12 @@ def squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Kernel:
-    """The kernel's size, and the manifold's dimension.
+    """The kernel's size, and the manifold's dimension."""
 
-    Attributes
-    ----------
-    size : float
-        epsilon of eq. 1, Lab^2 per texel, for all texels: eq. 6.
-    landmark_size : float
-        epsilon' for the landmarks.
-    dimension : float
-        d of eq. 2.
-    curve : (n, 2) float64
-        log epsilon, log of the sum of weights (LDR09 figure 3).
-    """
-
-    size: float
-    landmark_size: float
-    dimension: float
-    curve: np.ndarray
+    size: float  # epsilon of eq. 1, Lab^2 per texel, for all texels: eq. 6
+    landmark_size: float  # epsilon' for the landmarks
+    dimension: float  # d of eq. 2
+    curve: np.ndarray  # (n, 2) float64: log epsilon, log of the sum of weights (LDR09 figure 3)
 
 
 def landmarks(texels: Texels, seed: int) -> np.ndarray:
@@ -227,19 +188,7 @@ def weights_of(squares: np.ndarray, size: float, euclidean: bool) -> np.ndarray:
 
 
 def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, session: Session) -> np.ndarray:
-    """LDR09 eq. 4 with respect to the landmarks (section 6.2), (N,) float64.
-
-    Parameters
-    ----------
-    texels : Texels
-    chosen : (n,) int
-        The landmarks.
-    size : float
-        epsilon of eq. 1, Lab^2 per texel.
-    euclidean : bool
-        Eq. 7 instead of eq. 1.
-    session : Session
-    """
+    """LDR09 eq. 4 by the landmarks `chosen` (section 6.2), (N,) float64; euclidean: eq. 7 instead of eq. 1."""
     marks = texels.values[chosen]
 
     def density(first: int) -> np.ndarray:

@@ -27,14 +27,8 @@ def refined_mask(dominant: Dominant, pixels: LabPixels, colours: np.ndarray) -> 
     """Where the dominant texture is, (h, w) bool; never where nothing is seen or no whole patch lies.
 
     Two things say whether a pixel belongs to it: which share of the texels that cover it is dominant, and how many of
-    all pixels of its colour lie under dominant ones. Log odds of both are added, as of independent evidence.
-
-    Parameters
-    ----------
-    dominant : Dominant
-    pixels : LabPixels
-    colours : (h, w) int
-        As `pixel_colours` has them.
+    all pixels of its colour (`pixel_colours`) lie under dominant ones. Log odds of both are added, as of independent
+    evidence.
     """
     seen, texels = pixels.seen, dominant.texels
     if not (dominant.types == DOMINANT).any():

@@ -15,14 +15,7 @@ from ..session import Session
 
 
 def coarse_looks(photo: Part, session: Session) -> Callable[[SourceMap, tuple[int, int]], object] | None:
-    """What `patchmatch.optimization.synthesize` calls with its coarse levels; None where nobody looks.
-
-    Parameters
-    ----------
-    photo : Part
-        The exemplar.
-    session : Session
-    """
+    """What `patchmatch.optimization.synthesize` calls with its coarse levels; None where nobody looks."""
     look = session.look
     if look is None:
         return None

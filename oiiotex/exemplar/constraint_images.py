@@ -29,13 +29,7 @@ Run = Callable[[Recipe, Constraints], Synthesis]
 
 
 def marked_pixels(within: Image, exemplar: Image) -> np.ndarray:
-    """The pixels that are to be made anew, (height, width) bool.
-
-    Raises
-    ------
-    ImageError
-        The mask is of another size than the exemplar, or covers all of it.
-    """
+    """The pixels that are to be made anew, (height, width) bool; raises ImageError where these are all."""
     marked = mask_pixels(laid_over(within.first, exemplar, "within"))
     if marked.all():
         raise ImageError(
@@ -46,13 +40,7 @@ def marked_pixels(within: Image, exemplar: Image) -> np.ndarray:
 
 
 def weights_of(weight: Image, exemplar: Image) -> np.ndarray:
-    """How often pixels of the exemplar are to be used, (height, width) float32.
-
-    Raises
-    ------
-    ImageError
-        It is of another size, negative or NaN somewhere, or 0 everywhere.
-    """
+    """How often pixels of the exemplar are to be used, (height, width) float32 >= 0, not 0 everywhere."""
     values = _channel(laid_over(weight.first, exemplar, "weight"))
     wrong = np.count_nonzero(~(np.isfinite(values) & (values >= 0)))
     if wrong:
@@ -63,13 +51,7 @@ def weights_of(weight: Image, exemplar: Image) -> np.ndarray:
 
 
 def sigmas_of(sigmamap: Image, width: int, height: int) -> np.ndarray:
-    """Sigma at each pixel of the result, (height, width) float32, px.
-
-    Raises
-    ------
-    ImageError
-        It is of another size than the result, or has values that are no sigma.
-    """
+    """Sigma at each pixel of the result, (height, width) float32, px."""
     part = sigmamap.first
     if (part.spec.width, part.spec.height) != (width, height):
         size = f"{part.spec.width}x{part.spec.height}"
@@ -96,21 +78,10 @@ def _channel(part: Part) -> np.ndarray:
 def remade_source(
     marked: np.ndarray, opaque: np.ndarray | None, recipe: Recipe, constraints: Constraints, run: Run
 ) -> SourceMap:
-    """Where every pixel of a photo comes from when only the marked ones are made anew.
+    """Where every pixel of a photo comes from when only the marked ones are made anew, by `run`.
 
     What is synthesized is the part of the photo around the marked pixels, as far as patches and local histograms look.
-
-    Parameters
-    ----------
-    marked : (height, width) bool
-    opaque : (height, width) bool or None
-        Where the photo has colour that new pixels should go with.
-    recipe : Recipe
-        For the whole photo.
-    constraints : Constraints
-        For the whole photo.
-    run : callable
-        What synthesizes.
+    Recipe and constraints are for the whole photo; new pixels go with its colour where it is opaque.
     """
     height, width = marked.shape
     source = SourceMap.of(np.arange(height)[:, None], np.arange(width))

@@ -13,13 +13,7 @@ from ..errors import ImageError, ParameterError, texture_filter
 
 
 def masked_pixels(mask: Image, exemplar: Image) -> np.ndarray:
-    """Where a mask lets pixels be taken from: (height, width) bool.
-
-    Raises
-    ------
-    ImageError
-        It is of another size than the exemplar, or nothing is left.
-    """
+    """Where a mask lets pixels be taken from: (height, width) bool, not nowhere."""
     allowed = mask_pixels(laid_over(mask.first, exemplar, "mask"))
     if not allowed.any():
         raise ImageError(f"the mask leaves no pixel of {exemplar.source}")
@@ -27,13 +21,7 @@ def masked_pixels(mask: Image, exemplar: Image) -> np.ndarray:
 
 
 def label_levels(exemplar: Image, labels: Image | None = None) -> dict[int, LabelMap]:
-    """The label maps by level, 1 the finest: parts label.N of `labels` or of the exemplar, or the only part of ids.
-
-    Raises
-    ------
-    ImageError
-        There is none, or one is of another size than the exemplar.
-    """
+    """The label maps by level, 1 the finest: parts label.N of `labels` or of the exemplar, or the only part of ids."""
     holder = labels or exemplar
     levels = label_maps(holder)
     whole_numbers = np.issubdtype(dtype_of(holder.first.spec), np.integer)
@@ -89,13 +77,7 @@ def mask_pixels(part: Part) -> np.ndarray:
 
 
 def labelled_pixels(labels: LabelMap, label: int) -> np.ndarray:
-    """Where a map has that label: (height, width) bool.
-
-    Raises
-    ------
-    ParameterError
-        It has none.
-    """
+    """Where a map has that label: (height, width) bool, not nowhere."""
     inside, most = [], 0
     for window in bands(labels.part):
         ids = labels.part.read(window)[..., 0]

@@ -46,22 +46,7 @@ def better_of(
     seen: ExemplarPixels,
     stages: Iterator[Session],
 ) -> tuple[Synthesis, Fidelity | None, Recipe]:
-    """A result, by the other recipe where the first one's is not good and the other's is better.
-
-    Parameters
-    ----------
-    flag : str
-        Of the op, for the log.
-    run : callable
-        (recipe, constraints, advance) -> Synthesis
-    constraints : Constraints
-    recipe : Recipe
-    other : Recipe or None
-        None: there is no other choice.
-    seen : ExemplarPixels
-    stages : iterator of Session
-        One for each run.
-    """
+    """A result, by the other recipe where the first one's is not good and the other's is better."""
     session = next(stages)
     first = run(recipe, constraints, session.advance)
     with session.stats.time("fidelity"):

@@ -46,27 +46,7 @@ def height_tile(
 ) -> Part:
     """A tile of a height map, levelled where that is asked for; its steps are said, and warned of where they are many.
 
-    Parameters
-    ----------
-    flag : str
-        Of the op, for messages.
-    tile : Part
-        The copied pixels.
-    image : Image
-        What they were copied from.
-    source : SourceMap
-        Where they were copied from, (height, width).
-    wrap : (bool, bool)
-        Whether the tile goes on beyond its right and its lower side.
-    relevel : bool
-    still : (height, width) bool or None
-        Pixels that keep their height.
-    session : Session
-
-    Raises
-    ------
-    ImageError
-        The map holds NaN or Inf, or levelling does not fit the budget.
+    It was copied from the image as `source` says; pixels that are `still`, (height, width) bool, keep their height.
     """
     colour = list(channels_of(image.first.spec).colour)
     heights = as_float(image.first.pixels()[..., colour[0]])
@@ -113,21 +93,14 @@ def large_steps(heights: np.ndarray, least: float, wrap: tuple[bool, bool] = (Fa
 class Pairs:
     """All neighbours in one direction: each pixel of a tile, and the next one right of it or below.
 
-    Attributes
-    ----------
-    first, second : (n,) int64
-        Flat indices of the two pixels.
-    together : (n,) bool
-        They were neighbours in the photo, too.
-    step : (n,) float64
-        By how much the first's piece lies above the second's: the mean of what it lies above it at both pixels, where
-        each piece goes on over the seam as the photo does.
+    The first's piece lies a step above the second's: the mean of what it lies above it at both pixels, where each piece
+    goes on over the seam as the photo does.
     """
 
-    first: np.ndarray
+    first: np.ndarray  # (n,) int64: flat indices of the pixels, as second
     second: np.ndarray
-    together: np.ndarray
-    step: np.ndarray
+    together: np.ndarray  # (n,) bool: they were neighbours in the photo, too
+    step: np.ndarray  # (n,) float64
 
 
 def neighbours(source: SourceMap, wrap: tuple[bool, bool], heights: np.ndarray) -> Iterator[Pairs]:
@@ -157,18 +130,7 @@ def levels(
 
     The constants c minimize the sum over all neighbours in different pieces a and b of (c_a - c_b + step)^2: a Poisson
     equation on the graph of pieces, whose right side is the sum of steps along each seam. The mean height stays, or
-    what is `still`.
-
-    Parameters
-    ----------
-    source : SourceMap
-        Where each pixel of a tile comes from, (height, width).
-    wrap : (bool, bool)
-        Whether the tile goes on beyond its right and its lower side.
-    heights : (h, w) float32
-        The photo's height map.
-    still : (height, width) bool, optional
-        Pixels whose pieces are not raised.
+    what is `still`, (height, width) bool.
     """
     from scipy import sparse  # scipy is not loaded before it is needed
     from scipy.sparse.csgraph import connected_components

@@ -40,39 +40,12 @@ def read_material(
     maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, session: Session,
     in_memory: bool = True,
 ) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
-    """The maps in a synthesis' working space.
+    """The maps in a synthesis' working space, (height, width, channels) float32, and where all can be a source.
 
     Colour is seen in CIE Lab. Data, heights among them, are never colour-managed: their range becomes 0 .. 100.
     Normals are vectors: decoded from 0 .. 1 where none of their values is negative, and brought to length 1 to be
-    compared. They are never written: what a synthesis copies are the map's own pixels.
-
-    Parameters
-    ----------
-    maps : tuple of Image
-        Of one size and one place.
-    kinds : Words or None
-        One of `KINDS` for each map; None: the first is colour, or data where `data` says so, the others are data.
-    match : Numbers or None
-        The weight of each map, >= 0, not all of them 0; None: 1, of a height among several 0.25.
-    data : bool
-        The first map is no colour; counts where `kinds` is None.
-    session : Session
-    in_memory : bool
-        The values are an array; else rows that lie in a file.
-
-    Returns
-    -------
-    values : (height, width, channels) float32
-        Lab of the first map, or data scaled to 0 .. 100; then those of the others, each times the root of its weight.
-    opaque : (height, width) bool or None
-        Where all maps can be a source; None: everywhere.
-
-    Raises
-    ------
-    ParameterError
-        `kinds` or `match` do not fit the maps.
-    ImageError
-        The maps differ in size or windows, or there is no normal of any length.
+    compared. They are never written: what a synthesis copies are the map's own pixels. Values are each times the root
+    of their map's weight (1; 0.25 of a height among several), an array or, not `in_memory`, rows that lie in a file.
     """
     parts = tuple(image.first for image in maps)
     how = tuple(kinds_of(kinds, len(maps), data)), match

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import itertools
-import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,11 +12,10 @@ from typing import Any, ClassVar
 from ..color.config import as_float
 from ..color.lab import working_values
 from ..core.access import InBands
-from ..core.attributes import mark_as_data
 from ..core.demand import SomeRows, first_channels, materialized
 from ..core.image import Image, Part, from_pixels
 from ..core.op import Kind, Output
-from ..core.parameters import Size, SizeRule, Words, image, param
+from ..core.parameters import Size, SizeRule, image, param
 from ..core.source_map import COPIED, ST, SourceMap
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -28,28 +26,25 @@ from ..patchmatch.memory import ExemplarHeld
 from ..patchmatch.optimization import Synthesis, require_memory, synthesize
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
-from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Look, Quality
+from ..quality.report import REPORT, Look, Quality
+from ..quality.reported_op import Reported
 from ..regularity.courses import InCourses
 from ..regularity.offset_prices import InStep
 from ..session import Session
 from .coarse_looks import coarse_looks
 from .constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
-from .exemplar_op import ExemplarPixels
+from .exemplar_op import ExemplarPixels, MaterialOp
 from .heights import RELEVEL, height_tile
-from .material_op import MaterialOp
-from .materials import kinds_of
 from .photo_lattice import fitting_size, least_size, photo_courses, photo_lattice
 
-log = logging.getLogger("oiiotex")
-
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
-_LAB_BYTES, _LAB_SHARE = 12, 1 / 4  # a pixel of a map; of the budget, for all of them
+_LAB_BYTES = 12  # a pixel of a map
 _SIZE_HELP = "size of the result. pow2: the nearest power of two of each side of the photo. Default: the photo's size"
 _PATCH_HELP = f"Side of a patch: the scale up to which detail is copied whole. Default: {PATCH}."
 
 
 @dataclass(frozen=True, kw_only=True)
-class PatchSynthesis(MaterialOp, InBands):
+class PatchSynthesis(Reported, MaterialOp, InBands):
     """What both ops share: inputs, how a recipe becomes an image, the report."""
 
     outputs: ClassVar[tuple[Output, ...]] = (
@@ -94,8 +89,6 @@ class PatchSynthesis(MaterialOp, InBands):
     resume: bool = param(
         False, help="keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there"
     )
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
 
     def recipe(self, width: int, height: int) -> Recipe:
         """What to synthesize at this size."""
@@ -114,14 +107,14 @@ class PatchSynthesis(MaterialOp, InBands):
             uniformity=self.uniformity,
             reuse=self.reuse,
             # one piece all around the torus cannot be leveled by a constant
-            shifted="height" not in kinds_of(self.kinds, 1 + len(self.maps), self.data),
+            shifted="height" not in self.map_kinds,
             contrast=contrast,
             flat=flat,
         )
 
     def result_count(self) -> int:
         """Each variant and each map of the material is an image of its own."""
-        return self.variants * (1 + len(self.maps))
+        return self.variants * super().result_count()
 
     def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
         """The tile, and where its pixels come from; of several maps and variants one such mapping each."""
@@ -194,7 +187,7 @@ class PatchSynthesis(MaterialOp, InBands):
         kept = None
         if marked is not None:
             if not marked.any():
-                log.warning("%s: within marks no pixel: the photo stays as it is", self.flag())
+                self.warn("within marks no pixel: the photo stays as it is")
             source, lost = remade_source(marked, seen.opaque, recipe, constraints, run), None
         else:
             if self.tiling == "xy" and self.size is None and self.holds_photo(session):
@@ -241,8 +234,7 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def holds_photo(self, session: Session) -> bool:
         """Whether the photo lies in memory: what needs more than the budget with it is read by rows."""
-        spec = self.exemplar.first.spec
-        return _LAB_BYTES * self.n * spec.width * spec.height <= session.budget * _LAB_SHARE
+        return self.holds(session, _LAB_BYTES * self.n)
 
     def _in_any_order(self, part: Part, session: Session) -> Part:
         """The same pixels, decoded: in memory where the photo lies there."""
@@ -257,8 +249,8 @@ class PatchSynthesis(MaterialOp, InBands):
 
     def planned(self, session: Session) -> tuple[Size, Quality]:
         """The size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
-        maps = self.all_maps()
-        self._check(maps)
+        self.all_maps()  # as many as n says
+        self._check()
         size = self.asked_size
         tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
         quality = Quality.of_copies(self, session, size, tiling, patch=self.side, losses=self.finds_losses)
@@ -280,13 +272,10 @@ class PatchSynthesis(MaterialOp, InBands):
     def _tiles(
         self, maps: list[Part], source: SourceMap, session: Session, in_place: bool = False
     ) -> tuple[dict[str, Part], ...]:
-        """All maps from the same pixels; the source coordinates follow the first. What is no colour is data."""
+        """All maps from the same pixels; the source coordinates follow the first."""
         tiling = "none" if self.variants > 1 else self.tiling  # variants go on in each other
-        tiles = []
-        for one, kind in zip(maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
-            parts = source.parts("tile", one, tiling, in_place, by_rows=not self.holds_photo(session))
-            tiles.append(parts if kind == "colour" else parts | {"tile": parts["tile"].respecced(mark_as_data)})
-        return (tiles[0], *({"tile": tile["tile"]} for tile in tiles[1:]))
+        by_rows = not self.holds_photo(session)
+        return self.of_all(maps, lambda one, _: source.parts("tile", one, tiling, in_place, by_rows=by_rows))
 
     @property
     def finds_losses(self) -> bool:
@@ -299,7 +288,7 @@ class PatchSynthesis(MaterialOp, InBands):
         """The tiles, the steps in heights among them measured, and closed where that was asked for."""
         wrap = "x" in self.tiling, "y" in self.tiling
         maps, results = (self.exemplar, *self.maps), []
-        for tile, one, kind in zip(tiles, maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
+        for tile, one, kind in zip(tiles, maps, self.map_kinds, strict=True):
             if kind == "height":
                 part = height_tile(self.flag(), tile["tile"], one, source, wrap, self.relevel, still, session)
                 tile = tile | {"tile": part}
@@ -324,9 +313,9 @@ class PatchSynthesis(MaterialOp, InBands):
         """The recipe with what follows from the photo."""
         return recipe
 
-    def _check(self, maps: tuple[Image, ...]) -> None:
+    def _check(self) -> None:
         """Refuse modifiers that do not go together."""
-        if self.relevel and "height" not in kinds_of(self.kinds, len(maps), self.data):
+        if self.relevel and "height" not in self.map_kinds:
             raise ParameterError(f"{modifier(relevel=True)}: none of the maps is a height: kinds= says which is")
         own = Size(self.exemplar.first.spec.width, self.exemplar.first.spec.height)
         if self.within is not None and self.asked_size != own:

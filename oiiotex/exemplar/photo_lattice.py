@@ -29,15 +29,7 @@ STRUCTURE = (
 
 
 def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattice | None:
-    """The photo's lattice, logged for op `flag`; None where it has none.
-
-    Parameters
-    ----------
-    flag : str
-    lab : (height, width, 3) float32
-    usable : (height, width) bool or None
-        Pixels that count; None: all.
-    """
+    """The photo's lattice by its usable pixels, logged for op `flag`; None where it has none."""
     lattice = find_lattice(lab, usable)
     if lattice is None:
         log.info("%s: nothing repeats in the photo at equal distances", flag)
@@ -64,18 +56,7 @@ def fitting_size(
 ) -> Size:
     """The size of a tile on which the photo's lattice closes; where a size is given, that, with a warning.
 
-    Parameters
-    ----------
-    flag : str
-        Of the op, for what is logged.
-    lattice : Lattice or None
-    size : Size
-        The photo's, or the one that is given.
-    given : bool
-    wraps : (bool, bool)
-        The tile is a torus along x, along y.
-    multiple : int
-        Of which sides must be multiples.
+    The tile is a torus along x, along y as `wraps` says; sides are multiples of `multiple`.
     """
     if lattice is None:
         return size
@@ -100,14 +81,7 @@ class Structured(Op):
     structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
 
     def lattice_of(self, lab: SomeRows, usable: np.ndarray | None, session: Session) -> Lattice | None:
-        """The photo's lattice; None where it has none, or shall not be kept.
-
-        Parameters
-        ----------
-        lab : (height, width, at least 3) float32
-        usable : (height, width) bool or None
-        session : Session
-        """
+        """The photo's lattice; None where it has none, or shall not be kept."""
         if self.structure == 0:
             return None
         self.require_lattice(lab.shape[0], lab.shape[1], session)

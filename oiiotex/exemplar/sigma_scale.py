@@ -39,25 +39,13 @@ _VERSION = "sigmas 1"
 
 @dataclass(frozen=True)
 class Scale:
-    """Sigmas and what is seen of them.
+    """Sigmas and what is seen of them."""
 
-    Attributes
-    ----------
-    sigmas : (n,) float
-        Rising, px of the tile: spread evenly over what is seen.
-    steps : (n - 1,) float
-        Earth mover's distance between the tiles of neighbours, Lab.
-    first_sigmas, first_steps : the same
-        As they were before: sigmas in equal ratios.
-    curve : (257,) float
-        log sigma at equal steps of the amount, from amount 1 (the smallest sigma) to 0.
-    """
-
-    sigmas: np.ndarray
-    steps: np.ndarray
-    first_sigmas: np.ndarray
+    sigmas: np.ndarray  # (n,) float, rising, px of the tile: spread evenly over what is seen
+    steps: np.ndarray  # (n - 1,) float: earth mover's distance between the tiles of neighbours, Lab
+    first_sigmas: np.ndarray  # as they were before, and their steps: in equal ratios
     first_steps: np.ndarray
-    curve: np.ndarray
+    curve: np.ndarray  # (257,) float: log sigma at equal steps of the amount, from 1 (the smallest sigma) to 0
 
     def sigma_at(self, amount: float) -> float:
         """The sigma, px, at which this much is seen: 0 the least stationary tile of the scale, 1 the most."""
@@ -74,12 +62,9 @@ def variation(steps: np.ndarray) -> float:
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Earth mover's distance between the histograms of two images, summed over channels.
+    """Earth mover's distance between two images, (n, channels), summed over channels.
 
-    Parameters
-    ----------
-    a, b : (n, channels) float
-        Pixels of both, each channel sorted: in one dimension the distance is that between equal ranks.
+    Each channel is sorted: in one dimension the distance is that between equal ranks.
     """
     return float(np.abs(a.astype(np.float64) - b).mean(0).sum())
 
@@ -102,21 +87,7 @@ def require_tiles(device: Device, recipe: Recipe, photo: tuple[int, int], budget
 
 
 class SigmaTiles:
-    """Small tiles of a photo at any sigma.
-
-    Parameters
-    ----------
-    device : Device
-    values : (height, width, channels) float32
-        The photo's Lab.
-    usable : (height, width) bool or None
-    recipe : Recipe
-        For the tile at its full size; its sigma is not looked at.
-    budget : int
-        Bytes.
-    ruled_out : str
-        As `synthesize` has it.
-    """
+    """Small tiles of a photo's Lab, (height, width, channels) float32, at any sigma; the recipe is of the full size."""
 
     def __init__(
         self, device: Device, values: SomeRows, usable: np.ndarray | None, recipe: Recipe, budget: int,
@@ -180,18 +151,7 @@ class SigmaTiles:
 
 
 def perceived_scale(tiles: SigmaTiles, count: int, advance: Callable[[int, int], None], folder: Path) -> Scale:
-    """`SigmaTiles.scale`, out of the cache where the same photo was asked for with the same recipe before.
-
-    Parameters
-    ----------
-    tiles : SigmaTiles
-    count : int
-        Sigmas of the scale, at least 2.
-    advance : callable
-        Called with (tiles made, tiles in all).
-    folder : Path
-        Of the cache.
-    """
+    """`SigmaTiles.scale`, out of the cache where the same photo was asked for with the same recipe before."""
     recipe = replace(tiles.recipe, sigma=None)
     settings = (tiles.limits(), count, SIDE, SEEDS, ROUNDS)
     name = hash_of(_VERSION, tiles.photo, tiles.usable, recipe, settings)

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The filters: one thin file per op. `OURS` lists them; each is also a function, as `docs/python.md` shows.
 
-A file is imported when its filter is asked for, by a line that names it or from Python.
+The file of a filter is called as its option is (`texquilt.py`), and is imported when its filter is asked for, by a line
+that names it or from Python. No other module imports it: `op_named` gives its class.
 """
 
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Callable
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from ..deferred import Shelf
@@ -19,42 +18,50 @@ if TYPE_CHECKING:
 
 HEADING = "Texture filters"
 SHELVES = tuple(
-    Shelf(HEADING, f"{__name__}.{file}", (f"--tex{name}",), declared)
-    for name, file, declared in (
-        ("stationarize", "stationarize", "Stationarize"),
-        ("patchmatch", "patchmatch", "PatchMatch"),
-        ("quilt", "quilt", "Quilting"),
-        ("synth", "synth", "Synth"),
-        ("zoom", "zoom", "Zoom"),
-        ("graph", "graph", "ExemplarGraph"),
-        ("join", "join", "Join"),
-        ("atlas", "atlas", "Atlas"),
-        ("cut", "cut", "Cut"),
-        ("composite", "composite", "Composite"),
-        ("palette", "palette", "Palette"),
-        ("paint", "paint", "Paint"),
-        ("flatten", "flatten", "Flatten"),
-        ("sigmas", "sigmas", "Sigmas"),
-        ("stationarity", "stationarity", "Stationarity"),
-        ("superpixel", "superpixel", "Superpixel"),
-        ("label", "label", "Label"),
-        ("decompose", "decompose", "Decompose"),
-        ("dominant", "dominant", "Dominant"),
-        ("labelview", "labelview", "LabelView"),
-        ("content", "content", "Content"),
-        ("lab", "lab", "Lab"),
-        ("warp", "warp", "Warp"),
-        ("rectify", "rectify", "Rectify"),
-        ("estimateheight", "estimateheight", "EstimateHeight"),
-        ("estimateao", "estimateao", "EstimateAO"),
-        ("estimateroughness", "estimateroughness", "EstimateRoughness"),
-        ("checkmaterial", "checkmaterial", "CheckMaterial"),
-        ("preview", "preview", "Preview"),
-        ("variants", "variants", "Variants"),
+    Shelf(HEADING, f"{__name__}.tex{name}", (f"--tex{name}",), declared)
+    for name, declared in (
+        ("stationarize", "Stationarize"),
+        ("patchmatch", "PatchMatch"),
+        ("quilt", "Quilting"),
+        ("synth", "Synth"),
+        ("zoom", "Zoom"),
+        ("graph", "ExemplarGraph"),
+        ("join", "Join"),
+        ("atlas", "Atlas"),
+        ("cut", "Cut"),
+        ("composite", "Composite"),
+        ("palette", "Palette"),
+        ("paint", "Paint"),
+        ("flatten", "Flatten"),
+        ("sigmas", "Sigmas"),
+        ("stationarity", "Stationarity"),
+        ("superpixel", "Superpixel"),
+        ("label", "Label"),
+        ("decompose", "Decompose"),
+        ("dominant", "Dominant"),
+        ("labelview", "LabelView"),
+        ("content", "Content"),
+        ("lab", "Lab"),
+        ("warp", "Warp"),
+        ("rectify", "Rectify"),
+        ("estimateheight", "EstimateHeight"),
+        ("estimateao", "EstimateAO"),
+        ("estimateroughness", "EstimateRoughness"),
+        ("checkmaterial", "CheckMaterial"),
+        ("preview", "Preview"),
+        ("variants", "Variants"),
     )
 )
 
 __all__ = ["FILTERS", "OURS"]
+
+
+def op_named(name: str) -> type[Op]:
+    """The class that declares the filter of that name, ours or of another package; KeyError where there is none."""
+    for shelf in SHELVES:
+        if shelf.names == (f"--tex{name}",):
+            return shelf.declarations[0]
+    return {op.name: op for op in further()}[name]
 
 
 @functools.cache
@@ -80,36 +87,17 @@ def _function(op: type[Op]) -> Callable[..., Any]:
 
 
 def __getattr__(name: str) -> Any:
-    """`OURS`, `FILTERS`, the classes that declare filters, and the functions of other packages' filters."""
+    """`OURS`, `FILTERS`, and the filters' functions."""
     if name in __all__:
         return _lists(name)
-    for shelf in SHELVES:
-        if shelf.attribute == name:
-            return shelf.declarations[0]
-    for op in () if name.startswith("_") else further():
-        if op.name == name:
-            return _function(op)
+    if not name.startswith(("_", "tex")):  # files are asked for by import, before there are any
+        try:
+            return _function(op_named(name))
+        except KeyError:
+            pass
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
     """The functions alone."""
     return sorted(op.name for op in _lists("FILTERS"))
-
-
-class _Function:
-    """A filter's function as this package's attribute, which `import` would set to the file of the same name."""
-
-    def __init__(self, shelf: Shelf):
-        self._shelf = shelf
-
-    def __get__(self, package: ModuleType, _: type) -> Callable[..., Any]:
-        return _function(self._shelf.declarations[0])
-
-    def __set__(self, package: ModuleType, file: ModuleType) -> None:
-        pass
-
-
-sys.modules[__name__].__class__ = type(
-    "Filters", (ModuleType,), {shelf.names[0].removeprefix("--tex"): _Function(shelf) for shelf in SHELVES}
-)

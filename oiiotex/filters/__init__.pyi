@@ -17,6 +17,7 @@ OURS: tuple[type[Op], ...]
 FILTERS: tuple[type[Op], ...]
 
 def further() -> tuple[type[Op], ...]: ...
+def op_named(name: str) -> type[Op]: ...
 
 @overload
 def atlas(

@@ -6,14 +6,18 @@ What `content_table` is for an exemplar that is held. Keys are exact counts, so 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from ..core.demand import BAND_BYTES, cached, stream
 from ..core.image import Part
+from ..core.label_map import LabelMap
 from ..core.machine import usable_threads
 from ..core.window import Window
 from ..deferred import np
+from ..errors import ImageError
+from ..io.row_store import RowStore
 from ..session import Session
 from .content_table import window_keys
 
@@ -22,42 +26,31 @@ _DENSE = 1 << 22  # pairs of labels that are counted in a table
 _STRIP_PIXELS = BAND_BYTES // 8
 _ID_BYTES, _KEY_BYTES = 12, 30  # of a pixel and of a window of a strip; measured, as the next
 _PIECE_BYTES = 24  # of a pixel that a thread looks at meanwhile
+CELL = 128  # px: how exactly `fullest_windows` are placed
 _KEY_BITS = 32  # k1 << _KEY_BITS | k2
 
 
 @dataclass(frozen=True)
-class Strip:
-    """Keys of some rows of windows, a window named by its top left pixel in the data window.
+class _Strip:
+    """Keys of some rows of windows, a window named by its top left pixel in the data window."""
 
-    Attributes
-    ----------
-    top : int
-        The first row.
-    keys : (rows, columns) int64
-        k1 << 32 | k2 of `content_table.window_keys`; 0: none.
-    counts : dict of int to int
-        How many windows have each key.
-    ids : (rows, width)
-        Labels of the rows that no other strip gives.
-    """
-
-    top: int
-    keys: np.ndarray
-    counts: dict[int, int]
-    ids: np.ndarray
+    top: int  # the first row
+    keys: np.ndarray  # (rows, columns) int64: k1 << 32 | k2 of `content_table.window_keys`; 0: none
+    counts: dict[int, int]  # how many windows have each key
+    ids: np.ndarray  # (rows, width): labels of the rows that no other strip gives
 
 
-def key_pair(code: int) -> tuple[int, int]:
+def _key_pair(code: int) -> tuple[int, int]:
     """(k1, k2) of a key as strips have it."""
     return code >> _KEY_BITS, code & ((1 << _KEY_BITS) - 1)
 
 
-def key_code(key: tuple[int, int]) -> int:
-    """The inverse of `key_pair`."""
+def _key_code(key: tuple[int, int]) -> int:
+    """The inverse of `_key_pair`."""
     return key[0] << _KEY_BITS | key[1]
 
 
-def add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
+def _add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
     """Count the pixels of each label in an array of ids, too."""
     if int(ids.max()) < _DENSE:
         counted = np.bincount(ids.ravel())
@@ -70,7 +63,7 @@ def add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
 
 
 def scan_bytes(width: int, height: int, side: int, session: Session) -> int:
-    """Memory of `key_strips`, whatever the map's height."""
+    """Memory of `_key_strips`, whatever the map's height."""
     across = _columns(side) + side
     pieces = (session.threads or usable_threads()) * min(width, across) * min(height, across)
     rows = min(height, _rows(width, side))
@@ -78,19 +71,8 @@ def scan_bytes(width: int, height: int, side: int, session: Session) -> int:
     return strip * width + _PIECE_BYTES * pieces
 
 
-def key_strips(labels: Part, side: int, session: Session, advance: Callable[[], object]) -> Iterator[Strip]:
-    """All windows of side x side px, from the top down.
-
-    Parameters
-    ----------
-    labels : Part
-        One channel of ids; 0 is no label.
-    side : int
-        px; as the map is wide and high at most.
-    session : Session
-    advance : callable
-        Called after each strip.
-    """
+def _key_strips(labels: Part, side: int, session: Session, advance: Callable[[], object]) -> Iterator[_Strip]:
+    """All windows of side x side px of a map of ids (0 is no label), from the top down; `advance` after each strip."""
     whole, part = labels.window, cached(labels, session.cache)
     bands = list(Window(0, 0, whole.width, whole.height - side + 1).cells(whole.width, _rows(whole.width, side)))
     pieces = list(Window(0, 0, whole.width - side + 1, 1).cells(_columns(side), 1))
@@ -104,12 +86,12 @@ def key_strips(labels: Part, side: int, session: Session, advance: Callable[[], 
             for code, count in found.items():
                 counts[code] = counts.get(code, 0) + count
         mine = band.height if band.bottom + side - 1 < whole.height else len(ids)
-        yield Strip(band.top, np.concatenate([keys for keys, _ in keyed], 1), counts, ids[:mine])
+        yield _Strip(band.top, np.concatenate([keys for keys, _ in keyed], 1), counts, ids[:mine])
         advance()
 
 
-def strip_count(labels: Part, side: int) -> int:
-    """How many strips `key_strips` gives."""
+def _strip_count(labels: Part, side: int) -> int:
+    """How many strips `_key_strips` gives."""
     return -(-(labels.spec.height - side + 1) // _rows(labels.spec.width, side))
 
 
@@ -129,10 +111,110 @@ def _keyed(ids: np.ndarray, side: int) -> tuple[np.ndarray, dict[int, int]]:
     if most * most <= _DENSE:
         counted = np.bincount((first * np.int32(most) + second).ravel(), minlength=1)
         present = np.flatnonzero(counted)
-        counts = {key_code(divmod(int(n), most)): int(counted[n]) for n in present}
+        counts = {_key_code(divmod(int(n), most)): int(counted[n]) for n in present}
         keys = first.astype(np.int64) << _KEY_BITS | second
     else:
         keys = first.astype(np.int64) << _KEY_BITS | second
         counts = dict(zip(*(a.tolist() for a in np.unique(keys, return_counts=True)), strict=True))
     counts.pop(0, None)
     return keys, counts
+
+
+class Contents:
+    """How many windows of `side` px of a label map have each key, and where those of one key have their centres.
+
+    `passes` is how often the map will be looked through: 2 where `middles` are asked for.
+    """
+
+    def __init__(self, labels: Part, side: int, session: Session, key: tuple[int, int], passes: int):
+        self.side, self.key, self.areas = side, key, dict[int, int]()
+        self._labels, self._session, self._half = labels, session, side // 2
+        self._done, self._total = 0, passes * _strip_count(labels, side)
+        width, height = labels.spec.width, labels.spec.height
+        size = height, -(-width // 8)  # a bit for each pixel
+        self._marks = RowStore(size, np.uint8, in_memory=size[0] * size[1] <= session.budget // 4)
+        self._rows = range(self._half, self._half + height - side + 1)
+        found: Counter[int] = Counter()
+        for strip in self._strips():
+            found.update(strip.counts)
+            if passes > 1:
+                _add_areas(self.areas, strip.ids)
+            marked = np.zeros((len(strip.keys), width), bool)
+            marked[:, self._half : self._half + strip.keys.shape[1]] = (strip.keys == _key_code(key)) & any(key)
+            at = strip.top + self._half
+            self._marks[at : at + len(marked)] = np.packbits(marked, 1)
+        if not found:
+            raise ImageError(f"no {side}x{side} patch of the exemplar has a label throughout")
+        self.counts = {_key_pair(code): found[code] for code in sorted(found)}
+
+    def _strips(self) -> Iterator[_Strip]:
+        return _key_strips(self._labels, self.side, self._session, self._advance)
+
+    def _advance(self) -> None:
+        self._done += 1
+        self._session.advance(self._done, self._total)
+
+    def centres(self, rows: range) -> np.ndarray:
+        """Where in rows of the data window a window of the key has its centre: (rows, width) bool."""
+        width = self._labels.spec.width
+        out = np.zeros((len(rows), width), bool)
+        begin, end = max(rows.start, self._rows.start), min(rows.stop, self._rows.stop)
+        if begin < end:
+            bits = np.unpackbits(self._marks[begin:end], 1, count=width)
+            out[begin - rows.start : end - rows.start] = bits.view(bool)
+        return out
+
+    def middles(self, keys: Iterable[tuple[int, int]]) -> dict[tuple[int, int], tuple[int, int]]:
+        """Top and left of the middle one of each key's windows: the first may be a rare case at a border."""
+        left = {_key_code(key): self.counts[key] // 2 for key in keys}  # windows before it
+        places = {}
+        for strip in self._strips():
+            for code, count in strip.counts.items():
+                if code in left and left[code] < count:
+                    at = np.flatnonzero(strip.keys == code)[left.pop(code)]
+                    row, column = divmod(int(at), strip.keys.shape[1])
+                    places[_key_pair(code)] = strip.top + row, column
+                elif code in left:
+                    left[code] -= count
+        return places
+
+
+def areas_of(labels: LabelMap, usable: np.ndarray | None) -> np.ndarray:
+    """Usable pixels of each label, by id."""
+    areas: dict[int, int] = {}
+    for _, ids in _bands(labels, usable):
+        _add_areas(areas, ids)
+    out = np.zeros(max(areas) + 1, np.int64)
+    out[list(areas)] = list(areas.values())
+    return out
+
+
+def fullest_windows(labels: LabelMap, usable: np.ndarray | None, wanted: list[int], reach: int) -> dict[int, Window]:
+    """For each label the window of reach x reach px, or as large as the map is, that holds most of it."""
+    whole = labels.part.window
+    cells = -(-whole.height // CELL), -(-whole.width // CELL)
+    number = {label: n for n, label in enumerate(wanted)}
+    counts = np.zeros((len(wanted), *cells), np.int32)
+    for top, ids in _bands(labels, usable):
+        columns = np.broadcast_to(np.arange(ids.shape[1]) // CELL, ids.shape)
+        for label in np.intersect1d(ids, wanted).tolist():
+            counts[number[label], top // CELL] += np.bincount(columns[ids == label], minlength=cells[1]).astype(
+                np.int32
+            )
+    windows = {}
+    for label, n in number.items():
+        high, wide = (min(size, reach // CELL) for size in cells)
+        sums = np.pad(counts[n].cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+        held = sums[high:, wide:] - sums[:-high, wide:] - sums[high:, :-wide] + sums[:-high, :-wide]
+        y, x = (int(i) * CELL for i in np.unravel_index(int(held.argmax()), held.shape))
+        windows[label] = Window.sized(x, y, wide * CELL, high * CELL) & Window(0, 0, whole.width, whole.height)
+    return windows
+
+
+def _bands(labels: LabelMap, usable: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
+    """Ids of usable pixels, else 0, from the top down: the first row, (at most CELL rows, width)."""
+    part, whole = labels.part, labels.part.window
+    for window, pixels in stream(part, whole.cells(whole.width, CELL)):
+        rows = window.inside(whole)[0]
+        ids = pixels[..., 0]
+        yield rows.start, ids if usable is None else np.where(usable[rows], ids, 0)

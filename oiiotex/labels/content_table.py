@@ -33,16 +33,7 @@ def box_counts(chosen: np.ndarray, side: int) -> np.ndarray:
 
 
 def histogram(labels: np.ndarray, y: int, x: int, side: int) -> dict[int, int]:
-    """The label histogram h of a window, id -> pixels (LSA16 eq. 9). Pixels without label do not count.
-
-    Parameters
-    ----------
-    labels : (h, w) of ids
-    y, x : int
-        The window's top-left pixel.
-    side : int
-        px.
-    """
+    """The label histogram h of the window at (y, x), id -> pixels (LSA16 eq. 9). Pixels without label do not count."""
     ids, counts = np.unique(labels[y : y + side, x : x + side], return_counts=True)
     return {int(c): int(n) for c, n in zip(ids, counts, strict=True) if c != 0}
 
@@ -83,18 +74,8 @@ def regions(chosen: np.ndarray, block: int) -> int:
 def window_keys(labels: np.ndarray, side: int, allowed: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The key (k1, k2) of every window, by integral counting, label by label in small pieces of the map.
 
-    Memory is a few times that of the map, whatever the number of labels.
-
-    Parameters
-    ----------
-    labels : (h, w) of ids
-    side : int
-    allowed : (h, w) bool, optional
-
-    Returns
-    -------
-    k1, k2 : (h - side + 1, w - side + 1) int32
-        Both 0 where the window touches a pixel that has no label or is not allowed.
+    Memory is a few times that of the map, whatever the number of labels. Both are (h - side + 1, w - side + 1) int32,
+    and 0 where the window touches a pixel that has no label or is not allowed.
     """
     shape = (labels.shape[0] - side + 1, labels.shape[1] - side + 1)
     first, second = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
@@ -133,28 +114,13 @@ def _tiles(shape: tuple[int, int], side: int) -> Iterable[tuple[tuple[slice, sli
 
 @dataclass(frozen=True)
 class ContentTable:
-    """Key -> all offsets whose window has this key (LSA16 figure 11).
-
-    Only offsets are stored, so its size is proportional to the exemplar.
-
-    Attributes
-    ----------
-    side : int
-    keys : (n, 2) int32
-        (k1, k2) in ascending order.
-    starts : (n + 1,) int64
-        Offsets of key n are `offsets[starts[n]:starts[n + 1]]`, row by row.
-    offsets : (m,) uint32
-        As `SourceMap.packed`.
-    key_map : (h - side + 1, w - side + 1) uint32
-        The number of the key of every offset, or NO_KEY.
-    """
+    """Key -> all offsets whose window has this key (LSA16 figure 11): its size is proportional to the exemplar."""
 
     side: int
-    keys: np.ndarray
-    starts: np.ndarray
-    offsets: np.ndarray
-    key_map: np.ndarray
+    keys: np.ndarray  # (n, 2) int32: (k1, k2) in ascending order
+    starts: np.ndarray  # (n + 1,) int64: offsets of key n are `offsets[starts[n]:starts[n + 1]]`, row by row
+    offsets: np.ndarray  # (m,) uint32, as `SourceMap.packed`
+    key_map: np.ndarray  # (h - side + 1, w - side + 1) uint32: the number of the key of every offset, or NO_KEY
 
     def find(self, key: tuple[int, int]) -> int | None:
         """The number of a key, or None."""
@@ -182,20 +148,7 @@ class ContentTable:
 
 
 def content_table(first: np.ndarray, second: np.ndarray, side: int) -> ContentTable:
-    """The table of what `window_keys` found.
-
-    Parameters
-    ----------
-    first, second : (h - side + 1, w - side + 1) int32
-        k1 and k2 of every window; 0: none.
-    side : int
-        Of a window, px.
-
-    Raises
-    ------
-    ImageError
-        There is no window at all.
-    """
+    """The table of what `window_keys` found; raises ImageError where there is no window at all."""
     if not first.any():
         raise ImageError(f"no {side}x{side} patch of the exemplar has a label throughout")
     most = int(max(first.max(), second.max())) + 1

@@ -20,13 +20,7 @@ class OnePart(Op):
     single: bool
 
     def require_single(self) -> None:
-        """Refuse what does not go with `single`.
-
-        Raises
-        ------
-        ParameterError
-            There is no Cryptomatte, or further parts are asked for.
-        """
+        """Refuse `single` without Cryptomatte, and with further parts."""
         values = self.values()
         if not self.single:
             return

@@ -36,26 +36,13 @@ _VERSION = "oiiotex candidates 4"  # to be counted up where the same stacks lead
 
 @dataclass(frozen=True)
 class Stacks:
-    """What is analysed.
-
-    Attributes
-    ----------
-    levels : Levels
-    planes : (levels, side, side, 4) int16
-        Colour of every texel on the integer grid (`stacks.grid_stack`).
-    usable : (levels, side, side) bool
-        Texels that may be candidates of themselves.
-    targets : (levels, side, side) bool
-        Texels that may be candidates of others.
-    periodic : tuple of bool
-        Of every level, whether its exemplar is a torus; else neighbourhoods are mirrored at its borders.
-    """
+    """What is analysed."""
 
     levels: Levels
-    planes: np.ndarray
-    usable: np.ndarray
-    targets: np.ndarray
-    periodic: tuple[bool, ...]
+    planes: np.ndarray  # (levels, side, side, 4) int16: colour of every texel on the integer grid
+    usable: np.ndarray  # (levels, side, side) bool: texels that may be candidates of themselves
+    targets: np.ndarray  # (levels, side, side) bool: texels that may be candidates of others
+    periodic: tuple[bool, ...]  # of every level, whether its exemplar is a torus; else it is mirrored
 
     @property
     def side_bits(self) -> int:
@@ -65,29 +52,18 @@ class Stacks:
 
 @dataclass(frozen=True)
 class Analysis:
-    """What synthesis looks up.
-
-    Attributes
-    ----------
-    stacks : Stacks
-    basis : (75, 16) int16
-        Principal components of 5 x 5 neighbourhoods (rows, columns, channels), times 4096.
-    links : (levels, side^2, 2) uint32
-        The two candidates of every texel, as texels.
-    records : (levels, side^2, 2, 16) int16
-        Their projected neighbourhoods, transformed by their transfer functions (HRRG08 section 6).
-    offsets : (levels, side^2, 2, 4) int16
-        The transfer functions c + b (HRRG08 eq. 4): b, and 0.
-    variance : float
-        Share of the neighbourhoods' variance that the basis holds.
-    """
+    """What synthesis looks up."""
 
     stacks: Stacks
-    basis: np.ndarray
-    links: np.ndarray
-    records: np.ndarray = field(repr=False)
-    offsets: np.ndarray = field(repr=False)
-    variance: float = 0.0
+    basis: np.ndarray  # (75, 16) int16: principal components of 5 x 5 neighbourhoods, times 4096
+    links: np.ndarray  # (levels, side^2, 2) uint32: the two candidates of every texel, as texels
+    records: np.ndarray = field(
+        repr=False
+    )  # (levels, side^2, 2, 16) int16: their transformed neighbourhoods (HRRG08 section 6)
+    offsets: np.ndarray = field(
+        repr=False
+    )  # (levels, side^2, 2, 4) int16: the transfer functions c + b (HRRG08 eq. 4): b, and 0
+    variance: float = 0.0  # share of the neighbourhoods' variance that the basis holds
 
 
 def neighbourhoods(plane: np.ndarray, spacing: int, periodic: bool) -> np.ndarray:
@@ -148,27 +124,9 @@ def analyse(
     device: Device, stacks: Stacks, dims: int, correct: bool, budget: int, advance: Callable[[int, int], None],
     cache: Path | None,
 ) -> Analysis:  # fmt: skip
-    """Candidates and transfer functions of all levels.
+    """Candidates and transfer functions of all levels, `dims` at most 16; not `correct`: these are the identity.
 
-    Parameters
-    ----------
-    device : Device
-    stacks : Stacks
-    dims : int
-        Dimensions of projected neighbourhoods, at most 16.
-    correct : bool
-        Find transfer functions; else all are the identity.
-    budget : int
-        Bytes of memory that there are.
-    advance : callable
-        Told (done, total).
-    cache : Path or None
-        A folder where it is kept from one run to the next.
-
-    Raises
-    ------
-    DeviceError
-        It does not fit.
+    `advance` is told (done, total); `cache` keeps it from one run to the next. Raises DeviceError where it is too much.
     """
     if 2 * stacks.usable.size > 1 << 32:  # cl/multiscale.cl names a candidate by twice its texel's number
         raise DeviceError(f"{stacks.usable.size} texels in all levels are beyond 2^31: take fewer or smaller exemplars")
@@ -280,18 +238,7 @@ def _level(device: Device, buffers: Buffers, stacks: Stacks, number: int) -> np.
 def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, excluded: np.ndarray) -> np.ndarray:
     """The best texel found for each of a level, outside the discs around `excluded`: (side^2,) uint32.
 
-    Where a disc leaves nothing, it is what was excluded.
-
-    Parameters
-    ----------
-    device : Device
-    buffers : Buffers
-        With the projections and the usable texels of all levels in them.
-    stacks : Stacks
-    number : int
-        Of the level.
-    excluded : (side^2,) uint32
-        For each texel the one whose surroundings are out of the question; `NONE`: nothing is.
+    Where a disc leaves nothing, it is what was excluded; `NONE` excludes nothing.
     """
     at_once, side = texels_at_once(device), stacks.side_bits
     run, shape = device.program("candidates", RUN=at_once), ((1 << side) // at_once, 1 << side)

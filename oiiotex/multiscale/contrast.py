@@ -69,17 +69,9 @@ def _more(one: tuple[int, int], own: tuple[int, int], per_cent: int) -> bool:
 
 
 def with_contrast(maker: Synthesizer, analysis: Analysis, folder: Path | None, key: str) -> Synthesizer:
-    """A maker of endless zooms that holds the exemplar's contrast.
+    """A maker of endless zooms that holds the exemplar's contrast; a folder keeps the answer under its key.
 
     The seed has no say, nor has what repeats: all zooms into an exemplar keep as much.
-
-    Parameters
-    ----------
-    maker : Synthesizer
-    analysis : Analysis
-    folder : Path or None
-        Where the answer is kept from one run to the next, under the `key` of what it follows from.
-    key : str
     """
     name = hash_of(_VERSION, key, _SHARES, _DEEPER, _SIDE, _APART, _WINDOWS, _FLOOR, _MOST)
     (kept,) = cached_arrays(folder, name, lambda: (np.array([kept_in(maker.plainly(), analysis)]),))

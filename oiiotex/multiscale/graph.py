@@ -44,32 +44,15 @@ class Edge(NamedTuple):
 
 @dataclass(frozen=True)
 class Graph:
-    """A checked exemplar graph. Exemplars are numbered in the order of the document.
-
-    Attributes
-    ----------
-    names : tuple of str
-    files : tuple of Path
-    root : int
-    edges : tuple of Edge
-        Those with r = 0 from an exemplar to itself, which HRRG08 implies, are left out.
-    factors : tuple of float
-        How much larger each exemplar is to be resampled, so that all ratios are powers of two; within sqrt(2) unless
-        the document asks for more.
-    wraps : tuple of str or None
-        "periodic" or "mirror": what is at the borders of each exemplar; None: what they look like.
-    jitter : tuple of float or None
-        rho by level; the last holds for all finer ones.
-    seed : int or None
-    """
+    """A checked exemplar graph. Exemplars are numbered in the order of the document."""
 
     names: tuple[str, ...]
     files: tuple[Path, ...]
     root: int
-    edges: tuple[Edge, ...]
-    factors: tuple[float, ...]
-    wraps: tuple[str | None, ...]
-    jitter: tuple[float, ...] | None = None
+    edges: tuple[Edge, ...]  # but for r = 0 from an exemplar to itself, which HRRG08 implies
+    factors: tuple[float, ...]  # by which each is to be resampled, so that all ratios are powers of two
+    wraps: tuple[str | None, ...]  # of each, at its borders: periodic or mirror; None: as it looks
+    jitter: tuple[float, ...] | None = None  # rho by level; the last holds for all finer ones
     seed: int | None = None
 
     @classmethod
@@ -121,13 +104,7 @@ class Graph:
         return tuple(by_exemplar[n] for n in range(len(self.names)))
 
     def require_levels(self, finest: int, where: str) -> None:
-        """Refuse edges over more octaves than the stacks of 2^finest px exemplars overlap.
-
-        Raises
-        ------
-        ImageError
-            r > r_max = L - 3 (HRRG08 section 3.1).
-        """
+        """Refuse edges over more octaves than stacks of 2^finest px overlap: r > r_max = L - 3 (HRRG08 section 3.1)."""
         for edge in self.edges:
             if edge.r > finest - 3:
                 raise ImageError(

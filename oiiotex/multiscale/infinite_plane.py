@@ -44,27 +44,14 @@ _FARTHEST = 1 << 30  # px; a file's windows lie nearer
 
 @dataclass(frozen=True)
 class Plane:
-    """A graph with its exemplars.
-
-    Attributes
-    ----------
-    graph : Graph
-    images : tuple of Image
-        One for each exemplar.
-    exemplars : tuple of Exemplar
-    lens : Lens
-        How the root is seen.
-    analysis : Analysis
-    finest : int
-        L: on that level a pixel is as large as one of the root.
-    """
+    """A graph with its exemplars."""
 
     graph: Graph
-    images: tuple[Image, ...]
+    images: tuple[Image, ...]  # one for each exemplar
     exemplars: tuple[Exemplar, ...]
-    lens: Lens
+    lens: Lens  # how the root is seen
     analysis: Analysis
-    finest: int
+    finest: int  # L: on that level a pixel is as large as one of the root
     _planes: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -78,17 +65,8 @@ class Plane:
     ) -> PlaneSettings:  # fmt: skip
         """How it is made; the graph's own seed and jitter where they are not said.
 
-        Parameters
-        ----------
-        seed : int or None
-            None: the graph's, or else 0.
-        lock : bool or int
-            The last level without jitter (HRRG08 figure 7); 0: none, 1 or True: L.
-        around : (int, int) or None
-            Width and height after which the plane repeats, in pixels of `around_level`.
-        around_level : int
-        in_step : InStep or None
-            The lattice of the one exemplar, in px of its square, where the plane keeps it.
+        `lock` is the last level without jitter (HRRG08 figure 7; 1 or True: L), `around` the size (width, height) after
+        which the plane repeats in px of `around_level`, `in_step` the lattice of the one exemplar in px of its square.
         """
         looping = any(self.graph.in_loop(n) for n in range(len(self.graph.names)))
         loops = looping and not self.analysis.stacks.levels.literal
@@ -161,13 +139,7 @@ class Plane:
 
 
 def graph_images(path: str | Path, session: Session) -> tuple[Graph, tuple[Image, ...]]:
-    """The graph of a document, and its exemplars' files, opened.
-
-    Raises
-    ------
-    ImageError
-        As by `exemplars.read_graph` and `files.read`.
-    """
+    """The graph of a document, and its exemplars' files, opened."""
     graph = read_graph(path)
     return graph, tuple(read(file, session.cache) for file in graph.files)
 
@@ -176,31 +148,7 @@ def opened(
     session: Session, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int, correct: bool,
     literal: bool, space: Space,
 ) -> Plane:  # fmt: skip
-    """Read and analyse the exemplars of a graph.
-
-    Parameters
-    ----------
-    session : Session
-    graph : Graph
-    images : sequence of Image
-    name : str
-        The graph's, for messages.
-    side : int
-        Of the exemplars' squares, at most; px.
-    dims : int
-        Of projected neighbourhoods.
-    correct : bool
-        Bring exemplars that do not agree in colour together.
-    literal : bool
-        HRRG08 by the letter.
-    space : Space
-        Where the op works.
-
-    Raises
-    ------
-    ImageError, ColorError, DeviceError
-        As by `stacks.load_exemplars`, `Graph.require_levels` and `candidates.analyse`.
-    """
+    """Read and analyse the exemplars of a graph, which messages call `name`; the rest as of --texsynth."""
     with session.stats.time("read and colour"):
         exemplars, lens = load_exemplars(images, graph, session, space, side)
     finest = exemplars[0].side.bit_length() - 1
@@ -251,18 +199,9 @@ def _report(graph: Graph, exemplars: Sequence[Exemplar], analysis: Analysis) -> 
 class States:
     """Pixels of a level as texels and offsets, made in cells that are kept for a while.
 
-    `place` and `display` are in an image's own coordinates, which begin at 0 where the plane's do not fit 32 bits.
-    With a `key` (`Plane.key`) cells are also kept beside the file that is being written, for a run that goes on.
-
-    Parameters
-    ----------
-    session : Session
-    maker : Synthesizer
-    level : int
-    window, display : Window
-        What can be read and what is displayed, in pixels of the level.
-    key : str
-        As by `Plane.key`; '': cells are not kept from one run to the next.
+    `window` can be read, `display` is displayed, in pixels of the level; as attributes, `place` and `display` are in an
+    image's own coordinates, which begin at 0 where the plane's do not fit 32 bits. With a `key` (`Plane.key`) cells are
+    also kept beside the file that is being written, for a run that goes on.
     """
 
     def __init__(

@@ -3,38 +3,34 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from ..color.lab import InLab
 from ..core.access import AnyWindow
 from ..core.demand import MadeRows, rows_of
 from ..core.image import Image
-from ..core.op import Space
-from ..core.parameters import Parameter, Words, image, param
+from ..core.parameters import Parameter, image, param
 from ..core.source_map import SourceMap, tile_spec
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ParameterError
-from ..quality.report import FAIL_HELP, REPORT_HELP, Look, Quality
+from ..quality.report import Look, Quality
+from ..quality.reported_op import Reported
 from ..session import Session
 from .graph import Graph
 from .infinite_plane import Plane, analysis_folder, graph_images, opened
 from .synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
 
-log = logging.getLogger("oiiotex")
-
 FARTHEST = 1 << 60  # px; places on the plane
 
 
 @dataclass(frozen=True, kw_only=True)
-class Multiscale(AnyWindow):
+class Multiscale(InLab, Reported, AnyWindow):
     """A texture without end, of one exemplar or of a graph of them."""
-
-    space: ClassVar[Space] = Space.LAB
 
     exemplar: Image | None = image(help="the one exemplar; none is taken where graph says them")
     graph: Path | None = param(None, help="an exemplar graph, JSON or YAML")
@@ -54,9 +50,6 @@ class Multiscale(AnyWindow):
         help="HRRG08 by the letter: dims=6, and zooms without end turn anywhere, to anything, and lose their contrast",
     )
     seed: int | None = param(None, ge=0, le=2**32 - 1, help="same seed, same pixels; the graph's, or 0, when left out")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
 
     PAPER: ClassVar[dict[str, Any]] = {"dims": 6, "correct": True}
 
@@ -86,7 +79,7 @@ class Multiscale(AnyWindow):
             graph = replace(graph, wraps=tuple("periodic" if n == graph.root else w for n, w in enumerate(graph.wraps)))
         for given in images:
             for part in given.parts[1:]:
-                log.warning("%s: part '%s' of %s is not carried along", self.name, part.name, given.source)
+                self.warn("part '%s' of %s is not carried along", part.name, given.source)
         how: dict[str, Any] = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
@@ -130,17 +123,8 @@ def _changed(path: Path) -> tuple[int, int] | None:
 def with_report(
     quality: Quality, plane: Plane, results: dict[str, Any], source: Callable[[Window], SourceMap] | None = None
 ) -> dict[str, Any]:
-    """The op's results with the measures of its image beside the root.
-
-    Parameters
-    ----------
-    quality : Quality
-    plane : Plane
-    results : dict
-        As the op's `compute` gives them, its main image among them.
-    source : callable, optional
-        window -> the pixels of the root that are shown there, where all are copies of these.
-    """
+    """The op's results with the measures of its image beside the root; `source` gives the root's pixels that a window
+    shows, where all are copies of these."""
     main, root = results[quality.op.main().name], plane.exemplars[plane.graph.root]
     sizes = (root.side, root.side), main.window.size
     measured = replace(quality, sizes=sizes, copies=source is not None)
@@ -162,17 +146,7 @@ def with_report(
 
 
 def texture_spec(spec: oiio.ImageSpec, display: Window, place: Window, toroidal: bool = False) -> oiio.ImageSpec:
-    """The spec of a window of a texture.
-
-    Parameters
-    ----------
-    spec : ImageSpec
-        Of the root exemplar.
-    display, place : Window
-        Display and data window on the plane, px.
-    toroidal : bool
-        The display window goes on in itself along both axes.
-    """
+    """The spec of a window of a texture, display and data window on its plane; toroidal: the display window tiles."""
     new = tile_spec(spec, "xy" if toroidal else "none", (display.width, display.height))
     new.full_x, new.full_y = display.left, display.top
     new.x, new.y, new.width, new.height = place.left, place.top, place.width, place.height

@@ -35,32 +35,15 @@ _REACH = 2400  # steps: what is further from the mean decides as if it were this
 
 @dataclass(frozen=True)
 class Exemplar:
-    """One exemplar, cut to a square whose side is a power of two.
-
-    Attributes
-    ----------
-    name : str
-    pixels : (side, side, channels)
-        In the root's colour space and pixel type, all channels.
-    values : (side, side, 4) float32
-        Lab, or data scaled to 0 .. 100, as `Lens.values` gives them.
-    opaque : (side, side) bool or None
-        Where alpha is not 0; None: everywhere.
-    place : Window
-        Where it lies in the image's data window, counted from its corner; in pixels of the resampled image.
-    factor : float
-        How much the image was enlarged before.
-    periodic : bool
-        It is a torus; else it is mirrored at its borders.
-    """
+    """One exemplar, cut to a square whose side is a power of two."""
 
     name: str
-    pixels: np.ndarray
-    values: np.ndarray
-    opaque: np.ndarray | None
-    place: Window
-    factor: float
-    periodic: bool = True
+    pixels: np.ndarray  # (side, side, channels), in the root's colour space and pixel type
+    values: np.ndarray  # (side, side, 4) float32: Lab, or data scaled to 0 .. 100, as `Lens.values` gives them
+    opaque: np.ndarray | None  # (side, side) bool: where alpha is not 0; None: everywhere
+    place: Window  # in the image's data window, from its corner, in pixels of the resampled image
+    factor: float  # how much the image was enlarged before
+    periodic: bool = True  # it is a torus; else it is mirrored at its borders
 
     @property
     def side(self) -> int:
@@ -71,28 +54,10 @@ class Exemplar:
 def load_exemplars(
     images: Sequence[Image], graph: Graph, session: Session, space: Space, most: int
 ) -> tuple[tuple[Exemplar, ...], Lens]:
-    """All exemplars, of one size and in the root's colour space, and how the root is seen.
+    """All exemplars, of one size, at most `most` px, and in the root's colour space, and how the root is seen.
 
     They are cut around their centres rather than resampled: a pixel keeps its size, so that scale relations hold and
     detail stays sharp.
-
-    Parameters
-    ----------
-    images : sequence of Image
-    graph : Graph
-        Its root says space, channels and type.
-    session : Session
-    space : Space
-        Where the op works.
-    most : int
-        The longest side an exemplar may have, px.
-
-    Raises
-    ------
-    ImageError
-        One is too small, holds NaN or Inf, has no opaque pixel, or other channels than the root.
-    ColorError
-        As by `lens_of`.
     """
     factors, root = graph.factors, graph.root
     shortest = min(
@@ -176,19 +141,7 @@ def tiles(values: np.ndarray) -> bool:
 
 
 def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None, periodic: bool = True) -> np.ndarray:
-    """A Gaussian blur of a torus, or mirrored; transparent pixels have no say, and take what lies around them.
-
-    Parameters
-    ----------
-    planes : (side, side, channels) float
-    sigma : float
-    opaque : (side, side) bool or None
-    periodic : bool
-
-    Returns
-    -------
-    (side, side, channels) float64
-    """
+    """A Gaussian blur of a torus, or mirrored, as float64; transparent pixels take what lies around them."""
     planes = planes.astype(np.float64)
     if sigma <= 0:
         return planes
@@ -256,20 +209,7 @@ def seen_values(exemplar: Exemplar) -> np.ndarray:
 def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], finest: int) -> np.ndarray:
     """Levels of an exemplar's Gaussian stack on the integer grid on which everything is decided.
 
-    Parameters
-    ----------
-    exemplar : Exemplar
-    middle : (3,) float
-        Lab that becomes 0.
-    levels : sequence of int
-        0 to `finest`.
-    finest : int
-        L, the level that is not blurred.
-
-    Returns
-    -------
-    (levels, side, side, 4) int16
-        Steps away from `middle` (3,), and 0.
+    (levels, side, side, 4) int16: steps away from `middle`, Lab (3,), and 0. Level `finest`, L, is not blurred.
     """
     values = seen_values(exemplar)
     out = np.zeros((len(levels), exemplar.side, exemplar.side, 4), np.int16)

@@ -114,15 +114,7 @@ class Strays(dict[int, Stray]):
     """Codes that mean nothing, as they are met."""
 
     def add(self, codes: np.ndarray, stray: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-        """Note those of an array.
-
-        Parameters
-        ----------
-        codes, stray : (rows, columns)
-            What is met, and whether it means nothing.
-        x, y : (columns,), (rows,)
-            Where it is met.
-        """
+        """Note codes, (rows, columns), some of which mean nothing, met at x (columns,) and y (rows,)."""
         rows, columns = np.nonzero(stray)
         unique = np.unique(codes[rows, columns], return_index=True, return_counts=True)
         for code, first, count in zip(*unique, strict=True):
@@ -149,15 +141,7 @@ SOFT = (
 
 
 def read_table(path: Path, soft: float = 0.0) -> Table:
-    """A palette's JSON, or {"255,0,0": 3, "0,255,0": [3, 1], ...} in 8 bits, or {"7": 3, ...} of ids.
-
-    `soft` is as of `Meaning`.
-
-    Raises
-    ------
-    ImageError
-        It is none.
-    """
+    """A palette's JSON, or {"255,0,0": 3, "0,255,0": [3, 1], ...} in 8 bits, or {"7": 3, ...} of ids."""
     try:
         document = read_document(path)
         named: list[dict[str, Any]] = [document, {}]
@@ -183,21 +167,9 @@ def _colour(entry: dict[str, Any]) -> str:
 
 
 def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool = False) -> Meaning:
-    """What a guide's ids or colours mean: by the table, or, of ids without one, the labels themselves.
+    """What a guide's ids or colours mean: by the table, or, of ids without one, the labels (n,) that the exemplar has.
 
-    Parameters
-    ----------
-    guide : Part
-    table : Table or None
-    labels : (n,)
-        The ids that the exemplar has.
-    fine : bool
-        It speaks of the table's finer level.
-
-    Raises
-    ------
-    ImageError, ParameterError
-        There is no label, a guide of colours has no table, or the table names a label that there is not.
+    fine: it speaks of the table's finer level.
     """
     labels = labels[labels > 0].astype(np.int64)
     if not len(labels):
@@ -236,35 +208,16 @@ def labels_met(guide: Part, meaning: Meaning) -> list[int]:
 
 @dataclass(frozen=True)
 class Wishes:
-    """What a guide asks of the cells of a grid.
+    """What a guide asks of the cells of a grid."""
 
-    Attributes
-    ----------
-    keys : (rows, columns, 2) int32
-        The two most frequent labels under each cell (LSA16 section 6.1), ties to the lower id.
-    wanted : (rows, columns, GUIDE, GUIDE) uint16
-        The label at the middles of its pieces, 0 where the guide names no single one.
-    """
-
-    keys: np.ndarray
-    wanted: np.ndarray
+    keys: np.ndarray  # (rows, columns, 2) int32: the two most frequent labels under each cell, ties to the lower id
+    wanted: np.ndarray  # (rows, columns, GUIDE, GUIDE) uint16: labels at the middles of its pieces; 0: no single one
 
 
 def wishes_of(guide: Part, meaning: Meaning, grid: Grid, session: Session) -> Wishes:
     """One look through the guide, row of cells by row of cells; it is scaled to the output by the nearest pixel.
 
-    Parameters
-    ----------
-    guide : Part
-        Of any size: the grid's output is stretched over it.
-    meaning : Meaning
-    grid : Grid
-    session : Session
-
-    Raises
-    ------
-    ImageError
-        It has ids or colours that mean nothing: they are named, with how many of them were met.
+    Raises ImageError where it has ids or colours that mean nothing: named, with how many of them were met.
     """
     rows, columns = grid.shape
     keys = np.zeros((rows, columns, 2), np.int32)

@@ -31,19 +31,11 @@ _SIDE = 100.0  # of the cube of colours, Lab units
 class Grown:
     """A grown label map.
 
-    Attributes
-    ----------
-    ids : (height, width) uint32
-        One per cell.
-    cell : int
-        Side of a cell, px.
-    shares, neighbours : float
-        How far the shares of labels, and of pairs that lie side by side, are from those found: half the sum of
-        absolute differences, 0 (the same) to 1.
+    Shares of labels, and of pairs that lie side by side, are off by half the sum of absolute differences, 0 to 1.
     """
 
-    ids: np.ndarray
-    cell: int
+    ids: np.ndarray  # (height, width) uint32: one per cell
+    cell: int  # its side, px
     shares: float
     neighbours: float
 
@@ -88,29 +80,9 @@ def grow_labels(
     progress: Callable[[int, int], None],
     tries: int = 4,
 ) -> Grown:
-    """Grow a map of labels.
+    """Grow a map of labels, (h, w) ids, in cells of `side` px for that domain; the best of so many tries.
 
-    Parameters
-    ----------
-    device : Device
-    ids : (h, w) int
-        0 is no label; it does not grow.
-    side : int
-        Of a cell, px (`cell_side`).
-    domain : Domain
-        Of what the grown map is for.
-    seed : int
-    budget : int
-        Bytes that may be held.
-    progress : callable
-        Called with (steps done, steps in all).
-    tries : int
-        Starts, of which the best is taken.
-
-    Raises
-    ------
-    ImageError
-        The map has no label, or pieces too small for a patch of cells.
+    Raises ImageError where it has no label, or pieces too small for a patch of cells; 0 is none, and does not grow.
     """
     cells = cells_of(ids, side)
     labels, index = np.unique(cells, return_inverse=True)

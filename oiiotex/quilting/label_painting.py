@@ -28,12 +28,7 @@ def painted_labels(
 ) -> Callable[[Window], np.ndarray]:  # fmt: skip
     """The labels that a fine painting asks for in any window of the result: (height, width) int64, 0 where none.
 
-    Colours that mean no label are none where it is not `strict`.
-
-    Raises
-    ------
-    ImageError
-        (of what is returned) Colours or ids that mean no label, with their counts and places.
+    Colours that mean no label are none where it is not `strict`, else named with their counts and places.
     """
     whole, channels = fine.window, channels_of(fine.spec)
 
@@ -56,15 +51,7 @@ def painted_labels(
 
 
 def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict[str, np.ndarray]:
-    """Plans and what was asked for, by prefix; the first is a plan as --texquilt:render=1 reads it.
-
-    Parameters
-    ----------
-    layers : dict of str to Quilt
-        They are sewn to the end.
-    exemplar : (int, int)
-        Width and height of the exemplar that they speak of.
-    """
+    """Plans, sewn to the end, and what was asked for, by prefix; the first is as --texquilt:render=1 reads it."""
     combined: dict[str, np.ndarray] = {}
     for prefix, layer in layers.items():
         arrays = layer.finished().arrays(exemplar)
@@ -75,32 +62,15 @@ def painting_arrays(layers: dict[str, Quilt], exemplar: tuple[int, int]) -> dict
 
 @dataclass(frozen=True)
 class Begun:
-    """A layer of a painting to begin with.
-
-    Attributes
-    ----------
-    plan : Plan
-    demand : Demand
-        What it was asked for.
-    path : Path
-        Where it was read, for messages.
-    fine : bool
-        The painting has a fine layer.
-    """
+    """A layer of a painting to begin with."""
 
     plan: Plan
-    demand: Demand
-    path: Path
-    fine: bool
+    demand: Demand  # what it was asked for
+    path: Path  # where it was read, for messages
+    fine: bool  # the painting has a fine layer
 
     def kept(self, grid: Grid, demand: Demand, flag: str) -> Plan:
-        """The plan without the patches of which something else is asked now.
-
-        Raises
-        ------
-        ImageError
-            The grid is another one.
-        """
+        """The plan without the patches of which something else is asked now; the grid must be the same."""
         g = self.plan.grid
         if g != grid:
             raise ImageError(
@@ -116,13 +86,7 @@ class Begun:
 
 
 def read_begun(path: Path, budget: int, prefix: str = "") -> Begun | None:
-    """A painting's layer; None where there is no such one.
-
-    Raises
-    ------
-    ImageError
-        It cannot be read within `budget` bytes, or is a plan of --texquilt, which does not say what was painted.
-    """
+    """A painting's layer; None where there is no such one. A plan of --texquilt is refused."""
     arrays = read_arrays(path, budget)
     if "keys" not in arrays:
         expected = f"a plan of {texture_filter('paint')}, which says what was painted"

@@ -4,17 +4,14 @@
 from __future__ import annotations
 
 import functools
-import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..color.lab import working_values
 from ..color.lab_grid import COARSE_STEPS, to_grid
 from ..core.access import Gather
-from ..core.demand import SomeRows, materialized
-from ..core.image import Image, Part, derived_spec
+from ..core.image import Image, derived_spec
 from ..core.label_map import LabelMap, label_maps
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
@@ -42,8 +39,6 @@ from .guide_map import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label_painting import Begun
 from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
 from .quilter import MOST_FINER, Demand, Quilt, QuiltExemplar, Rules, cell_memory, folded
-
-log = logging.getLogger("oiiotex")
 
 CARRIED = Output("label.N", Kind.IDS, "label parts of the photo, made from the same sources", asked_by="keep")
 LEAST_PATCH, _LEAST_GUIDED = 8, 32
@@ -91,45 +86,23 @@ class Quilted(LabelledExemplar, Gather):
         )
         return super().read(session, *also)
 
-    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
-        """Values of the exemplar, in memory or in a file, and where it is opaque."""
-        return working_values(self.exemplar, session, self.working_space, self._in_memory(session, _VALUE_BYTES))
+    def holds_photo(self, session: Session) -> bool:
+        """Whether its values lie in memory."""
+        return self.holds(session, _VALUE_BYTES)
 
     def photo_bytes(self, session: Session) -> int:
         """Memory of a pixel of the photo for its own values and those that it is seen by: where both fit easily."""
         own = self.exemplar.first.pixel_bytes
-        return sum(size for size in (own, _VALUE_BYTES) if self._in_memory(session, size))
+        return sum(size for size in (own, _VALUE_BYTES) if self.holds(session, size))
 
     def copied_by_rows(self, session: Session) -> bool:
         """Whether its own pixels are read by rows, in the order of the result, and not held."""
-        return not self._in_memory(session, self.exemplar.first.pixel_bytes)
-
-    def _in_memory(self, session: Session, size: int) -> bool:
-        """Whether so many bytes a pixel of the photo are a quarter of the budget at most."""
-        spec = self.exemplar.first.spec
-        return size * spec.width * spec.height <= session.budget // 4
+        return not self.holds(session, self.exemplar.first.pixel_bytes)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sewing:
-    """What one layer of a result is sewn of, where that is not what its op says.
-
-    Attributes
-    ----------
-    op : Quilted
-        Which exemplar, and how.
-    guide : Image or None
-    level : int or None
-    size : Size or None
-    patch, overlap : int or None
-        As of --texquilt.
-    structured : Structured or None
-        The op, where it keeps the exemplar's lattice.
-    meaning : callable or None
-        The ids that the label map has -> what the guide's ids or colours mean; None: ids that mean themselves.
-    begun : Begun or None
-        A painting to begin with: its patches stay where the same is asked for.
-    """
+    """What one layer of a result is sewn of, where that is not what its op says."""
 
     op: Quilted
     guide: Image | None
@@ -137,18 +110,12 @@ class Sewing:
     size: Size | None
     patch: int | None
     overlap: int | None = None
-    structured: Structured | None = None
-    meaning: Callable[[np.ndarray], Meaning] | None = None
-    begun: Begun | None = None
+    structured: Structured | None = None  # the op, where it keeps the exemplar's lattice
+    meaning: Callable[[np.ndarray], Meaning] | None = None  # None: ids mean themselves
+    begun: Begun | None = None  # a painting whose patches stay where the same is asked for
 
     def quilt(self, seen: ExemplarPixels, session: Session) -> Quilt:
-        """The quilt, of which nothing is made yet: its sources, its grid, what it is asked for, its plan at the end.
-
-        Raises
-        ------
-        ImageError, ParameterError
-            It does not fit the memory, no patch fits the exemplar, or the guide asks for what there is not.
-        """
+        """The quilt, of which nothing is made yet: its sources, its grid, what it is asked for, its plan at the end."""
         source = self.op.exemplar.first
         width, height = source.spec.width, source.spec.height
         lab, allowed = np.empty((height, width, 3), np.int16), seen.usable
@@ -165,9 +132,7 @@ class Sewing:
             table = content_table(*window_keys(keyed, grid.patch, allowed), grid.patch)
             demand = self._demand(grid, keyed, table, session)
         exemplar = QuiltExemplar(lab, table, self._finer(labels), keyed if demand.guide is not None else None)
-        log.info(
-            "%s: %d x %d patches of %d px that overlap by %d", self.op.flag(), columns, rows, grid.patch, grid.overlap
-        )
+        self.op.inform("%d x %d patches of %d px that overlap by %d", columns, rows, grid.patch, grid.overlap)
         return Quilt(
             session.device, exemplar, grid, demand, self._rules(grid.patch), session.budget,
             held=width * height * self.op.photo_bytes(session),
@@ -180,11 +145,6 @@ class Sewing:
         """Refuse what sizes alone show not to fit: before anything is read, on a device not opened.
 
         What there is of labels can only make patches smaller, and their number larger.
-
-        Raises
-        ------
-        ImageError, DeviceError
-            With the figures.
         """
         source, labels = self.op.exemplar.first, self._label_map()
         shorter = min(source.spec.width, source.spec.height)
@@ -250,9 +210,7 @@ class Sewing:
         if patch > most and self.patch is None:
             smaller = 1 << max(0, most.bit_length() - 1)
             if smaller >= LEAST_PATCH:
-                log.warning(
-                    "%s: no patch of %d px fits what may be taken: %d px instead", self.op.flag(), patch, smaller
-                )
+                self.op.warn("no patch of %d px fits what may be taken: %d px instead", patch, smaller)
                 patch = smaller
         if self.patch is None and self.guide is not None:
             patch = self._guided_side(present(ids), patch)
@@ -287,12 +245,8 @@ class Sewing:
         if replaced:
             named = ", ".join(f"{a} by {b}" for a, b in list(replaced.items())[:5])
             more = f" and {len(replaced) - 5} more" if len(replaced) > 5 else ""
-            log.warning(
-                "%s: no patch holds these pairs of labels (dominant, second), the nearest are taken: %s%s",
-                self.op.flag(),
-                named,
-                more,
-            )
+            text = "no patch holds these pairs of labels (dominant, second), the nearest are taken: %s%s"
+            self.op.warn(text, named, more)
         return Demand(keys, wishes.wanted)
 
     def _meant(self, ids: np.ndarray) -> Meaning:
@@ -317,35 +271,26 @@ def _task(grid: Grid) -> str:
 
 
 def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, session: Session) -> dict[str, Any]:
-    """Pixels of `op.exemplar` from their sources as the op's image, the sources as 'st', the exemplar's label parts.
-
-    Parameters
-    ----------
-    op : Quilted
-    read : callable
-        Window of the result -> its sources.
-    grid : Grid
-        Its size and where it wraps.
-    session : Session
-    """
+    """The op's image by the sources that `read` gives of a window, these as 'st', and the exemplar's label parts."""
     source, size = op.exemplar.first, (grid.width, grid.height)
     # all parts are asked for the same windows
     spec = tile_spec(source.spec, "x" * grid.wrap_x + "y" * grid.wrap_y, size)
     by_rows = op.copied_by_rows(session)
     sources = Sources(functools.lru_cache(1)(read), spec, session.spread, by_rows=by_rows)
 
-    def in_any_order(part: Part) -> Part:
-        return materialized(part, 0) if by_rows and not part.ready else part
-
-    sewn: dict[str, Any] = sources.parts(op.main().name, in_any_order(source))
+    sewn: dict[str, Any] = sources.parts(op.main().name, op.in_any_order(source, not by_rows))
     labels = {one.part.name for one in label_maps(op.exemplar).values()}
     for part in op.exemplar.parts[1:]:
         alike = (part.spec.width, part.spec.height) == (source.spec.width, source.spec.height)
         if part.name in labels:
             like = derived_spec(part.spec, *size)
-            sewn |= {part.name: functools.partial(sources.copied, in_any_order(part), like)} if alike else {}
+            sewn |= (
+                {part.name: functools.partial(sources.copied, op.in_any_order(part, not by_rows), like)}
+                if alike
+                else {}
+            )
         else:
-            log.warning("%s: part '%s' of %s is not carried along", op.name, part.name, op.exemplar.source)
+            op.warn("part '%s' of %s is not carried along", part.name, op.exemplar.source)
     return sewn
 
 

@@ -32,16 +32,10 @@ _SAVED = ((_VERSION, _VERSION), _SIDE, _SIDE, (2, MOST_PATCH), (1, MOST_PATCH - 
 
 @dataclass(frozen=True, kw_only=True)
 class Grid(Domain):
-    """Where patches lie in the output; a little closer along an axis that wraps, where its size asks for it.
+    """Where patches lie in the output; a little closer along an axis that wraps, where its size asks for it."""
 
-    Attributes
-    ----------
-    patch, overlap : int
-        Side of a patch, and how far it overlaps its neighbours; at most a third of it.
-    """
-
-    patch: int
-    overlap: int
+    patch: int  # side, px
+    overlap: int  # of neighbours: at most a third of a patch
 
     def __post_init__(self) -> None:
         for size, wraps, axis in ((self.width, self.wrap_x, "wide"), (self.height, self.wrap_y, "high")):
@@ -101,20 +95,14 @@ def _places(size: int, step: int, overlap: int, wraps: bool) -> np.ndarray:
 class Plan:
     """What the output is made of: it and the exemplar give every pixel.
 
-    Attributes
-    ----------
-    grid : Grid
-    offsets : (rows, columns) uint32
-        Top-left pixel of a cell's patch in the exemplar, as `SourceMap.packed`; NONE where there is none yet.
-    vertical, horizontal : (rows, columns, patch) uint8
-        Pixel (x, y) of a patch shows where x >= vertical[y] and y >= horizontal[x].
+    Pixel (x, y) of a patch shows where x >= vertical[y] and y >= horizontal[x].
     """
 
     ARRAYS: ClassVar[tuple[str, ...]] = ("facts", "offsets", "vertical", "horizontal")
 
     grid: Grid
-    offsets: np.ndarray
-    vertical: np.ndarray
+    offsets: np.ndarray  # (rows, columns) uint32: top left of a cell's patch, as `SourceMap.packed`; NONE: none yet
+    vertical: np.ndarray  # (rows, columns, patch) uint8, as horizontal
     horizontal: np.ndarray
 
     @classmethod
@@ -131,14 +119,7 @@ class Plan:
 
     @classmethod
     def load(cls, path: Path, budget: int) -> tuple[Plan, tuple[int, int]]:
-        """A saved plan, and the size of the exemplar that it speaks of.
-
-        Raises
-        ------
-        ImageError
-            There is no such file, it does not fit `budget` bytes, is no plan, or one that would read outside the
-            exemplar.
-        """
+        """A saved plan, and its exemplar's size; refused where it does not fit, or would read outside of that."""
         return cls.of(read_arrays(path, budget), path)
 
     @classmethod

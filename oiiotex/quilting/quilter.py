@@ -42,67 +42,32 @@ _FLUSH = 64  # waves between two marks in the queue
 
 @dataclass(frozen=True)
 class Rules:
-    """How patches are chosen.
-
-    Attributes
-    ----------
-    seed : int
-    candidates : int
-        Patches that are tried in a cell, at most.
-    reach : int
-        px by which the best of them may move to fit better: halved until nothing is left.
-    reuse : float
-        Showing a region costs where that is oftener than twice, and than once more than this times its share so far.
-    finer : float
-        Weight of the distance of finer levels' histograms, in units of the exemplar's variance.
-    guidance : float
-        Weight of pixels whose label is not the guide's, in the same unit.
-    """
+    """How patches are chosen."""
 
     seed: int = 0
-    candidates: int = 256
-    reach: int = 4
-    reuse: float = 1.0
-    finer: float = 0.5
-    guidance: float = 1.0
+    candidates: int = 256  # patches that are tried in a cell, at most
+    reach: int = 4  # px by which the best of them may move to fit better: halved until nothing is left
+    reuse: float = 1.0  # regions cost when shown oftener than twice, and than once more than this times their share
+    finer: float = 0.5  # weight of finer levels' histograms, in units of the exemplar's variance
+    guidance: float = 1.0  # weight of pixels whose label is not the guide's, in the same unit
 
 
 @dataclass(frozen=True)
 class QuiltExemplar:
-    """What patches are taken from.
+    """What patches are taken from."""
 
-    Attributes
-    ----------
-    lab : (h, w, 3) int16
-        Lab in steps of `lab_grid.COARSE_STEPS`.
-    table : ContentTable
-        Of windows of the patch's size.
-    finer : tuple of (h, w) uint8
-        At most MOST_FINER label maps of finer levels, `folded`, which tell candidates apart (LSA16 section 6.1).
-    labels : (h, w) or None
-        The label map that a guide speaks of.
-    """
-
-    lab: np.ndarray
-    table: ContentTable
-    finer: tuple[np.ndarray, ...] = ()
-    labels: np.ndarray | None = None
+    lab: np.ndarray  # (h, w, 3) int16: Lab in steps of `lab_grid.COARSE_STEPS`
+    table: ContentTable  # of windows of the patch's size
+    finer: tuple[np.ndarray, ...] = ()  # (h, w) uint8, `folded`: at most MOST_FINER maps of finer levels
+    labels: np.ndarray | None = None  # (h, w): the label map that a guide speaks of
 
 
 @dataclass
 class Demand:
-    """What cells ask for.
+    """What cells ask for."""
 
-    Attributes
-    ----------
-    keys : (rows, columns) int32
-        The number of each cell's key in the content table.
-    guide : (rows, columns, GUIDE, GUIDE) uint16 or None
-        Labels that a cell wants at the middles of its pieces; 0: any.
-    """
-
-    keys: np.ndarray
-    guide: np.ndarray | None = None
+    keys: np.ndarray  # (rows, columns) int32: the number of each cell's key in the content table
+    guide: np.ndarray | None = None  # (rows, columns, GUIDE, GUIDE) uint16, wanted at the middles of pieces; 0: any
 
 
 def folded(ids: np.ndarray) -> np.ndarray:

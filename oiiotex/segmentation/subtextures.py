@@ -11,16 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..color.lab_reduced import LabPixels
+from ..core.demand import bands
 from ..core.elementary import logarithm
+from ..core.image import Part
+from ..core.label_map import LabelMap
 from ..labels.filter_bank import Texture, blurred_layers, texture_of
 from ..labels.potts import members, winners
 from ..labels.products import gram, product
 from ..session import Session
+from ..superpixels.superpixels import label_spec
 from .region_merging import fine_regions, merged
 from .textons import (
     FULL,
@@ -290,3 +295,25 @@ def memory_needed(pixels: int, settings: DecompositionSettings) -> int:
     per_pixel = 400 if settings.features == "bank" else 60 + 14 * kinds * (1 + settings.scales // 2)
     vertices = pixels / settings.step**2
     return math.ceil(per_pixel * pixels + 40 * vertices**2)
+
+
+def label_map_of(like: Part, pixels: LabPixels, split: Decomposition) -> LabelMap:
+    """The label map in the image's windows."""
+    spec = label_spec(like.spec)
+    spec.attribute("oiiotex:samples", split.samples)  # regions or places that were grouped
+    part = pixels.part("label.1", spec, split.labels.astype(np.uint32)[..., None])
+    return LabelMap.of(part, 1, [0] * split.count)
+
+
+def facts_of(labels: Part, split: Decomposition, settings: DecompositionSettings, factor: int) -> dict[str, Any]:
+    """What there is to say, for `json`."""
+    areas = np.zeros(split.count + 1, np.int64)
+    for band in bands(labels):
+        areas += np.bincount(labels.read(band).ravel(), minlength=split.count + 1)
+    return {
+        "labels": [{"id": i, "pixels": int(area)} for i, area in enumerate(areas[1:].tolist(), 1)],
+        "reduction": factor,
+        "samples": split.samples,
+        "groups": split.groups,
+        "settings": dict(vars(settings)),
+    }

@@ -12,6 +12,7 @@ from __future__ import annotations
 import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..core.attributes import EDGES, TAG, WINDOW
 from ..core.demand import assembled
@@ -19,8 +20,7 @@ from ..core.image import Image, Part, dtype_of, tagged
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError
-from ..filters.quilt import Quilting
-from ..filters.synth import Synth
+from ..filters import op_named
 from ..io.reading import read
 from ..session import Session
 from .texture_file import TextureFile, tile_side
@@ -87,9 +87,8 @@ class _Endless:
 
     def __init__(self, file: TextureFile, session: Session):
         photo = None if file.photo is None else _opened(file.photo, file, session)
-        self._op = Synth(
-            exemplar=photo, graph=Path(file.graph) if file.graph else None, seed=file.seed, level=file.level
-        )
+        graph = Path(file.graph) if file.graph else None
+        self._op = _use("synth", exemplar=photo, graph=graph, seed=file.seed, level=file.level)
         first = self._part(Window(0, 0, 1, 1), session, file.level)
         self._finest = first.spec.get_int_attribute("oiiotex:level")
         self.spec = _spec_of(first, file)
@@ -117,7 +116,8 @@ class _Quilt:
     def __init__(self, file: TextureFile, session: Session):
         quiet = copy.copy(session)  # outlives the job that opens it
         quiet.progress = None
-        op = Quilting(exemplar=_opened(file.photo or "", file, session), plan=Path(file.plan or ""), render=True)
+        exemplar = _opened(file.photo or "", file, session)
+        op = _use("quilt", exemplar=exemplar, plan=Path(file.plan or ""), render=True)
         self._part: Part = op.compute(quiet)["quilt"]
         self.spec = oiio.ImageSpec(self._part.spec)
         if not tile_side(self.spec.width, self.spec.height):
@@ -145,6 +145,10 @@ class _Tiles:
     def pixels(self, level: int, place: Window, session: Session) -> np.ndarray:
         """Those of a window."""
         return self._plane.pixels(place)
+
+
+def _use(name: str, **values: Any) -> Any:
+    return op_named(name)(**values)
 
 
 def _spec_of(part: Part, file: TextureFile) -> oiio.ImageSpec:

@@ -31,6 +31,7 @@ OURS: tuple[type[Op], ...]
 FILTERS: tuple[type[Op], ...]
 
 def further() -> tuple[type[Op], ...]: ...
+def op_named(name: str) -> type[Op]: ...
 '''
 
 

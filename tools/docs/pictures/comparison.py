@@ -15,8 +15,8 @@ import OpenImageIO as oiio
 from oiiotex import filters
 from oiiotex.charts.tile_preview import made_seamless, repeated
 from oiiotex.errors import Error
-from oiiotex.filters.stationarity import COST
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texstationarity import COST
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.patchmatch.wang_tiles import edges_of
 from tools.docs.pictures.layout import beside, shrunk, stacked, test_photo, write_jpeg
 from tools.docs.pictures.stationarize import one_channel

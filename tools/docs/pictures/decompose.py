@@ -12,7 +12,7 @@ from benchmarks.shared.mosaics import suite
 from benchmarks.subtextures.decompose import PAPER, grouped_by
 from oiiotex import filters
 from oiiotex.core.image import to_buffer
-from oiiotex.filters.decompose import Decompose
+from oiiotex.filters.texdecompose import Decompose
 from oiiotex.labels.legend import colours_of
 from oiiotex.run import run
 from oiiotex.session import Session

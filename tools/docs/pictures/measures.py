@@ -12,7 +12,7 @@ from oiiotex import filters
 from oiiotex.color.lab import working_values
 from oiiotex.core.image import from_buffer
 from oiiotex.exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
-from oiiotex.filters.stationarize import Stationarize
+from oiiotex.filters.texstationarize import Stationarize
 from oiiotex.session import Session
 from oiiotex.stationarity.measures import scale_folder
 from tools.docs.pictures.layout import beside, pixels, shrunk, test_photo, twice, write_jpeg

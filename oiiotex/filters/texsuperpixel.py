@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from ..color.lab import lens_of
+from ..color.lab import InLab, lens_of
 from ..core.access import ScanThenMap
 from ..core.attributes import SIGMA, SUPERPIXELS
 from ..core.image import Image, Part
-from ..core.op import Kind, Output, Space
+from ..core.op import Kind, Output
 from ..core.parameters import image, param
 from ..deferred import np, oiio
 from ..errors import ParameterError, present
@@ -19,11 +18,9 @@ from ..session import Session
 from ..superpixels.hierarchy import Hierarchy, hierarchy
 from ..superpixels.superpixels import COMPACTNESS, ITERATIONS, LEAST_SIGMA, Superpixels, label_part, superpixels
 
-log = logging.getLogger("oiiotex")
-
 
 @dataclass(frozen=True, kw_only=True)
-class Superpixel(ScanThenMap):
+class Superpixel(InLab, ScanThenMap):
     """Cut an image into superpixels: small connected regions of one look.
 
     Fine superpixels are found by SLIC in Lab and merged into coarser ones, guided by a Gaussian stack, so that coarse
@@ -35,7 +32,6 @@ class Superpixel(ScanThenMap):
 
     name: ClassVar[str] = "superpixel"
     carries: ClassVar[bool] = True
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
         Output("superpixels", Kind.IDS, "one channel, of the image's windows: write it to EXR or TIFF"),
@@ -66,7 +62,6 @@ class Superpixel(ScanThenMap):
     )
     seed: int = param(0, ge=0, le=2**32 - 1, help="of the runs after the first, whose seeds start elsewhere")
     keep: bool = param(False, help="the image stays as first part, the label map follows it")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The label map."""
@@ -81,7 +76,7 @@ class Superpixel(ScanThenMap):
         if self.sigma is not None or self.count is not None:
             sigma, partition = self._level(finest, hierarchy(finest, session))
         count = int(partition.max(initial=-1)) + 1
-        log.info("%s: %d superpixels of scale %.1f px", self.flag(), count, sigma)
+        self.inform("%d superpixels of scale %.1f px", count, sigma)
         part = label_part(self.source.first, finest.runs.relabelled(partition))
 
         def mark(spec: oiio.ImageSpec) -> None:
@@ -99,8 +94,6 @@ class Superpixel(ScanThenMap):
             return float(levels.sigmas[level]), levels.partition(level)
         count = min(max(self.count, int(levels.counts[-1])), finest.count)
         if count != self.count:
-            log.warning(
-                "%s: count=%d is not to be had: levels go from %d down to %d",
-                self.flag(), self.count, finest.count, levels.counts[-1],
-            )  # fmt: skip
+            text = "count=%d is not to be had: levels go from %d down to %d"
+            self.warn(text, self.count, finest.count, levels.counts[-1])
         return float(np.sqrt(finest.sizes.sum() / count)), levels.partition_of(count)

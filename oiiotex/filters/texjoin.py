@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 from ..core.access import ScanThenMap
+from ..core.attributes import PLANE
 from ..core.demand import bands
 from ..core.image import Image, Part, derived_spec, dtype_of
 from ..core.op import Kind, Output, Space
@@ -18,7 +19,6 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
 from ..session import Session
-from .synth import PLANE
 
 # what shares of one image may be told differently
 _APART = ("tiles", "window", "resume", "graph", "stmap", "report", "fail")

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,25 +12,24 @@ from typing import Any, ClassVar
 from ..core.demand import MadeRows, SomeRows
 from ..core.image import Image, Part
 from ..core.op import Kind, Output
-from ..core.parameters import Size, Words, image, param
+from ..core.parameters import Size, image, param
 from ..core.source_map import COPIED, ST
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ParameterError, present
 from ..exemplar.exemplar_masks import label_levels
 from ..graphcut.seam_overlay import TILE, SeamOverlay
-from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
+from ..quality.report import REPORT, Quality
+from ..quality.reported_op import Reported
 from ..quilting.guide_map import SOFT, Meaning, Table, meaning_of, read_table
 from ..quilting.label_painting import painted_labels, painting_arrays, read_begun
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts
 from ..quilting.quilter import Quilt
 from ..session import Session
 
-log = logging.getLogger("oiiotex")
-
 
 @dataclass(frozen=True, kw_only=True)
-class Paint(Quilted):
+class Paint(Reported, Quilted):
     """Turn a painting of labels into a texture, at one scale or at two.
 
     What the painting calls label 3 becomes texture of label 3 of the photo, by guided quilting (`quilt`). A second
@@ -61,13 +59,11 @@ class Paint(Quilted):
     size: Size | None = param(None, ge=8, le=1 << 22, unit="px", help="of the result; the painting's when left out")
     plan: Path | None = param(None, help="what was painted, and with which patches, goes to this file (.npz)")
     before: Path | None = param(None, help="such a file: what is painted as it was keeps its patches")
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture, and what else can be asked for."""
         if self.before is not None and self.fine is None and present(read_begun(self.before, session.budget)).fine:
-            log.info("%s: %s has a fine painting, which is not laid over this one", self.flag(), self.before)
+            self.inform("%s has a fine painting, which is not laid over this one", self.before)
         quality = Quality.of_copies(self, session, self.size or self.painting.first.window.size, painted=True)
         table = None if self.table is None else read_table(self.table, self.soft)
         levels = label_levels(self.exemplar, self.labels)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,8 +24,6 @@ from ..multiscale.synthesizer import MOST_LEVEL
 from ..multiscale.zoom import Zoomed, views
 from ..quality.report import REPORT, Quality
 from ..session import Session
-
-log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,8 +111,11 @@ class Zoom(Multiscale):
         deepest = plane.finest + plane.graph.depth()
         asked = self.first if self.frame is None else self.frame
         if number == asked and zoom > deepest and not any(map(plane.graph.in_loop, range(len(plane.graph.names)))):
-            log.warning(
-                "%s: frame %d is at %.6g octaves, the finest exemplar ends at %d: its pixels repeat (a graph with an"
-                " edge from an exemplar to itself goes on)", self.name, number, zoom, deepest,
-            )  # fmt: skip
+            self.warn(
+                "frame %d is at %.6g octaves, the finest exemplar ends at %d: its pixels repeat (a graph with an"
+                " edge from an exemplar to itself goes on)",
+                number,
+                zoom,
+                deepest,
+            )
         return zoom

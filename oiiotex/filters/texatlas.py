@@ -3,28 +3,22 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..core.access import Whole
-from ..core.attributes import mark_as_data
-from ..core.image import Image, channels_of
+from ..core.image import Part, channels_of
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
-from ..core.source_map import COPIED, ST, SourceMap, require_addressable
+from ..core.source_map import COPIED, ST, require_addressable
 from ..deferred import np
 from ..errors import ImageError, ParameterError
-from ..exemplar.material_op import MaterialOp
-from ..exemplar.materials import kinds_of
+from ..exemplar.exemplar_op import MaterialOp
 from ..session import Session
 
 if TYPE_CHECKING:
     from ..atlas.mesh import Mesh
-
-log = logging.getLogger("oiiotex")
 
 _LARGEST = 65536  # px of all tiles together
 _FINEST, _COARSEST = 0.5, 2.0  # px of the atlas that a pixel of the photo is wide
@@ -74,15 +68,11 @@ class Atlas(MaterialOp, Whole):
         "opengl", choices=("opengl", "directx"), help="where green of maps of kind normal points: up (opengl) or down"
     )
 
-    def result_count(self) -> int:
-        """Each map of the material is an image of its own."""
-        return 1 + len(self.maps)
-
     def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The atlas, and where its pixels come from; of several maps one such mapping each."""
         from ..atlas.charts import Frames  # trimesh and its like are slow to import
         from ..atlas.mesh import read_mesh
-        from ..atlas.normals import turns
+        from ..atlas.normals import turned, turns
         from ..atlas.synthesis import stack, synthesize
 
         if self.mesh is None:
@@ -115,27 +105,18 @@ class Atlas(MaterialOp, Whole):
                 fine, frames, size, levels, self.seed, self.mesh.name, session.spread, session.advance
             )
         self.say_what_stays()
-        first, *others = self._copies(maps, source, lambda: turns(fine, frames)[face])
+
+        def copied(one: Part, kind: str) -> dict[str, Any]:
+            parts = source.parts("atlas", one)
+            if kind == "normal":
+                encoded = bool(one.pixels()[..., list(channels_of(one.spec).colour)].min() >= 0)
+                turn = turns(fine, frames)[face]
+                parts["atlas"] = turned(parts["atlas"], turn, encoded, self.convention == "opengl")
+            return parts
+
+        first, *others = self.of_all([image.first for image in maps], copied)
         first["mesh"] = lambda: mesh.obj(tiles)
         return (first, *others) if others else first
-
-    def _copies(
-        self, maps: tuple[Image, ...], source: SourceMap, turn: Callable[[], np.ndarray]
-    ) -> list[dict[str, Any]]:
-        """All maps from the same pixels; the source coordinates follow the first. What is no colour is data."""
-        from ..atlas.normals import turned
-
-        copies: list[dict[str, Any]] = []
-        for image, kind in zip(maps, kinds_of(self.kinds, len(maps), self.data), strict=True):
-            parts = source.parts("atlas", image.first)
-            if kind == "normal":
-                colour = list(channels_of(image.first.spec).colour)
-                encoded = bool(image.first.pixels()[..., colour].min() >= 0)
-                parts["atlas"] = turned(parts["atlas"], turn(), encoded, self.convention == "opengl")
-            if kind != "colour":
-                parts["atlas"] = parts["atlas"].respecced(mark_as_data)
-            copies.append({"atlas": parts["atlas"]} if copies else parts)
-        return copies
 
     def _unit(self, mesh: Mesh, size: Size, photo_width: int) -> float:
         """How wide a pixel of the photo is on the surface; says what charts do to areas."""
@@ -150,8 +131,7 @@ class Atlas(MaterialOp, Whole):
             )
         stretch = np.sort(flat / solid)
         low, high = stretch[[len(stretch) // 20, -1 - len(stretch) // 20]]
-        log.info(
-            "%s: %d charts%s on %.0f %% of the atlas; areas of triangles are stretched by a factor of up to %.3g",
-            self.flag(), mesh.chart.max() + 1, " by xatlas" if mesh.unwrapped else "", 100 * flat.sum(), high / low,
-        )  # fmt: skip
+        charts = f"{mesh.chart.max() + 1} charts{' by xatlas' if mesh.unwrapped else ''}"
+        text = "%s on %.0f %% of the atlas; areas of triangles are stretched by a factor of up to %.3g"
+        self.inform(text, charts, 100 * flat.sum(), high / low)
         return float(unit)

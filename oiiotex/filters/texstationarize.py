@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,17 +16,14 @@ from ..drift.flattening import DRIFT, DRIFT_HELP, Flattening, correction_part
 from ..errors import ParameterError
 from ..exemplar.constraint_images import SIGMAMAP, sigmas_of
 from ..exemplar.exemplar_op import ExemplarPixels
-from ..exemplar.materials import kinds_of
 from ..exemplar.patch_synthesis import PATCH, PatchSynthesis
 from ..exemplar.photo_lattice import STRUCTURE
+from ..exemplar.presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
 from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
 from ..session import Session
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-from .presets import CONTRAST, KEEP_SIGMA_SHARE, LARGE_PATCH, PRESET_HELP, PRESETS, filled
-
-log = logging.getLogger("oiiotex")
 
 SIGMA_SHARE = 8  # of the longer side is sigma: structures up to there are kept
 PAPER_SIGMA_SHARE, PAPER_PATCH = 32, 11
@@ -109,13 +105,14 @@ class Stationarize(PatchSynthesis):
         if self.preset is None:
             return super().compute(session)
         stages = session.stages()
-        return filled(self, next(stages)).compute(next(stages))
+        sigma = self.amount is None and self.sigmamap is None
+        return filled(self, self.preset, next(stages), sigma=sigma).compute(next(stages))
 
     def _strength(self, session: Session) -> float:
         """Share of the drift that is removed."""
         if self.flatten is not None:
             return self.flatten
-        colour = kinds_of(self.kinds, 1 + len(self.maps), self.data)[0] == "colour"
+        colour = self.map_kinds[0] == "colour"
         if not colour or self.within is not None:
             return 0.0
         return 0.0 if lens_of(self.exemplar, session, self.working_space).space is None else 1.0
@@ -171,7 +168,7 @@ class Stationarize(PatchSynthesis):
         tiles = SigmaTiles(session.device, seen.values, seen.usable, recipe, session.budget, seen.why)
         scale = perceived_scale(tiles, DEFAULT_COUNT, session.advance, scale_folder())
         sigma = scale.sigma_at(self.amount)
-        log.info("%s: amount %g is sigma %.2f px", self.flag(), self.amount, sigma)
+        self.inform("amount %g is sigma %.2f px", self.amount, sigma)
         return replace(recipe, sigma=sigma)
 
     @property

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..color.lab_grid import FINE_STEPS
-from ..core.attributes import WINDOW, note
+from ..core.attributes import PLANE, WINDOW, note
 from ..core.image import Part, spec_beside
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
@@ -25,8 +25,6 @@ from ..multiscale.synthesizer import MOST_LEVEL
 from ..quality.report import REPORT, Quality
 from ..regularity.offset_prices import InStep
 from ..session import Session
-
-PLANE = "oiiotex:plane"  # the attribute that says of a share what its pixels follow from
 
 _WINDOW = re.compile(r"([1-9]\d*)x([1-9]\d*)([+-]\d+)([+-]\d+)", re.ASCII)
 _SHARE = re.compile(r"([1-9]\d{0,9})/([1-9]\d{0,9})", re.ASCII)

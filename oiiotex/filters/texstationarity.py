@@ -3,27 +3,24 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..color.lab import lens_of
+from ..color.lab import InLab, lens_of
 from ..core.access import ScanThenMap
-from ..core.image import Image, Part, derived_spec
-from ..core.op import Kind, Output, Space
+from ..core.image import Image, Part, measure_spec
+from ..core.op import Kind, Output
 from ..core.parameters import image, param
 from ..session import Session
 from ..stationarity.grid_statistics import Surface
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, cost_text, order_of
 from ..stationarity.stationarity_map import deviation_of
 
-log = logging.getLogger("oiiotex")
-
 COST = "oiiotex:stationarity"  # the attribute that holds the cost of the whole image
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stationarity(ScanThenMap):
+class Stationarity(InLab, ScanThenMap):
     """Map how far an image is from looking the same everywhere.
 
     The value of a pixel is the mean difference between what is seen there through a Gaussian of sigma and what is seen
@@ -34,7 +31,6 @@ class Stationarity(ScanThenMap):
     """
 
     name: ClassVar[str] = "stationarity"
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("deviation", Kind.MEASURE, "one channel in Lab units (moments: squared), of the image's windows"),
     )
@@ -45,7 +41,6 @@ class Stationarity(ScanThenMap):
     )
     measure: str = param("histogram", choices=MEASURES, help=MEASURE)
     order: int | None = param(None, ge=2, le=4, help=ORDER)
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""
@@ -54,9 +49,8 @@ class Stationarity(ScanThenMap):
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)
         order = order_of(self.measure, self.order)
         deviation = deviation_of(self.source, lens, sigma, session, self.measure, order)
-        log.info("%s: %s at sigma %g px", self.flag(), cost_text(deviation.cost, self.measure, order), sigma)
-        spec = derived_spec(part.spec)
-        spec.nchannels, spec.channelnames, spec.alpha_channel, spec.z_channel = 1, ("Y",), -1, -1
+        self.inform("%s at sigma %g px", cost_text(deviation.cost, self.measure, order), sigma)
+        spec = measure_spec(part.spec)
         spec.attribute(COST, deviation.cost)
         spec.attribute("oiiotex:sigma", float(sigma))
         surface = Surface(deviation.local[..., None], deviation.cells)

@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-import logging
 import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..core.image import Image
+from ..core.image import Image, Part
 from ..core.op import Op
 from ..session import Session
-from .dominant import Dominant
 
 if TYPE_CHECKING:
-    from .stationarize import Stationarize
+    from .patch_synthesis import PatchSynthesis
 
-log = logging.getLogger("oiiotex")
-
+_DOMINANT = "--texdominant"
 EVEN, CLEAN, KEEP = PRESETS = "even", "clean", "keep"
 CONTRAST = 0.7  # how strongly the histogram is held
 LARGE_PATCH = 21  # px
@@ -31,43 +28,35 @@ PRESET_HELP = (
 )
 
 
-def filled(op: Stationarize, session: Session) -> Stationarize:
-    """The op with what its preset chooses where it was left out, and without preset; -v says its line.
-
-    Parameters
-    ----------
-    op : Stationarize
-        With a preset.
-    session : Session
-    """
+def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) -> PatchSynthesis:
+    """The op with what its preset chooses where it was left out (`sigma`: that, too), and without preset; -v says its
+    line."""
     chosen: dict[str, Any] = {}
     if op.within is None:
-        chosen["contrast"] = 0.0 if op.preset == CLEAN else CONTRAST
-    chosen["patch"], share = (LARGE_PATCH, KEEP_SIGMA_SHARE) if op.preset == KEEP else (SMALL_PATCH, EVEN_SIGMA_SHARE)
-    if op.amount is None and op.sigmamap is None:
+        chosen["contrast"] = 0.0 if preset == CLEAN else CONTRAST
+    chosen["patch"], share = (LARGE_PATCH, KEEP_SIGMA_SHARE) if preset == KEEP else (SMALL_PATCH, EVEN_SIGMA_SHARE)
+    if sigma:
         chosen["sigma"] = max(max(op.asked_size) / share, (op.patch or chosen["patch"]) / 4)
-    plain = replace(op, preset=None, **{name: v for name, v in chosen.items() if getattr(op, name) is None})
+    missing: dict[str, Any] = {name: value for name, value in chosen.items() if getattr(op, name) is None}
+    plain = replace(op, **missing | {"preset": None})
     before = ""
-    if op.preset == CLEAN and op.mask is None:
+    if preset == CLEAN and op.mask is None:
         plain.planned(session)  # what can be wrong is known before pixels are asked for
-        dominant = Dominant(source=op.exemplar, data=op.data)
         part = op.exemplar.first
-        mask = session.resources.remembered(
-            ("dominant", id(part), op.data), lambda: dominant.compute(session)["dominant"], part
-        )
+        mask = session.resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, session), part)
         if mask.pixels().any():  # else it has warned
             plain = replace(plain, mask=Image((mask,), mask.name))
-            before = f"{_words(dominant)}:keep=1 "
+            before = f"{_DOMINANT}{':data=1' * op.data}:keep=1 "
     others = "".join(f"{shlex.quote(image.source)} " for image in op.operands()[1:])
-    log.info(
-        "%s: preset=%s: the same as %s%s%s",
-        op.flag(),
-        op.preset,
-        before,
-        others,
-        _words(plain, "mask" if before else ""),
-    )
+    line = _words(plain, "mask" if before else "")
+    op.inform("preset=%s: the same as %s%s%s", preset, before, others, line)
     return plain
+
+
+def _dominant(op: PatchSynthesis, session: Session) -> Part:
+    from ..dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
+
+    return photo_mask(_DOMINANT, op.exemplar, op.working_space, session).part
 
 
 def _words(op: Op, masked: str = "") -> str:

@@ -7,28 +7,23 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..charts.drawing import PAPER, Sheet, sampled, shown_pixels
+from ..color.lab import InLab
 from ..core.access import Whole
 from ..core.image import Image
-from ..core.op import Kind, Op, Output, Space
+from ..core.op import Kind, Op, Output
 from ..core.parameters import Words, image, nearest, param
 from ..deferred import np
 from ..errors import ParameterError, texture_filter
 from ..session import Session
-from .composite import Composite
-from .cut import Cut
-from .patchmatch import PatchMatch
-from .quilt import Quilting
-from .stationarize import Stationarize
-from .synth import Synth
+from . import op_named
 
-_OPS: dict[str, type[Op]] = {op.name: op for op in (Stationarize, PatchMatch, Quilting, Cut, Synth, Composite)}
 _FIXED = (
     "seed", "data", "n", "variants", "report", "fail", "json", "plan", "render", "stmap", "keep", "grown", "graph",
 )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class Variants(Whole):
+class Variants(InLab, Whole):
     """Lay out what a synthesis makes of a photo: a column for every seed, a row for every value of one modifier.
 
     So a seed is chosen by eye, or it is seen what a modifier does: `vary=sigma:over=8,16,32` makes three rows of
@@ -37,17 +32,19 @@ class Variants(Whole):
     """
 
     name: ClassVar[str] = "variants"
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (Output("view", Kind.PICTURE, "the sheet"),)
 
     exemplar: Image = image(help="the photo; for composite with label maps")
-    filter: str = param("stationarize", choices=tuple(_OPS), help="the filter, by the name of its function")
+    filter: str = param(
+        "stationarize",
+        choices=("stationarize", "patchmatch", "quilt", "cut", "synth", "composite"),
+        help="the filter, by the name of its function",
+    )
     seeds: int = param(4, ge=1, le=16, help="how many seeds, from seed on")
     seed: int = param(0, ge=0, le=2**32 - 17, help="the first seed")
     vary: str | None = param(None, help="the modifier that differs from row to row")
     over: Words | None = param(None, help="its values, as they are said for the filter")
     thumb: int = param(256, ge=32, le=2048, unit="px", help="longer side of a result in the sheet, at most")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The sheet."""
@@ -63,7 +60,7 @@ class Variants(Whole):
 
     def _uses(self) -> list[tuple[str, Op]]:
         """All uses of the filter with their captions, checked before the first is made."""
-        op = _OPS[self.filter]
+        op = op_named(self.filter)
         uses = []
         for name, value, text in self._values(op):
             for seed in range(self.seed, self.seed + self.seeds):

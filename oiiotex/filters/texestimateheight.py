@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +18,6 @@ from ..core.parameters import image, param
 from ..deferred import np
 from ..errors import ImageError, ParameterError, modifier
 from ..session import Session
-
-log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +92,7 @@ class EstimateHeight(Whole):
         side = "an overcast sky" if found.light is None else f"{found.light:.0f} degrees"
         low = float(found.heights.min())
         most = max(float(found.heights.max()) - low, 1e-6)
-        log.info("%s: light from %s; heights of %.1f px", self.flag(), side, most)
+        self.inform("light from %s; heights of %.1f px", side, most)
         spec = measure_spec(part.spec)
         spec.attribute(HEIGHT_PX, most)
         spec.attribute(ESTIMATE, f"height from shading, light from {side}")

@@ -4,16 +4,12 @@
 from __future__ import annotations
 
 import functools
-import logging
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 from ..charts.paint_chips import paint_chips
-from ..color.lab import working_values
 from ..core.access import InBands
-from ..core.demand import SomeRows, materialized, stream
 from ..core.label_map import LabelMap
 from ..core.op import Kind, Output
 from ..core.parameters import param
@@ -23,17 +19,15 @@ from ..deferred import np
 from ..exemplar.exemplar_masks import label_levels, label_map
 from ..exemplar.exemplar_op import ExemplarPixels, LabelledExemplar
 from ..io.paint_palette import Paint
-from ..labels.content_scan import add_areas
+from ..labels.content_scan import CELL, areas_of, fullest_windows
 from ..labels.content_table import largest_window
 from ..labels.legend import Legend
 from ..patchmatch.optimization import synthesize
 from ..patchmatch.recipe import Recipe
 from ..session import Session
 
-log = logging.getLogger("oiiotex")
-
 _PATCHES = (11, 9, 7, 5)  # px
-_REACH, _CELL = 1024, 128  # px of a photo that a swatch is made from, at least; how exactly it is placed
+_REACH = 1024  # px of a photo that a swatch is made from, at least
 _MASK_BYTES, _SEEN_BYTES, _SWATCH_BYTES = 3, 24, 90  # of a pixel of the photo, and of what a swatch is made from
 _ITERATIONS = 12
 
@@ -83,28 +77,27 @@ class Palette(LabelledExemplar, InBands):
         labels = label_map(self.exemplar, self.labels, self.level)
         finer = label_levels(self.exemplar, self.labels).get(labels.level - 1)
         width = self.side * (2 if finer is None else 2 + self.children)
-        photo, held = self.exemplar.first, self._holds_photo(session)
+        photo, held = self.exemplar.first, self.holds_photo(session)
         looked_at = min(spec.width, self._reach) * min(spec.height, self._reach)
         needed = spec.width * spec.height * (_MASK_BYTES + (_SEEN_BYTES + photo.pixel_bytes if held else 0))
         needed += _SWATCH_BYTES * looked_at + 20 * width * self.side * self.rows
         session.require(needed, f"a palette of {spec.width}x{spec.height}")
         seen = self.read(session)
-        shown = Legend(labels, _areas(labels, seen.usable)).entries()
-        below = [] if finer is None else Legend(finer, _areas(finer, seen.usable)).entries()
+        shown = Legend(labels, areas_of(labels, seen.usable)).entries()
+        below = [] if finer is None else Legend(finer, areas_of(finer, seen.usable)).entries()
         for entry in shown:
             entry["children"] = [e["id"] for e in below if e["parent"] == entry["id"]]
         if len(shown) > self.rows:
-            log.warning("%s: %d of %s's %d labels are shown", self.flag(), self.rows, labels.part.name, len(shown))
+            self.warn("%d of %s's %d labels are shown", self.rows, labels.part.name, len(shown))
         shown = shown[: self.rows]
         boxes = self._boxes(shown, {entry["id"]: entry for entry in below}, width)
         source = SourceMap(np.empty((self.side * len(shown), width), np.uint32))
         maps = {labels.level: labels} | ({} if finer is None else {finer.level: finer})
         wanted = [(labels.level - down, entry["id"]) for down, entry, _ in boxes]
-        windows = {
-            (level, label): window
-            for level, one in maps.items()
-            for label, window in _windows(one, seen.usable, [n for at, n in wanted if at == level], self._reach).items()
-        }
+        windows: dict[tuple[int, int], Window] = {}
+        for level, one in maps.items():
+            within = fullest_windows(one, seen.usable, [label for at, label in wanted if at == level], self._reach)
+            windows |= {(level, label): window for label, window in within.items()}
         for n, ((level, label), (_, entry, box)) in enumerate(zip(wanted, boxes, strict=True)):
             place = box.inside(Window(0, 0, width, len(source.packed)))
             swatch = self._swatch(session, seen, maps[level], label, windows[level, label], box, n)
@@ -115,23 +108,17 @@ class Palette(LabelledExemplar, InBands):
         table = {"level": labels.level, "labels": shown, "finer": below}
         chips = functools.partial(paint_chips, [(entry, box) for _, entry, box in boxes], *source.packed.shape[::-1])
         paints = [Paint(entry["name"], *map(int, entry["colour"].split(","))) for entry in (*shown, *below)]
-        photo = photo if held or photo.ready else materialized(photo, 0)
-        copied = source.parts("palette", photo, by_rows=not held)
+        copied = source.parts("palette", self.in_any_order(photo, held), by_rows=not held)
         return copied | {"chips": chips, "paints": paints, "table": table}
 
-    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
-        """Values of the exemplar, in memory or in a file, and where it is opaque."""
-        return working_values(self.exemplar, session, self.working_space, self._holds_photo(session))
-
-    def _holds_photo(self, session: Session) -> bool:
-        """Whether the photo lies in memory: it takes a quarter of the budget at most."""
-        photo = self.exemplar.first
-        return max(12, photo.pixel_bytes) * photo.spec.width * photo.spec.height <= session.budget // 4
+    def holds_photo(self, session: Session) -> bool:
+        """Whether the photo lies in memory, its own pixels and their values."""
+        return self.holds(session, max(12, self.exemplar.first.pixel_bytes))
 
     @property
     def _reach(self) -> int:
         """Side of the window of the photo, px, from which a swatch is made, at most."""
-        return -(-max(_REACH, 4 * self.side) // _CELL) * _CELL
+        return -(-max(_REACH, 4 * self.side) // CELL) * CELL
 
     def _boxes(
         self, shown: list[dict[str, Any]], below: dict[int, dict[str, Any]], width: int
@@ -178,44 +165,3 @@ class Palette(LabelledExemplar, InBands):
             source = synthesize(session.device, lab, allowed, recipe, session.budget, lambda done, total: None).source
         y, x = source.yx
         return SourceMap.of(y + rows[0], x + columns[0])
-
-
-def _areas(labels: LabelMap, usable: np.ndarray | None) -> np.ndarray:
-    """Usable pixels of each label, by id."""
-    areas: dict[int, int] = {}
-    for _, ids in _bands(labels, usable):
-        add_areas(areas, ids)
-    out = np.zeros(max(areas) + 1, np.int64)
-    out[list(areas)] = list(areas.values())
-    return out
-
-
-def _windows(labels: LabelMap, usable: np.ndarray | None, wanted: list[int], reach: int) -> dict[int, Window]:
-    """For each label the window of reach x reach px, or as large as the map is, that holds most of it."""
-    whole = labels.part.window
-    cells = -(-whole.height // _CELL), -(-whole.width // _CELL)
-    number = {label: n for n, label in enumerate(wanted)}
-    counts = np.zeros((len(wanted), *cells), np.int32)
-    for top, ids in _bands(labels, usable):
-        columns = np.broadcast_to(np.arange(ids.shape[1]) // _CELL, ids.shape)
-        for label in np.intersect1d(ids, wanted).tolist():
-            counts[number[label], top // _CELL] += np.bincount(columns[ids == label], minlength=cells[1]).astype(
-                np.int32
-            )
-    windows = {}
-    for label, n in number.items():
-        high, wide = (min(size, reach // _CELL) for size in cells)
-        sums = np.pad(counts[n].cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-        held = sums[high:, wide:] - sums[:-high, wide:] - sums[high:, :-wide] + sums[:-high, :-wide]
-        y, x = (int(i) * _CELL for i in np.unravel_index(int(held.argmax()), held.shape))
-        windows[label] = Window.sized(x, y, wide * _CELL, high * _CELL) & Window(0, 0, whole.width, whole.height)
-    return windows
-
-
-def _bands(labels: LabelMap, usable: np.ndarray | None) -> Iterator[tuple[int, np.ndarray]]:
-    """Ids of usable pixels, else 0, from the top down: the first row, (at most _CELL rows, width)."""
-    part, whole = labels.part, labels.part.window
-    for window, pixels in stream(part, whole.cells(whole.width, _CELL)):
-        rows = window.inside(whole)[0]
-        ids = pixels[..., 0]
-        yield rows.start, ids if usable is None else np.where(usable[rows], ids, 0)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import os
 from collections.abc import Sequence
@@ -27,8 +26,6 @@ from ..io.reading import read
 from ..multiscale.graph import LOOP_R, Graph, parse_graph
 from ..multiscale.infinite_plane import graph_images
 from ..session import Session
-
-log = logging.getLogger("oiiotex")
 
 _OCTAVES = 3  # between photos, where nobody says it
 _LEAST = 16  # px; an exemplar's side
@@ -112,8 +109,7 @@ class ExemplarGraph(Whole):
         usual = 1 if self.scales > 1 else min(_OCTAVES, highest)
         given = tuple(self.scale or ())
         if not given and len(photos) > 1 and self.scales == 1:
-            log.warning("%s: scale is not said: each photo is taken to be %d times finer than the one before",
-                        self.name, 2**usual)  # fmt: skip
+            self.warn("scale is not said: each photo is taken to be %d times finer than the one before", 2**usual)
         if len(given) not in (0, 1, len(photos) - 1):
             expected = f"one number, or {len(photos) - 1} for as many edges"
             raise ParameterError(parameter="scale", value=self.scale, expected=expected)

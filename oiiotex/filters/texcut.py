@@ -4,21 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.lab import working_values
 from ..core.access import InBands
-from ..core.demand import SomeRows, materialized
 from ..core.machine import usable_threads
 from ..core.op import Kind, Output
-from ..core.parameters import Size, Words, param
+from ..core.parameters import Size, param
 from ..core.source_map import COPIED, ST, require_addressable
-from ..deferred import np
 from ..errors import ImageError
 from ..exemplar.exemplar_op import ExemplarOp
 from ..exemplar.photo_lattice import Structured, fitting_size, least_size
-from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
+from ..quality.report import REPORT, Quality
+from ..quality.reported_op import Reported
 from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..session import Session
 
@@ -26,7 +23,7 @@ _MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # of a pixel of the photo: _SE
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cut(ExemplarOp, Structured, InBands):
+class Cut(Reported, ExemplarOp, Structured, InBands):
     """Lay a texture from large pieces of a photo, cut where it is seen least.
 
     Graph-cut textures (KSE03: Kwatra, Schoedl, Essa, Turk, Bobick, Graphcut Textures, SIGGRAPH 2003): patches that fit
@@ -45,8 +42,6 @@ class Cut(ExemplarOp, Structured, InBands):
         None, ge=5, le=512, unit="px", help="side of a patch; shorter side of the exemplar / 5, 16 to 96, when left out"
     )
     passes: int = param(1, ge=0, le=100, help="of refinement: patches over the worst seams, as many as were laid")
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture, and where its pixels come from."""
@@ -63,7 +58,7 @@ class Cut(ExemplarOp, Structured, InBands):
             threads = session.threads or usable_threads()
             needed = bytes_needed(layout, (spec.height, spec.width), session.budget, threads)
             needed = max(needed, lattice_bytes(spec.height, spec.width) if self.structure else 0)
-            pixel = _MASK_BYTES + ((_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self._holds_photo(session) else 0)
+            pixel = _MASK_BYTES + ((_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self.holds_photo(session) else 0)
             session.require(
                 needed + spec.width * spec.height * pixel,
                 f"cutting {size} from {spec.width}x{spec.height}",
@@ -85,16 +80,10 @@ class Cut(ExemplarOp, Structured, InBands):
                 seen.values, seen.usable, layout, session.budget, session.advance, in_step, session.spread
             )
         self.say_what_stays()
-        held, photo = self._holds_photo(session), self.exemplar.first
-        photo = photo if held or photo.ready else materialized(photo, 0)
+        held = self.holds_photo(session)
+        photo = self.in_any_order(self.exemplar.first, held)
         return quality.add_to_copies(source.parts("cut", photo, self.tile, by_rows=not held))
 
-    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
-        """Values of the exemplar, in memory or in a file, and where it is opaque."""
-        return working_values(self.exemplar, session, self.working_space, self._holds_photo(session))
-
-    def _holds_photo(self, session: Session) -> bool:
-        """Whether the photo lies in memory: it takes a quarter of the budget at most."""
-        photo = self.exemplar.first
-        pixel = max(_LAB_BYTES, photo.pixel_bytes)
-        return pixel * photo.spec.width * photo.spec.height <= session.budget // 4
+    def holds_photo(self, session: Session) -> bool:
+        """Whether the photo lies in memory, its own pixels and their values."""
+        return self.holds(session, max(_LAB_BYTES, self.exemplar.first.pixel_bytes))

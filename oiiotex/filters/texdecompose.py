@@ -3,29 +3,22 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..color.lab import lens_of
+from ..color.lab import InLab, lens_of
 from ..core.access import ScanThenMap
-from ..core.demand import bands
-from ..core.image import Image, Part
-from ..core.label_map import LabelMap
-from ..core.op import Kind, Output, Space
+from ..core.image import Image
+from ..core.op import Kind, Output
 from ..core.parameters import image, param
-from ..deferred import np
 from ..labels.legend import LabelNames
 from ..labels.single_part import SINGLE, OnePart
 from ..session import Session
 
 if TYPE_CHECKING:
-    from ..color.lab_reduced import LabPixels
-    from ..segmentation.subtextures import Decomposition, DecompositionSettings
-
-log = logging.getLogger("oiiotex")
+    from ..segmentation.subtextures import DecompositionSettings
 
 WORKING_PIXELS = 1 << 20
 CLIQUES_THRESHOLD = 0.76  # of filter bank textons in discs of 48 px
@@ -33,7 +26,7 @@ _HAAR_SAMPLES = 1000  # CZF02 section III C: "similar to the typical texture seg
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decompose(OnePart, ScanThenMap):
+class Decompose(OnePart, InLab, ScanThenMap):
     """Decompose a texture into the simpler ones that it is a patchwork of.
 
     Regions compete for pixels by their textons; those that are likelier one texture than two are merged, until none
@@ -46,7 +39,6 @@ class Decompose(OnePart, ScanThenMap):
 
     name: ClassVar[str] = "decompose"
     carries: ClassVar[bool] = True
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
         Output("label.1", Kind.IDS, "one channel, of the image's windows: write it to EXR or TIFF"),
@@ -100,7 +92,6 @@ class Decompose(OnePart, ScanThenMap):
     names: Path | None = param(None, help=LabelNames.HELP)
     single: bool = param(False, help=SINGLE)
     json: Path | None = param(None, help="count, areas and settings go to this file")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "haar",
@@ -116,7 +107,7 @@ class Decompose(OnePart, ScanThenMap):
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
         from ..color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
-        from ..segmentation.subtextures import decomposed, memory_needed
+        from ..segmentation.subtextures import decomposed, facts_of, label_map_of, memory_needed
 
         first = self.source.first
         width, height = first.window.width, first.window.height
@@ -128,17 +119,17 @@ class Decompose(OnePart, ScanThenMap):
         pixels = lab_pixels(self.source, lens, session, factor)
         session.advance(1, 4)
         split = decomposed(pixels, settings, session, session.advance)
-        log.info("%s: %d subtextures, from %d groups of %d", self.flag(), split.count, split.groups, split.samples)
+        self.inform("%d subtextures, from %d groups of %d", split.count, split.groups, split.samples)
         if self.labels is not None and 0 < split.count < self.labels:
-            log.warning("%s: %d subtextures, not %d: no more hold their own", self.flag(), split.count, self.labels)
-        labels = _label_map(first, pixels, split)
+            self.warn("%d subtextures, not %d: no more hold their own", split.count, self.labels)
+        labels = label_map_of(first, pixels, split)
         if names is not None:
             (labels,) = names.of([labels])
         session.advance(4, 4)
         return {
             **({} if self.single else {"label.1": labels.part}),
             "cryptomatte": [labels],
-            "facts": lambda: _facts(labels.part, split, settings, factor),
+            "facts": lambda: facts_of(labels.part, split, settings, factor),
         }
 
     def _settings(self, pixels: int) -> DecompositionSettings:
@@ -168,27 +159,3 @@ class Decompose(OnePart, ScanThenMap):
 def _step(pixels: int) -> int:
     """Between samples: 16 px, more where there would be many, less in small images."""
     return max(4, min(16, round(math.sqrt(pixels) / 16 / 4) * 4), math.ceil(math.sqrt(pixels / 2500)))
-
-
-def _label_map(like: Part, pixels: LabPixels, split: Decomposition) -> LabelMap:
-    """The label map in the image's windows."""
-    from ..superpixels.superpixels import label_spec
-
-    spec = label_spec(like.spec)
-    spec.attribute("oiiotex:samples", split.samples)  # regions or places that were grouped
-    part = pixels.part("label.1", spec, split.labels.astype(np.uint32)[..., None])
-    return LabelMap.of(part, 1, [0] * split.count)
-
-
-def _facts(labels: Part, split: Decomposition, settings: DecompositionSettings, factor: int) -> dict[str, Any]:
-    """What there is to say, for `json`."""
-    areas = np.zeros(split.count + 1, np.int64)
-    for band in bands(labels):
-        areas += np.bincount(labels.read(band).ravel(), minlength=split.count + 1)
-    return {
-        "labels": [{"id": i, "pixels": int(area)} for i, area in enumerate(areas[1:].tolist(), 1)],
-        "reduction": factor,
-        "samples": split.samples,
-        "groups": split.groups,
-        "settings": dict(vars(settings)),
-    }

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.drawing import GAP, Sheet, coloured, sampled, shown_pixels
+from ..charts.drawing import Sheet, coloured, label_tree, sampled, shown_pixels
 from ..core.access import ScanThenMap
 from ..core.attributes import SIGMA, SUPERPIXELS
 from ..core.image import Image
@@ -15,10 +15,7 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
 from ..errors import ImageError, either, texture_filter
-from ..labels.legend import colours_of
 from ..session import Session
-
-_NODE = 14  # px of the sheet
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +61,7 @@ class LabelView(ScanThenMap):
             panels.append((_title(one, ids), coloured(ids, lightness, self.strength)))
         # superpixels beside levels of labels have no place in their tree
         levels = [n for n, one in enumerate(labels) if one.level] or list(range(len(labels)))
-        tree = _tree([labels[n] for n in levels], [maps[n] for n in levels])
+        tree = label_tree([labels[n] for n in levels], [maps[n] for n in levels])
         return {"view": Sheet.of_panels(panels, self.columns, tree).image()}
 
 
@@ -76,37 +73,3 @@ def _title(labels: LabelMap, ids: np.ndarray) -> str:
         count, scale, unit = superpixels, labels.part.spec.get_float_attribute(SIGMA), "superpixels"
     # small labels may have no pixel among those that are shown
     return f"{labels.part.name}: {count or int(ids.max(initial=0))} {unit}" + (f" at {scale:.0f} px" if scale else "")
-
-
-def _tree(labels: list[LabelMap], maps: list[np.ndarray]) -> Sheet:
-    """The tree of labels, coarsest on top: a node's width is its share of the image."""
-    width, row = 320, 64
-    sheet = Sheet(width, row * len(labels) + _NODE)
-    above: dict[int, tuple[float, float]] = {}  # left and right of each label of the level above
-    for depth, (one, ids) in enumerate(zip(reversed(labels), reversed(maps), strict=True)):
-        top = GAP + depth * row
-        areas = np.bincount(ids.ravel())[1:]
-        parents = one.parents(len(areas))
-        places = _places(areas, parents, above, float(width))
-        for label, (left, right) in places.items():
-            if parents[label - 1] in above:
-                start = round(sum(above[parents[label - 1]]) / 2)
-                sheet.line(start, top - row + _NODE, round((left + right) / 2), top, (0.6,) * 3)
-            colour = colours_of(np.array(label))
-            sheet.box(int(left), top, max(int(left), int(right) - 2), top + _NODE, colour)
-        above = places
-    return sheet
-
-
-def _places(
-    areas: np.ndarray, parents: np.ndarray, above: dict[int, tuple[float, float]], width: float
-) -> dict[int, tuple[float, float]]:
-    """Left and right of every label that has pixels: side by side within their parent, by area."""
-    parents = np.where(np.isin(parents, list(above)), parents, 0)
-    places: dict[int, tuple[float, float]] = {}
-    for parent in np.unique(parents[areas > 0]):
-        members = np.flatnonzero((parents == parent) & (areas > 0))
-        left, right = above.get(int(parent), (0.0, width))
-        edges = left + (right - left) * np.concatenate([[0], areas[members].cumsum() / areas[members].sum()])
-        places |= {int(m) + 1: (float(a), float(b)) for m, a, b in zip(members, edges, edges[1:], strict=False)}
-    return places

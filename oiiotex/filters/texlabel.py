@@ -5,16 +5,15 @@ from __future__ import annotations
 
 import functools
 import itertools
-import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..color.lab import lens_of
+from ..color.lab import InLab, lens_of
 from ..core.access import ScanThenMap
 from ..core.image import Image, Part
 from ..core.label_map import LabelMap
-from ..core.op import Kind, Output, Space
+from ..core.op import Kind, Output
 from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np, oiio
@@ -25,11 +24,9 @@ from ..session import Session
 if TYPE_CHECKING:
     from ..labels.scales import LabelLevel, LabelMaps
 
-log = logging.getLogger("oiiotex")
-
 
 @dataclass(frozen=True, kw_only=True)
-class Label(OnePart, ScanThenMap):
+class Label(OnePart, InLab, ScanThenMap):
     """Find what an image consists of, and label it at several scales.
 
     Superpixels that look alike get one label; how many there are follows from the image (LSA16: Lockerman, Sauvage,
@@ -42,7 +39,6 @@ class Label(OnePart, ScanThenMap):
 
     name: ClassVar[str] = "label"
     carries: ClassVar[bool] = True
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("photo", Kind.PIXELS, "the photo, before all others", asked_by="keep", of="source"),
         Output("label.N", Kind.IDS, "at scale N; 1 is the finest"),
@@ -96,7 +92,6 @@ class Label(OnePart, ScanThenMap):
     names: Path | None = param(None, help=LabelNames.HELP)
     single: bool = param(False, help=SINGLE)
     json: Path | None = param(None, help="scales, counts, areas and the tree of labels go to this file")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     PAPER: ClassVar[dict[str, Any]] = {
         "features": "moments",
@@ -132,7 +127,7 @@ class Label(OnePart, ScanThenMap):
             runs=self.runs, minsize=self.minsize, coarsest=subtextures if self.coarsest else None,
         )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):
-            log.info("%s: label.%d: %d labels at %.1f px", self.flag(), n, level.count, level.scale)
+            self.inform("label.%d: %d labels at %.1f px", n, level.count, level.scale)
         first, levels = self.source.first, range(1, len(maps.levels) + 1)
         labels = [label_map(first, maps, n) for n in levels]
         if names is not None:

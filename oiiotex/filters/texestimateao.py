@@ -3,12 +3,9 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..color.config import as_float
-from ..color.lab import count_broken
 from ..core.access import Gather
 from ..core.attributes import ESTIMATE, HEIGHT_PX
 from ..core.demand import PIECE_PIXELS, cached
@@ -17,10 +14,7 @@ from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np
-from ..errors import BrokenValues
 from ..session import Session
-
-log = logging.getLogger("oiiotex")
 
 _HIGHEST = 1e12  # px, up or down: what is higher hides no more, and squares of differences are finite
 _RELIEF = 1 / 32  # of the longer side: what a height of 1 is taken for where nothing says it
@@ -52,21 +46,21 @@ class EstimateAO(Gather):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The map, computed window by window when it is asked for."""
+        from ..capture.occlusion import heights_around, visible_sky  # what a line alone says needs none of it
+
         part = self.source.first
         said = part.spec.get_float_attribute(HEIGHT_PX, 0.0)  # PNG has it as a text
         said = said if 1e-6 <= said <= 1e6 else 0.0
         scale = self.scale or said or max(part.spec.width, part.spec.height) * _RELIEF
-        log.info("%s: a height of 1 is %g px", self.flag(), scale)
+        self.inform("a height of 1 is %g px", scale)
         near, channel = cached(part, session.cache), channels_of(part.spec).colour[0]
         wraps = "x" in self.tile, "y" in self.tile
 
         def look(heights: np.ndarray) -> np.ndarray:
-            from ..capture.occlusion import visible_sky  # what a line alone says needs none of it
-
             return visible_sky(heights, self.radius)[..., None]
 
         def fetch(window: Window) -> np.ndarray:
-            around = _around(near, window, self.radius, wraps, channel, self.source.source)
+            around = heights_around(near, window, self.radius, wraps, channel, self.source.source)
             around = np.clip(around, -_HIGHEST / scale, _HIGHEST / scale) * np.float32(scale)
             high = max(1, PIECE_PIXELS // max(1, window.width))
             pieces = [around[y : y + high + 2 * self.radius] for y in range(0, window.height, high)]
@@ -75,21 +69,3 @@ class EstimateAO(Gather):
         spec = measure_spec(part.spec)
         spec.attribute(ESTIMATE, f"ambient occlusion from heights of {scale:g} px")
         return {"ao": Part(part.name, spec, fetch)}
-
-
-def _around(part: Part, window: Window, reach: int, wraps: tuple[bool, bool], channel: int, name: str) -> np.ndarray:
-    """Heights of a window grown by `reach`; beyond the border those of the other side, or the border's own again."""
-    whole, places = part.window, []
-    for low, high, begin, size, wrap in zip(window[:2], window[2:], whole[:2], whole.size, wraps, strict=True):
-        at = np.arange(low - reach, high + reach) - begin
-        places.append(at % size if wrap else np.clip(at, 0, size - 1))
-    columns, rows = places
-    left, right = whole.left + int(columns.min()), whole.left + int(columns.max()) + 1
-    wanted = np.unique(rows)
-    runs = np.split(wanted, np.flatnonzero(np.diff(wanted) > 1) + 1)
-    bands = [part.read(Window(left, whole.top + int(r[0]), right, whole.top + int(r[-1]) + 1)) for r in runs]
-    heights = as_float(np.concatenate(bands)[..., channel])
-    broken = count_broken(heights)
-    if broken.any():
-        raise BrokenValues(name, broken)
-    return heights[np.searchsorted(wanted, rows)][:, columns - columns.min()]

@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..charts.drawing import Sheet, srgb_of
-from ..color.lab import working_values
+from ..color.lab import InLab, working_values
 from ..core.access import Whole
 from ..core.image import Image
-from ..core.op import Kind, Output, Space
+from ..core.op import Kind, Output
 from ..core.parameters import Size, image, param
 from ..deferred import np
 from ..exemplar.exemplar_op import ExemplarPixels
 from ..exemplar.sigma_scale import Scale, SigmaTiles, perceived_scale, require_tiles, variation
 from ..session import Session
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
-from .stationarize import Stationarize
+from . import op_named
 
 _BYTES = 30  # of a pixel of the photo, while it is reduced
 
@@ -38,7 +38,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sigmas(Whole):
+class Sigmas(InLab, Whole):
     """Show what each sigma of `stationarize` makes of a photo, and find sigmas whose steps look even.
 
     A contact sheet of n small tiles, from the largest sigma (amount 0) to the smallest (amount 1), laid out 2 x 2. How
@@ -50,7 +50,6 @@ class Sigmas(Whole):
     """
 
     name: ClassVar[str] = "sigmas"
-    space: ClassVar[Space] = Space.LAB
     outputs: ClassVar[tuple[Output, ...]] = (
         Output("view", Kind.PICTURE, "the sheet"),
         Output("table", Kind.TABLE, "sigmas and amounts", asked_by="json", lines=_lines),
@@ -66,14 +65,14 @@ class Sigmas(Whole):
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
     columns: int = param(3, ge=1, le=32, help="tiles in a row")
     json: Path | None = param(None, help="the table goes to this file")
-    data: bool = param(False, help="the channels are no colours: compare them as they are")
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The sheet, and the table of sigmas."""
         spec = self.exemplar.first.spec
         width, height = self.size or Size(spec.width, spec.height)
         order_of(self.measure, self.order)
-        how = Stationarize(exemplar=self.exemplar, measure=self.measure, order=self.order, seed=self.seed)
+        same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
+        how: Any = op_named("stationarize")(**same)
         session.require(_BYTES * spec.width * spec.height, f"looking at {spec.width}x{spec.height}")
         require_tiles(session.device, how.recipe(width, height), (spec.height, spec.width), session.budget)
         with session.stats.time("read and colour"):

@@ -9,12 +9,13 @@ from typing import Any, ClassVar
 
 from ..core.image import Image, Part
 from ..core.op import Kind, Output
-from ..core.parameters import Words, image, param
+from ..core.parameters import image, param
 from ..core.source_map import COPIED, ST
 from ..errors import ImageError, ParameterError, modifier, present
 from ..exemplar.exemplar_op import LABEL, MASK
 from ..exemplar.photo_lattice import Structured
-from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
+from ..quality.report import REPORT, Quality
+from ..quality.reported_op import Reported
 from ..quilting.guide_map import SOFT, meaning_of, read_table
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_parts, sewn_whole
 from ..quilting.quilt_plan import MOST_PATCH, Plan, Renderer
@@ -22,7 +23,7 @@ from ..session import Session
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quilting(Quilted, Structured):
+class Quilting(Reported, Quilted, Structured):
     """Sew a texture of any size together from patches of a photo, as a stream.
 
     Image quilting (Efros & Freeman, SIGGRAPH 2001): square patches on a regular grid, each the one that fits what is
@@ -58,8 +59,6 @@ class Quilting(Quilted, Structured):
     render: bool = param(
         False, help="make the result from the plan in that file, of the photo or of any map of its size"
     )
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
 
     def files(self) -> dict[str, Path]:
         """With render=1 the plan is read."""

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,25 +10,24 @@ from typing import Any, ClassVar
 from ..core.image import Image, Part, from_pixels, spec_beside
 from ..core.label_map import LabelMap
 from ..core.op import Kind, Output
-from ..core.parameters import Size, Words, image, param
+from ..core.parameters import Size, image, param
 from ..core.source_map import COPIED, ST
 from ..core.window import Domain, Window
 from ..deferred import np, oiio
 from ..exemplar.exemplar_masks import label_map
 from ..exemplar.exemplar_op import MASK
-from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
+from ..quality.report import REPORT, Quality
+from ..quality.reported_op import Reported
 from ..quilting.label_growth import cell_side, grow_labels
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
 from ..session import Session
-
-log = logging.getLogger("oiiotex")
 
 _CELL_BYTES = 400  # bytes for every cell of the grown map and every pixel of the found one, about
 _PIXEL_BYTES = 24
 
 
 @dataclass(frozen=True, kw_only=True)
-class Composite(Quilted):
+class Composite(Reported, Quilted):
     """Grow what a photo consists of to any size, and fill it with the photo's texture.
 
     Grows a new label map from the one that `label` has found, with its shares and neighbourhoods, and quilts it
@@ -55,8 +53,6 @@ class Composite(Quilted):
     tries: int = param(4, ge=1, le=64, help="label maps that are grown; the nearest to the found one is taken")
     plan: Path | None = param(None, help="the plan goes to this file (.npz): `quilt` with `render` renders it")
     grown: bool = param(False, help="the grown label map follows as part 'grown'")
-    report: Path | None = param(None, help=REPORT_HELP)
-    fail: Words | None = param(None, help=FAIL_HELP)
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The composite, and what else can be asked for."""
@@ -85,10 +81,8 @@ class Composite(Quilted):
                 session.budget, session.advance, self.tries,
             )  # fmt: skip
         height, width = growth.ids.shape
-        log.info(
-            "%s: %s grown to %d x %d cells of %d px; shares are off by %.1f %%, neighbourhoods by %.1f %%",
-            self.flag(), labels.part.name, width, height, side, 100 * growth.shares, 100 * growth.neighbours,
-        )  # fmt: skip
+        text = "%s grown to %d x %d cells of %d px; shares are off by %.1f %%, neighbourhoods by %.1f %%"
+        self.inform(text, labels.part.name, width, height, side, 100 * growth.shares, 100 * growth.neighbours)
         spec = oiio.ImageSpec(width, height, 1, oiio.UINT32)
         spec.channelnames = ("id",)
         return from_pixels("grown", np.ascontiguousarray(growth.ids[..., None]), spec)

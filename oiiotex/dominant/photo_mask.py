@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The dominant texture of a photo of any size: looked at reduced, said in the photo's own windows."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..color.lab import lens_of
+from ..color.lab_reduced import LabPixels, lab_pixels, reduction
+from ..core.image import Image, Part
+from ..core.machine import usable_threads
+from ..core.op import Space
+from ..errors import ImageError
+from ..session import Session
+from ..superpixels.superpixels import label_spec
+from .diffusion import Dominant, Round, dominant_mask, dominant_texture, spread_over, step_for
+from .patch_manifold import MOST_PATCH, memory_needed
+
+log = logging.getLogger("oiiotex")
+
+WORKING_PIXELS = 1 << 20
+TEXELS = 12000  # at most, unless step says otherwise: the paper's images have up to 11,000 at a step of 1
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoMask:
+    """Where a photo shows its dominant texture."""
+
+    photo: Part
+    pixels: LabPixels  # of the photo, reduced
+    texture: Dominant
+    mask: np.ndarray  # (height, width) bool, of the reduced photo
+
+    @property
+    def part(self) -> Part:
+        """Part 'dominant': 1 where the dominant texture is, else 0; attributes say how it was found."""
+        texture, kernel = self.texture, self.texture.kernel
+        facts = {"patch": texture.texels.patch, "share": texture.share}
+        if kernel is not None:
+            facts |= {"epsilon": kernel.size, "dimension": kernel.dimension, "tau": texture.steps}
+        return self._part("dominant", ("Y",), self.mask.astype(np.float32)[..., None], facts)
+
+    @property
+    def types(self) -> Part:
+        """Part 'types': 1 to 4 for patches of type 0 to III around a pixel, 0 where none."""
+        return self._spread("types", ("Y",), self.texture.types.astype(np.uint32) + 1)
+
+    @property
+    def score(self) -> Part:
+        """Part 'score': density, and the decimal logarithm of heat."""
+        density, heat = (values.astype(np.float32) for values in (self.texture.density, self.texture.heat))
+        return self._spread("score", ("density", "heat"), density, heat)
+
+    def _spread(self, name: str, channels: tuple[str, ...], *values: np.ndarray) -> Part:
+        layers = [spread_over(self.texture.texels, v, self.pixels.seen.shape, 0) for v in values]
+        return self._part(name, channels, np.stack(layers, -1), {})
+
+    def _part(self, name: str, channels: tuple[str, ...], values: np.ndarray, facts: dict[str, float]) -> Part:
+        """Values of the reduced photo as a part in the windows of the photo; 0 where alpha is 0."""
+        spec = label_spec(self.photo.spec)
+        spec.nchannels, spec.channelnames = len(channels), channels
+        for key, value in facts.items():
+            spec.attribute(f"oiiotex:{key}", value)
+        return self.pixels.part(name, spec, values)
+
+    def facts(self) -> dict[str, Any]:
+        """What there is to say, for JSON: LDR09 figures 3 and 4 as numbers."""
+        texture, kernel = self.texture, self.texture.kernel
+        return {
+            "patch": texture.texels.patch,
+            "step": texture.texels.step,
+            "texels": texture.texels.count,
+            "reduction": self.pixels.factor,
+            "rejected": texture.rejected,
+            "share": texture.share,
+            "types": np.bincount(texture.types, minlength=4).tolist(),
+            "epsilon": kernel.size if kernel else None,
+            "epsilon of landmarks": kernel.landmark_size if kernel else None,
+            "dimension": kernel.dimension if kernel else None,
+            "tau": texture.steps,
+            "curve": kernel.curve.tolist() if kernel else [],
+            "rounds": [self._round(r) for r in texture.rounds],
+        }
+
+    def _round(self, r: Round) -> dict[str, Any]:
+        texels = self.texture.texels
+        place = {"row": int(texels.rows[r.seed]), "column": int(texels.columns[r.seed])}
+        return {**vars(r), "density": r.density if np.isfinite(r.density) else None, "seed": place}
+
+
+def photo_mask(
+    flag: str,
+    photo: Image,
+    space: Space,
+    session: Session,
+    *,
+    allowed: Callable[[], np.ndarray | None] = lambda: None,
+    patch: int | None = None,
+    step: int | None = None,
+    mode: str = "diffusion",
+    rule: str = "repaired",
+    strict: bool = False,
+) -> PhotoMask:
+    """Where a photo shows its dominant texture, for op `flag`, as --texdominant says; `allowed` gives what of it is
+    looked at, (height, width) bool or None."""
+    width, height = photo.first.window.width, photo.first.window.height
+    factor = reduction(width, height, WORKING_PIXELS)
+    shape = -(-height // factor), -(-width // factor)
+    side = None if patch is None else patch - 1 + patch % 2
+    if side is not None and side > min(shape):
+        raise ImageError(f"patch={side}: {photo.source} has only {width}x{height} px")
+    apart = step or step_for(shape, side or 5, TEXELS)
+    texels = -(-shape[0] // apart) * -(-shape[1] // apart)
+    threads = session.threads or usable_threads()
+    need = memory_needed(shape[0] * shape[1], texels, side or MOST_PATCH, threads) + width * height // 8
+    session.require(need, f"{flag} of {width}x{height} px", "take a larger step")
+    pixels = lab_pixels(photo, lens_of(photo, session, space), session, factor, allowed())
+    session.advance(1, 6)
+
+    def coloured(_: Session) -> np.ndarray | None:
+        """What refines the mask, found while texels are: to import k-means takes a fifteenth of a second."""
+        from .refinement import pixel_colours
+
+        return None if rule == "paper" else pixel_colours(pixels)
+
+    with session.beside(coloured) as colours:
+        texture = dominant_texture(pixels, session, patch=side, step=step, most=TEXELS, mode=mode, rule=rule)
+        mask = _mask(texture, pixels, colours())
+    if texture.rejected:
+        if strict:
+            raise ImageError(f"{photo.source} has no dominant texture: {texture.rejected}")
+        log.warning("%s: %s has no dominant texture: %s", flag, photo.source, texture.rejected)
+    else:
+        log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
+    session.advance(6, 6)
+    return PhotoMask(photo.first, pixels, texture, mask)
+
+
+def _mask(texture: Dominant, pixels: LabPixels, colours: np.ndarray | None) -> np.ndarray:
+    """Where the texture is, (h, w) bool; by LDR09 where no colours are given."""
+    from .refinement import refined_mask
+
+    return dominant_mask(texture, pixels.seen) if colours is None else refined_mask(texture, pixels, colours)

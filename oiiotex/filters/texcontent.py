@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""--texcontent: where in an image there is something of the same content, and which contents there are."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from ..charts.drawing import coloured, shown_pixels
+from ..core.access import ScanThenMap
+from ..core.demand import cached
+from ..core.image import Image, Part, dtype_of
+from ..core.op import Kind, Output, Space
+from ..core.parameters import Numbers, image, param
+from ..core.window import Window
+from ..deferred import np
+from ..errors import ImageError, ParameterError
+from ..exemplar.exemplar_masks import label_levels, label_map
+from ..exemplar.exemplar_op import LABELS
+from ..labels.content_scan import Contents, scan_bytes
+from ..labels.content_table import histogram, key_of, patch_side
+from ..session import Session
+
+log = logging.getLogger("oiiotex")
+
+
+def _lines(facts: dict[str, Any]) -> Iterator[str]:
+    """The facts for people: what the patch consists of, and how many are like it."""
+    for name, counts in facts["histograms"].items():
+        ordered = sorted(counts.items(), key=lambda i: (-i[1], int(i[0])))
+        shares = ", ".join(f"{c}: {n / facts['patch'] ** 2:.1%}" for c, n in ordered)
+        yield f"{name}: {shares or 'none'}"
+    first, second = facts["key"]
+    yield f"key ({first}, {second}) of label.{facts['level']}: {facts['patches']} patches"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Content(ScanThenMap):
+    """Show where an image has the same content as at a place, or draw the table of all contents.
+
+    The content of a square patch is its key: the two most frequent labels in it at a level (LSA16: Lockerman, Sauvage,
+    Allegre, Dischler, Dorsey, Rushmeier, Multi-Scale Label-Map Extraction for Texture Synthesis, SIGGRAPH 2016,
+    section 6.1). The centres of all patches with the key of the patch around `at` are marked red on the photo, and
+    that patch is outlined (figure 10). The histograms of that patch at every level are printed (figure 9); json keeps
+    them. With `table` every key is shown by a patch that has it, first label down, second across (figure 11).
+    The result is an 8-bit sRGB image for screens: do not measure it.
+    """
+
+    name: ClassVar[str] = "content"
+    space: ClassVar[Space] = Space.ANY
+    outputs: ClassVar[tuple[Output, ...]] = (
+        Output("view", Kind.PICTURE, "the photo with what is alike, or the table of keys"),
+        Output("facts", Kind.TABLE, "key, histograms of every level, sizes of all keys", asked_by="json", lines=_lines),
+    )
+
+    source: Image = image(help="an image with label parts, as `label` with `keep` makes it")
+    labels: Image | None = image(None, help=LABELS)
+    at: Numbers | None = param(None, unit="px", help="x,y in the data window: the patch's middle; that of the image's")
+    level: int | None = param(None, ge=1, help="which label map; the coarsest when left out")
+    patch: int | None = param(None, ge=4, le=256, unit="px", help="side; the level's scale as a power of two")
+    table: bool = param(False, help="draw the table of keys instead")
+    json: Path | None = param(None, help="key, histograms of every level and the sizes of all keys go to this file")
+
+    def compute(self, session: Session) -> dict[str, Any]:
+        """The picture, and what it shows as facts."""
+        from ..charts.content_chart import drawing_bytes, key_table, marked  # what a line alone says needs none of it
+
+        first = self.source.first
+        labels = label_map(self.source, self.labels, self.level)
+        width, height = first.spec.width, first.spec.height
+        side = self.patch or patch_side(labels.scale or min(width, height) / 8)
+        side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
+        if side > min(width, height):
+            raise ImageError(f"patch={side} is larger than {self.source.source}, {width}x{height}")
+        needed = scan_bytes(width, height, side, session) + drawing_bytes(width)
+        session.require(needed, f"the content of rows of {width} px in patches of {side} px")
+        left, top = self._place(first, side)
+        levels = label_levels(self.source, self.labels)
+        histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
+        key = key_of(histograms[labels.level])
+        contents = Contents(labels.part, side, session, key, passes=2 if self.table else 1)
+        photo, labelled = (cached(part, session.cache) for part in (first, labels.part))
+        picture = functools.partial(_shown, photo, labelled, session)
+        drawn = key_table(picture, contents) if self.table else marked(first, picture, contents, (left, top))
+        return {"view": drawn, "facts": lambda: _facts(contents, labels.level, left, top, histograms)}
+
+    def _place(self, part: Part, side: int) -> tuple[int, int]:
+        """Left and top of the patch, in the data window."""
+        width, height = part.spec.width, part.spec.height
+        if self.at is None:
+            return (width - side) // 2, (height - side) // 2
+        if len(self.at) != 2:
+            raise ParameterError(parameter="at", value=self.at, expected="two numbers: x,y")
+        x, y = (int(np.floor(n)) for n in self.at)
+        x, y = x - part.spec.x, y - part.spec.y
+        if not (0 <= x < width and 0 <= y < height):
+            raise ParameterError(f"at={self.at}: outside the data window {part.window}")
+        return min(max(x - side // 2, 0), width - side), min(max(y - side // 2, 0), height - side)
+
+
+def _histogram(labels: Part, left: int, top: int, side: int) -> dict[int, int]:
+    """Of the labels in a window."""
+    whole = labels.window
+    return histogram(labels.read(Window.sized(whole.left + left, whole.top + top, side, side))[..., 0], 0, 0, side)
+
+
+def _shown(photo: Part, labels: Part, session: Session, window: Window) -> np.ndarray:
+    """A window (in the data window) as sRGB, or its labels in colours where there is no photo; (h, w, 3) float32."""
+    if not (photo.exact or dtype_of(photo.spec) == np.uint32):
+        return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, session).astype(np.float32)
+    around = Window(max(0, window.left - 1), max(0, window.top - 1), window.right, window.bottom)  # for borders
+    ids = labels.read(around.shifted(labels.spec.x, labels.spec.y))[..., 0]
+    return coloured(ids.astype(np.int64), None, 1.0).astype(np.float32)[window.inside(around)]
+
+
+def _facts(
+    contents: Contents, level: int, left: int, top: int, histograms: dict[int, dict[int, int]]
+) -> dict[str, Any]:
+    return {
+        "level": level,
+        "patch": contents.side,
+        "left": left,
+        "top": top,
+        "key": list(contents.key),
+        "patches": contents.counts.get(contents.key, 0),
+        "histograms": {f"label.{n}": {str(c): k for c, k in counts.items()} for n, counts in histograms.items()},
+        "keys": [{"key": list(key), "patches": n} for key, n in contents.counts.items()],
+    }
