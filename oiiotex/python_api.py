@@ -44,7 +44,7 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
         session = session or Session(threads=nthreads)
         try:
             bound = _bound(op, images, values, colorspace, session)
-            results, failed = session.on_a_device(lambda: _results_of(bound, session, roi))
+            results, failed = session.resources.on_a_device(lambda: _results_of(bound, session, roi))
         except Error as error:
             error.args = (in_python(str(error), op),)
             raise
@@ -81,7 +81,7 @@ def _bound(
         raise ParameterTypeError(f"{op.name}: {missing[0]}= must be given")
     pictures = tuple(_image(image, session) for image in images)
     if colorspace is not None:
-        session.color.resolve(colorspace)
+        session.resources.color.resolve(colorspace)
         pictures = tuple(tagged(image, _TAG, colorspace) for image in pictures)
     given: dict[str, Any] = (
         {many.name: pictures} if many else dict(zip((i.name for i in declared), pictures, strict=True))
@@ -97,7 +97,7 @@ def _bound(
 
 def _image(given: ImageLike, session: Session) -> Image:
     if isinstance(given, (str, os.PathLike)):
-        return read(given, session.cache)
+        return read(given, session.resources.cache)
     if not isinstance(given, Mapping):
         return _picture(given)
     if not given:
@@ -123,7 +123,7 @@ def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, ses
     if part is not None:
         return Image((part,), value)
     if Path(value).exists():
-        return read(value, session.cache)
+        return read(value, session.resources.cache)
     has = ", ".join(p.name for p in first.parts) if first is not None else "none"
     raise ParameterError(f"{op.name}: {name}='{value}': neither a part of the image, which has {has}, nor a file")
 

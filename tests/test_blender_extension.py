@@ -103,7 +103,7 @@ def folder(monkeypatch):
         save(np.full((64, 80, 3), (0.5, 0.5, 1.0)), path / "normal.png")
         subprocess.run([sys.executable, BUILD, path / "extension.zip"], check=True)
         yield path
-        connect(Settings.of(Session())).end()
+        connect(Settings.of(Session().resources)).end()
 
 
 WITHOUT_BLENDER = """

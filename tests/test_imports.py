@@ -81,7 +81,7 @@ def test_a_line_imports_what_it_names(photo, tmp_path, line, rooms, most):
     modules = imported(photo, *(tmp_path / word if word.startswith("copy") else word for word in line))
     assert not {"pyopencl", "scipy"} & set(modules)
     assert ("PyOpenColorIO" in modules) == ("color" in rooms)
-    program = {"cli", "core", "io"}
+    program = {"cli", "core", "io", "session"}
     assert {name.partition(".")[0] for name in ours(modules) if "." in name} - program <= rooms
     assert len(ours(modules)) <= most, sorted(ours(modules))
 

@@ -10,7 +10,8 @@ from ..core.window import Window
 from ..io.paint_palette import write_indexed
 from ..io.reading import read
 from ..io.writing import write
-from ..session import SHORT_OF_MEMORY, Session
+from ..session import Session
+from ..session.resources import SHORT_OF_MEMORY
 
 __all__ = [
     "SHORT_OF_MEMORY",

@@ -20,7 +20,7 @@ from ..core.source_map import STMAP
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.disk_cache import hash_of
-from ..session import Session
+from ..session.resources import Resources
 from .exemplar_masks import both, label_map, labelled_pixels, masked_pixels
 
 Found = TypeVar("Found")
@@ -56,10 +56,10 @@ class ExemplarPixels:
     usable: np.ndarray | None
     why: str
 
-    def remembered(self, session: Session, find: Callable[..., Found], flag: str, *more: object) -> Found:
+    def remembered(self, resources: Resources, find: Callable[..., Found], flag: str, *more: object) -> Found:
         """What `find(flag, lab, usable, *more)` finds in the photo, or found when these pixels were last looked at."""
         usable = None if self.usable is None else hash_of(self.usable)
-        return session.resources.remembered(
+        return resources.remembered(
             (find, id(self.values), usable),
             lambda: find(flag, first_channels(self.values, 3), self.usable, *more),
             self.values,
@@ -82,7 +82,7 @@ class LabelledExemplar(Op):
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
     stmap: bool | Path = param(False, help=STMAP)
 
-    def read(self, session: Session, *also: np.ndarray | None) -> ExemplarPixels:
+    def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """Values, usable pixels, and why the others are not; `also` are further (height, width) bool of usable ones.
 
         Raises
@@ -94,16 +94,16 @@ class LabelledExemplar(Op):
         ParameterError
             There is no such level or label.
         """
-        with session.stats.time("read and colour"):
-            values, opaque = self.seen(session)
+        with resources.stats.time("read and colour"):
+            values, opaque = self.seen(resources)
             allowed = functools.reduce(both, also, self._allowed())
         why = ["transparent pixels"] if opaque is not None or allowed is None else []
         why += [] if allowed is None else ["pixels outside the mask or label"]
         return ExemplarPixels(values, opaque, both(opaque, allowed), " and of ".join(why))
 
-    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
+    def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
         """Values of the exemplar, and where it is opaque."""
-        return working_values(self.exemplar, session, self.working_space)
+        return working_values(self.exemplar, resources, self.working_space)
 
     def _allowed(self) -> np.ndarray | None:
         """Where mask and label let pixels be taken from; None: everywhere."""

@@ -10,7 +10,7 @@ from ..core.image import Image
 from ..core.parameters import Numbers, Words, image, param
 from ..deferred import np
 from ..errors import ParameterError
-from ..session import Session
+from ..session.resources import Resources
 from .exemplar_op import ExemplarOp
 from .materials import KINDS_HELP, MATCH_HELP, read_material
 
@@ -25,12 +25,12 @@ class MaterialOp(ExemplarOp):
     kinds: Words | None = param(None, help=KINDS_HELP)
     match: Numbers | None = param(None, ge=0, help=MATCH_HELP)
 
-    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
+    def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
         """All maps of the material together."""
-        held = self.holds_photo(session)
-        return read_material(self.all_maps(), self.kinds, self.match, self.data, session, held)
+        held = self.holds_photo(resources)
+        return read_material(self.all_maps(), self.kinds, self.match, self.data, resources, held)
 
-    def holds_photo(self, session: Session) -> bool:
+    def holds_photo(self, resources: Resources) -> bool:
         """Whether the values of all maps lie in memory, and not in a file."""
         return True
 

@@ -21,6 +21,8 @@ from ..quality.report import FAIL_HELP, REPORT, REPORT_HELP, Quality
 from ..quilting.label_growth import cell_side, grow_labels
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
 from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 
 log = logging.getLogger("oiiotex")
 
@@ -62,29 +64,30 @@ class Composite(Quilted):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The composite, and what else can be asked for."""
+        resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
-        quality = Quality.of_copies(self, session, size)
+        quality = Quality.of_copies(self, resources, progress, size)
         labels = label_map(self.exemplar, self.labels, self.level)
-        Sewing(op=self, guide=None, level=self.level, size=size, patch=self.patch).require_memory(session)
-        stages = session.stages()
-        grown = self._grown(labels, size, next(stages))
+        Sewing(op=self, guide=None, level=self.level, size=size, patch=self.patch).require_memory(resources)
+        stages = progress.stages()
+        grown = self._grown(labels, size, resources, next(stages))
         guide = Image((grown,), "the grown label map")
         sewing = Sewing(op=self, guide=guide, level=self.level, size=size, patch=self.patch)
-        results = quality.add_to_copies(sewn_whole(sewing, self.read(session), next(stages)))
+        results = quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, next(stages)))
         return {**results, "grown": lambda: _enlarged(grown, results["composite"])}
 
-    def _grown(self, labels: LabelMap, size: Size, session: Session) -> Part:
+    def _grown(self, labels: LabelMap, size: Size, resources: Resources, progress: Progress) -> Part:
         """The grown map as a part of ids."""
         spec = labels.part.spec
         side = cell_side(labels.scale, spec.width, spec.height)
         cells = -(-size.width // side) * -(-size.height // side)
         need = _CELL_BYTES * cells + _PIXEL_BYTES * spec.width * spec.height
-        session.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
-        with session.stats.time("grow"):
+        resources.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
+        with resources.stats.time("grow"):
             growth = grow_labels(
-                session.device, labels.ids, side, Domain.tiling(*size, self.tile), self.seed,
-                session.budget, session.advance, self.tries,
+                resources.device, labels.ids, side, Domain.tiling(*size, self.tile), self.seed,
+                resources.budget, progress.advance, self.tries,
             )  # fmt: skip
         height, width = growth.ids.shape
         log.info(

@@ -90,14 +90,14 @@ class Content(ScanThenMap):
         side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
         if side > min(width, height):
             raise ImageError(f"patch={side} is larger than {self.source.source}, {width}x{height}")
-        needed = scan_bytes(width, height, side, session) + _ROW_BYTES * width * _ROWS
-        session.require(needed, f"the content of rows of {width} px in patches of {side} px")
+        needed = scan_bytes(width, height, side, session.resources) + _ROW_BYTES * width * _ROWS
+        session.resources.require(needed, f"the content of rows of {width} px in patches of {side} px")
         left, top = self._place(first, side)
         levels = label_levels(self.source, self.labels)
         histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
         key = key_of(histograms[labels.level])
         contents = Contents(labels.part, side, session, key, passes=2 if self.table else 1)
-        photo, labelled = (cached(part, session.cache) for part in (first, labels.part))
+        photo, labelled = (cached(part, session.resources.cache) for part in (first, labels.part))
         picture = functools.partial(_shown, photo, labelled, session)
         drawn = _key_table(picture, contents) if self.table else _marked(first, picture, contents, left, top)
         return {"view": drawn, "facts": lambda: _facts(contents, labels.level, left, top, histograms)}
@@ -137,7 +137,7 @@ class Contents:
         self._done, self._total = 0, passes * strip_count(labels, side)
         width, height = labels.spec.width, labels.spec.height
         size = height, -(-width // 8)  # a bit for each pixel
-        self._marks = RowStore(size, np.uint8, in_memory=size[0] * size[1] <= session.budget // 4)
+        self._marks = RowStore(size, np.uint8, in_memory=size[0] * size[1] <= session.resources.budget // 4)
         self._rows = range(self._half, self._half + height - side + 1)
         found: Counter[int] = Counter()
         for strip in self._strips():
@@ -153,11 +153,11 @@ class Contents:
         self.counts = {key_pair(code): found[code] for code in sorted(found)}
 
     def _strips(self) -> Iterator[Strip]:
-        return key_strips(self._labels, self.side, self._session, self._advance)
+        return key_strips(self._labels, self.side, self._session.resources, self._advance)
 
     def _advance(self) -> None:
         self._done += 1
-        self._session.advance(self._done, self._total)
+        self._session.progress.advance(self._done, self._total)
 
     def centres(self, rows: range) -> np.ndarray:
         """Where in rows of the data window a window of the key has its centre: (rows, width) bool."""
@@ -193,7 +193,9 @@ def _histogram(labels: Part, left: int, top: int, side: int) -> dict[int, int]:
 def _shown(photo: Part, labels: Part, session: Session, window: Window) -> np.ndarray:
     """A window (in the data window) as sRGB, or its labels in colours where there is no photo; (h, w, 3) float32."""
     if not (photo.exact or dtype_of(photo.spec) == np.uint32):
-        return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, session).astype(np.float32)
+        return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, session.resources).astype(
+            np.float32
+        )
     around = Window(max(0, window.left - 1), max(0, window.top - 1), window.right, window.bottom)  # for borders
     ids = labels.read(around.shifted(labels.spec.x, labels.spec.y))[..., 0]
     return coloured(ids.astype(np.int64), None, 1.0).astype(np.float32)[window.inside(around)]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..color.lab import lens_of
 from ..core.access import ScanThenMap
 from ..core.image import Image, Part
-from ..core.machine import usable_threads
 from ..core.op import Kind, Output, Space
 from ..core.parameters import image, param
 from ..deferred import np
@@ -91,6 +90,7 @@ class Dominant(ScanThenMap):
         from ..dominant.diffusion import dominant_texture, spread_over, step_for
         from ..dominant.patch_manifold import MOST_PATCH, memory_needed
 
+        resources, progress = session.resources, session.progress
         first = self.source.first
         width, height = first.window.width, first.window.height
         factor = reduction(width, height, WORKING_PIXELS)
@@ -100,24 +100,24 @@ class Dominant(ScanThenMap):
             raise ImageError(f"patch={patch}: {self.source.source} has only {width}x{height} px")
         step = self.step or step_for(shape, patch or 5, TEXELS)
         texels = -(-shape[0] // step) * -(-shape[1] // step)
-        threads = session.threads or usable_threads()
+        threads = resources.thread_count
         need = memory_needed(shape[0] * shape[1], texels, patch or MOST_PATCH, threads) + width * height // 8
-        session.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
-        lens = lens_of(self.source, session, self.working_space)
+        resources.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
+        lens = lens_of(self.source, resources, self.working_space)
         allowed = None if self.mask is None else masked_pixels(self.mask, self.source)
-        pixels = lab_pixels(self.source, lens, session, factor, allowed)
-        session.advance(1, 6)
+        pixels = lab_pixels(self.source, lens, resources, factor, allowed)
+        progress.advance(1, 6)
         literal = self.rule == "paper"
 
-        def coloured(_: Session) -> np.ndarray | None:
+        def coloured() -> np.ndarray | None:
             """What refines the mask, found while texels are: to import k-means takes a fifteenth of a second."""
             from ..dominant.refinement import pixel_colours
 
             return None if literal else pixel_colours(pixels)
 
-        with session.beside(coloured) as colours:
+        with resources.beside(coloured) as colours:
             texture = dominant_texture(
-                pixels, session, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule
+                pixels, resources, progress, patch=patch, step=self.step, most=TEXELS, mode=self.mode, rule=self.rule
             )
             mask = _mask(texture, pixels, colours())
         if texture.rejected:
@@ -127,7 +127,7 @@ class Dominant(ScanThenMap):
         else:
             share, side = 100 * texture.share, texture.texels.patch
             log.info("%s: %.0f %% of patches of %d px are dominant", self.flag(), share, side)
-        session.advance(6, 6)
+        progress.advance(6, 6)
 
         def spread(name: str, channels: tuple[str, ...], *values: np.ndarray) -> Part:
             layers = [spread_over(texture.texels, v, pixels.seen.shape, 0) for v in values]

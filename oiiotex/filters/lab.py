@@ -57,10 +57,10 @@ class Lab(Pointwise):
         origin = part.spec.get_string_attribute(FROM)
         if origin:
             raise ColorError(f"{self.source.source} is Lab already, from '{origin}': :inverse=1 turns it back")
-        space = colour_space(self.source, session.color, session.autocc)
+        space = colour_space(self.source, session.resources.color, session.settings.autocc)
         if space is None:
             raise ColorError(f"{self.source.source} is data, which has no Lab: say --iscolorspace NAME if it is colour")
-        lens = lens_for(self.source, session, space)
+        lens = lens_for(self.source, session.resources, space)
         places = _places(lens.channels, part.spec.nchannels)
 
         def work(rows: np.ndarray, _: Window) -> np.ndarray:
@@ -81,16 +81,16 @@ class Lab(Pointwise):
     def _colour(self, session: Session) -> Part:
         part, name = self.source.first, self.source.source
         tag, space = part.spec.get_string_attribute(TAG), self.to or part.spec.get_string_attribute(FROM)
-        if tag and not session.color.is_data(tag):
+        if tag and not session.resources.color.is_data(tag):
             raise ColorError(f"{name} is '{tag}', not Lab")
         if not space:
             raise ColorError(f"{name} does not say which colour space it came from: add :to=NAME")
-        if session.color.is_data(space):
+        if session.resources.color.is_data(space):
             raise ColorError(f"to={space}: a space of data has no colours")
         channels = channels_of(part.spec)
         if len(channels.colour) != 3:
             raise ImageError(f"{name} has {len(channels.colour)} channels beside alpha: Lab has three")
-        from_lab = session.color.from_lab(space)
+        from_lab = session.resources.color.from_lab(space)
         lens = Lens(name, Channels(channels.colour, None))  # Lab is not premultiplied
         places = _places(channels, part.spec.nchannels)
 

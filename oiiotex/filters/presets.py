@@ -49,7 +49,7 @@ def filled(op: Stationarize, session: Session) -> Stationarize:
     plain = replace(op, preset=None, **{name: v for name, v in chosen.items() if getattr(op, name) is None})
     before = ""
     if op.preset == CLEAN and op.mask is None:
-        plain.planned(session)  # what can be wrong is known before pixels are asked for
+        plain.planned(session.resources, session.progress)  # what can be wrong is known before pixels are asked for
         dominant = Dominant(source=op.exemplar, data=op.data)
         part = op.exemplar.first
         mask = session.resources.remembered(

@@ -67,12 +67,15 @@ class Quilting(Quilted, Structured):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The quilt, and what else can be asked for."""
-        quality = Quality.of_copies(self, session, self.size or (self.guide or self.exemplar).first.window.size)
+        resources, progress = session.resources, session.progress
+        quality = Quality.of_copies(
+            self, resources, progress, self.size or (self.guide or self.exemplar).first.window.size
+        )
         if self.render:
             return quality.add_to_copies(self._rendered(session))
         sewing = self._sewing()
-        sewing.require_memory(session)
-        return quality.add_to_copies(sewn_whole(sewing, self.read(session), session))
+        sewing.require_memory(resources)
+        return quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, progress))
 
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:
@@ -87,17 +90,18 @@ class Quilting(Quilted, Structured):
 
     def _rendered(self, session: Session) -> dict[str, Part]:
         """From a plan."""
+        resources = session.resources
         if self.plan is None:
             raise ParameterError("render=1 makes the result from a plan: plan=FILE says which")
         planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap
         if any(value is not None for value in planned):
             raise ParameterError("render=1 takes everything from the plan; say none of size, patch, mask, label, guide")
-        plan, size = Plan.load(self.plan, session.budget)
+        plan, size = Plan.load(self.plan, resources.budget)
         spec = self.exemplar.first.spec
         if size != (spec.width, spec.height):
             raise ImageError(
                 f"{self.plan} is of an exemplar of {size[0]}x{size[1]}, {self.exemplar.source} is"
                 f" {spec.width}x{spec.height}"
             )
-        renderer = Renderer.of(session.device, plan, session.budget)
-        return sewn_parts(self, renderer.sources, plan.grid, session)
+        renderer = Renderer.of(resources.device, plan, resources.budget)
+        return sewn_parts(self, renderer.sources, plan.grid, resources)

@@ -50,10 +50,10 @@ class Stationarity(ScanThenMap):
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""
         part = self.source.first
-        lens = lens_of(self.source, session, self.working_space)
+        lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)
         order = order_of(self.measure, self.order)
-        deviation = deviation_of(self.source, lens, sigma, session, self.measure, order)
+        deviation = deviation_of(self.source, lens, sigma, session.resources, session.progress, self.measure, order)
         log.info("%s: %s at sigma %g px", self.flag(), cost_text(deviation.cost, self.measure, order), sigma)
         spec = derived_spec(part.spec)
         spec.nchannels, spec.channelnames, spec.alpha_channel, spec.z_channel = 1, ("Y",), -1, -1

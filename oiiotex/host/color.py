@@ -44,8 +44,10 @@ class IsColorSpace(Respec):
         """The part under its new spec."""
         if not self.space:
             return super().result(parts, session)
-        session.color.resolve(self.space)
-        return super(IsColorSpace, replace(self, space=session.color.known_name(self.space))).result(parts, session)
+        session.resources.color.resolve(self.space)
+        return super(IsColorSpace, replace(self, space=session.resources.color.known_name(self.space))).result(
+            parts, session
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,13 +67,13 @@ class OnColor(HostOp, Pointwise):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed; that the conversion exists is found out now."""
-        path = session.color.path
+        path = session.resources.color.path
 
         def convert(colour: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
                 return checked(self.convert(colour, path))
             except (ImageError, RuntimeError) as error:  # OpenImageIO may take braces in names for its own
-                known = ", ".join(self.known(session.color.names))
+                known = ", ".join(self.known(session.resources.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
         return pointwise(parts, parts[0].window, lambda source: converted(source, convert))
@@ -143,14 +145,14 @@ class Converting(OnColor):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
         names: dict[str, Any] = {
-            n: session.color.known_name(s) for n, s in vars(self).items() if n in ("from_space", "to_space")
+            n: session.resources.color.known_name(s) for n, s in vars(self).items() if n in ("from_space", "to_space")
         }
         try:
             return super(Converting, replace(self, **names)).result(parts, session)
         except ColorError as error:
             if self.strict:
                 for name in {*self.spaces()} - {"", "current"}:
-                    session.color.resolve(name)  # it says more
+                    session.resources.color.resolve(name)  # it says more
                 raise
             log.warning("%s: %s; the image stays as it is", self.flag(), error)
             return worked(parts[0])

@@ -68,7 +68,7 @@ class HostOp(Op):
         inputs = self.inputs()
         first = inputs[0]
         wanted = chosen(self.subimages, first)
-        everything = self.allsubimages if self.allsubimages is not None else session.all_parts
+        everything = self.allsubimages if self.allsubimages is not None else session.settings.all_parts
         count = len(first.parts) if everything or self.subimages else 1
         if self.idle([part for n, part in enumerate(first.parts[:count]) if wanted is None or n in wanted]):
             return first
@@ -240,7 +240,7 @@ def require_kernel(width: int, height: int, session: Session) -> None:
         raise ParameterError(
             f"kernel {size}: expected at most {_MOST_NEIGHBOURS} pixels; use a smaller image or kernel"
         )
-    session.require(width * height * 4, "a kernel", "use a smaller kernel")
+    session.resources.require(width * height * 4, "a kernel", "use a smaller kernel")
 
 
 _MOST_NEIGHBOURS = 1 << 24  # of a pixel
@@ -282,12 +282,12 @@ def remapped(
         raise ImageError(
             f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least"
         )
-    bring = functools.partial(materialized, budget=session.budget)
-    near = [once(part, bring) if scattered else cached(part, session.cache) for part in parts]
+    bring = functools.partial(materialized, budget=session.resources.budget)
+    near = [once(part, bring) if scattered else cached(part, session.resources.cache) for part in parts]
 
     def at(window: Window) -> oiio.ImageBuf:
         pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
-        session.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
+        session.resources.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
         buffers = [part.buffer(w) for part, w in pieces]
         return checked(apply(window.apply_to(target), *buffers))
 
@@ -373,7 +373,7 @@ class AtOnce(HostOp, Whole):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The computed result."""
-        session.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
+        session.resources.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
         return in_memory(parts[0].name, checked(self.apply(*(part.buffer(part.window) for part in parts))))
 
 

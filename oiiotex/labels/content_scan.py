@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 from ..core.demand import BAND_BYTES, cached, stream
 from ..core.image import Part
-from ..core.machine import usable_threads
 from ..core.window import Window
 from ..deferred import np
-from ..session import Session
+from ..session.resources import Resources
 from .content_table import window_keys
 
 _STEP = 256  # columns of windows that a thread looks at, at least
@@ -69,16 +68,16 @@ def add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
         areas[label] = areas.get(label, 0) + count
 
 
-def scan_bytes(width: int, height: int, side: int, session: Session) -> int:
+def scan_bytes(width: int, height: int, side: int, resources: Resources) -> int:
     """Memory of `key_strips`, whatever the map's height."""
     across = _columns(side) + side
-    pieces = (session.threads or usable_threads()) * min(width, across) * min(height, across)
+    pieces = resources.thread_count * min(width, across) * min(height, across)
     rows = min(height, _rows(width, side))
     strip = _ID_BYTES * min(height, rows + side) + _KEY_BYTES * rows
     return strip * width + _PIECE_BYTES * pieces
 
 
-def key_strips(labels: Part, side: int, session: Session, advance: Callable[[], object]) -> Iterator[Strip]:
+def key_strips(labels: Part, side: int, resources: Resources, advance: Callable[[], object]) -> Iterator[Strip]:
     """All windows of side x side px, from the top down.
 
     Parameters
@@ -87,18 +86,18 @@ def key_strips(labels: Part, side: int, session: Session, advance: Callable[[], 
         One channel of ids; 0 is no label.
     side : int
         px; as the map is wide and high at most.
-    session : Session
+    resources : Resources
     advance : callable
         Called after each strip.
     """
-    whole, part = labels.window, cached(labels, session.cache)
+    whole, part = labels.window, cached(labels, resources.cache)
     bands = list(Window(0, 0, whole.width, whole.height - side + 1).cells(whole.width, _rows(whole.width, side)))
     pieces = list(Window(0, 0, whole.width - side + 1, 1).cells(_columns(side), 1))
     wanted = (Window(whole.left, whole.top + b.top, whole.right, whole.top + b.bottom + side - 1) for b in bands)
     for band, (_, pixels) in zip(bands, stream(part, wanted), strict=True):
         ids = pixels[..., 0]
         given = [ids[:, p.left : p.right + side - 1] for p in pieces]
-        keyed = list(session.spread(lambda seen: _keyed(seen, side), given))
+        keyed = list(resources.spread(lambda seen: _keyed(seen, side), given))
         counts: dict[int, int] = {}
         for _, found in keyed:
             for code, count in found.items():

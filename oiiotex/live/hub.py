@@ -316,7 +316,7 @@ class Hub:
         return {
             "source": self.source.stem,
             "photo": None if spec is None else [spec.width, spec.height],
-            "views": views(self.session.color),
+            "views": views(self.session.resources.color),
             "document": self.document.path.name,
             "unsaved": self.unsaved,
         }
@@ -327,7 +327,7 @@ class Hub:
         """How pixels look with the document's display and view."""
         view = self.document.state["view"]
         space = self.source.space if space == "" else space
-        return shown_by(self.session.color, space, view["display"], view["view"], view["exposure"])
+        return shown_by(self.session.resources.color, space, view["display"], view["view"], view["exposure"])
 
     def picture(self, pixels: np.ndarray, shown: Shown) -> np.ndarray:
         """(height, width, channels) float32 of the photo's channels -> (height, width, 3) uint8 for the page."""

@@ -26,7 +26,8 @@ from ..patchmatch.matcher import match_patches
 from ..patchmatch.recipe import Recipe
 from ..patchmatch.use_prices import Lost
 from ..regularity.regularity import peaks_over_floor
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..stationarity.costs import stationarity_cost, texture_cost
 from ..stationarity.measures import cost_text
 from .report_measures import REPORT_MEASURES
@@ -138,7 +139,8 @@ class Quality:
     ----------
     op : Op
         With the parameters `report` and `fail`.
-    session : Session
+    resources : Resources
+    progress : Progress
     wrap : (bool, bool)
         The results tile along x, along y.
     size : (int, int)
@@ -162,7 +164,8 @@ class Quality:
     """
 
     op: Any  # with parameters that not every Op has
-    session: Session
+    resources: Resources
+    progress: Progress
     wrap: tuple[bool, bool] = (False, False)
     size: tuple[int, int] = (0, 0)
     copies: bool = True
@@ -179,7 +182,13 @@ class Quality:
 
     @classmethod
     def of_copies(
-        cls, op: Any, session: Session, size: tuple[int, int], tile: str | None = None, **more: Any
+        cls,
+        op: Any,
+        resources: Resources,
+        progress: Progress,
+        size: tuple[int, int],
+        tile: str | None = None,
+        **more: Any,
     ) -> Quality:
         """Of results whose pixels are copied from the op's exemplar.
 
@@ -187,7 +196,8 @@ class Quality:
         ----------
         op : Op
             With the parameters `exemplar`, `report` and `fail`.
-        session : Session
+        resources : Resources
+        progress : Progress
         size : (int, int)
             Width and height of a result, px.
         tile : str, optional
@@ -195,12 +205,12 @@ class Quality:
         """
         spec, tile = op.exemplar.first.spec, tile or op.tile
         sizes = spec.width * spec.height, size[0] * size[1]
-        return cls(op=op, session=session, wrap=("x" in tile, "y" in tile), size=sizes, **more)
+        return cls(op=op, resources=resources, progress=progress, wrap=("x" in tile, "y" in tile), size=sizes, **more)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limits", tuple(map(self._limit, self.op.fail or ())))
         if self.op.report or self.limits:
-            self.session.require(self._memory(), "measuring the result", "leave out report and fail")
+            self.resources.require(self._memory(), "measuring the result", "leave out report and fail")
 
     def add_to(
         self, results: dict[str, Any], seen: Callable[[], tuple[np.ndarray, Iterable[Look]]], **more: float
@@ -218,13 +228,13 @@ class Quality:
 
         @functools.cache
         def report() -> dict[str, Any]:
-            with self.session.stats.time("measure"):
+            with self.resources.stats.time("measure"):
                 photo, looks = seen()
                 return self._document([(look, self._measures(photo, look) | more) for look in looks])
 
-        if self.session.measure:
+        if self.progress.measure:
             need = self._memory()
-            if need > self.session.budget:
+            if need > self.resources.budget:
                 log.info("%s: not measured: that would need %d MB of memory", self.op.flag(), -(-need >> 20))
             else:
                 for line in self._lines(report()):
@@ -236,7 +246,7 @@ class Quality:
         exemplar, main = self.op.exemplar, results[self.op.main().name]
 
         def seen() -> tuple[np.ndarray, list[Look]]:
-            photo = np.asarray(working_values(exemplar, self.session, self.op.working_space)[0])
+            photo = np.asarray(working_values(exemplar, self.resources, self.op.working_space)[0])
             source = SourceMap.of_coordinates(results["st"].pixels(), exemplar.first.spec, "st")
             return photo, [Look.of_copies(main.name, photo, source, labels())]
 
@@ -245,7 +255,7 @@ class Quality:
     @property
     def is_asked_for(self) -> bool:
         """By -v, report or fail."""
-        fits = self.session.measure and self._memory() <= self.session.budget  # else the others have been refused
+        fits = self.progress.measure and self._memory() <= self.resources.budget  # else the others have been refused
         return bool(fits or self.op.report or self.limits)
 
     def _memory(self) -> int:
@@ -285,7 +295,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = look.lab[..., 0], photo[..., 0]
-        self.session.advance(1, 1)  # who does not want to know any more is let go
+        self.progress.advance(1, 1)  # who does not want to know any more is let go
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
@@ -300,7 +310,7 @@ class Quality:
         kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
         measures |= {} if kept is None else kept.measures()
         if look.source is not None:
-            self.session.advance(1, 1)
+            self.progress.advance(1, 1)
             measures |= self._of_copies(exemplar, look)
         return measures
 
@@ -320,7 +330,7 @@ class Quality:
             )
             domain = Domain(y.shape[1], y.shape[0], *self.wrap)
             matches = match_patches(
-                self.session.device, look.lab, photo, start, self.patch, domain, 0, self.session.budget
+                self.resources.device, look.lab, photo, start, self.patch, domain, 0, self.resources.budget
             )
             measures["texture"] = texture_cost(look.lab, photo, matches, self.patch)
         copies = copies_by_source(source, photo.shape[:2])

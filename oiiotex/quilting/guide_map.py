@@ -18,7 +18,7 @@ from ..errors import ImageError, ParameterError
 from ..io.documents import read_document
 from ..labels.content_table import ContentTable
 from ..labels.legend import code_of, codes_in, colour_of, oklab_of
-from ..session import Session
+from ..session.resources import Resources
 from .quilt_plan import Grid
 from .quilter import GUIDE
 
@@ -251,7 +251,7 @@ class Wishes:
     wanted: np.ndarray
 
 
-def wishes_of(guide: Part, meaning: Meaning, grid: Grid, session: Session) -> Wishes:
+def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -> Wishes:
     """One look through the guide, row of cells by row of cells; it is scaled to the output by the nearest pixel.
 
     Parameters
@@ -260,7 +260,7 @@ def wishes_of(guide: Part, meaning: Meaning, grid: Grid, session: Session) -> Wi
         Of any size: the grid's output is stretched over it.
     meaning : Meaning
     grid : Grid
-    session : Session
+    resources : Resources
 
     Raises
     ------
@@ -271,7 +271,7 @@ def wishes_of(guide: Part, meaning: Meaning, grid: Grid, session: Session) -> Wi
     keys = np.zeros((rows, columns, 2), np.int32)
     wanted = np.zeros((rows, columns, GUIDE, GUIDE), np.uint16)
     unknown, blended = Strays(), 0
-    kept = cached(guide, session.cache)
+    kept = cached(guide, resources.cache)
     along_x = _samples(grid.xs, grid.patch, grid.width) * guide.spec.width // grid.width
     every = SAMPLES // GUIDE
     single = np.where(meaning.pure, meaning.keys[:, 0], 0).astype(np.uint16)

@@ -118,7 +118,7 @@ class Resident:
 
     def facts(self) -> dict[str, Any]:
         """What it is, and what it does."""
-        device = self._session.device.info.name if self._session.resources.has_device else None
+        device = self._session.resources.device.info.name if self._session.resources.has_device else None
         return {
             "version": __version__, "pid": os.getpid(), "device": device,
             "clients": len(self._clients), "jobs": self.jobs.count,

@@ -46,11 +46,17 @@ class Settings:
     @classmethod
     def of(cls, session: Session, idle: float = IDLE) -> Settings:
         """Those of a session; the environment's device and colour config become words."""
-        config = session.colorconfig or os.environ.get("OCIO")
+        config = session.settings.colorconfig or os.environ.get("OCIO")
         if config and os.path.exists(config):
             config = os.path.abspath(config)
         return cls(
-            session.device_name, session.threads, session.budget, config, session.interchange, session.autocc, idle
+            session.settings.device_name,
+            session.settings.threads,
+            session.resources.budget,
+            config,
+            session.settings.interchange,
+            session.settings.autocc,
+            idle,
         )
 
     def text(self) -> str:

@@ -79,7 +79,7 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         image = _retyped(image, type_named(given.type))
     if given.now:
         size = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in image.parts)
-        chain.session.require(size, "now=1", "read it piece by piece, without now=1")
+        chain.session.resources.require(size, "now=1", "read it piece by piece, without now=1")
     if given.now and not chain.dry:
         parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
         image = Image(parts, image.source)
@@ -152,7 +152,7 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
         from ...host.turning import Reorient
 
         chain.apply(Reorient)
-    automatic = chain.session.autocc if given.autocc is None else given.autocc
+    automatic = chain.session.settings.autocc if given.autocc is None else given.autocc
     if automatic:
         _to_linear(chain, path, bool(given.unpremult))
 
@@ -161,7 +161,7 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
     """Convert to scene linear from the space that the file's name, or else its tag, says (--autocc)."""
     from ...host.color import ColorConvert
 
-    colors = chain.session.color
+    colors = chain.session.resources.color
     space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")
     linear = colors.linear
     if space and linear and not colors.same(space, linear):
@@ -215,7 +215,7 @@ def native_types(chain: Chain) -> None:
 
 def all_parts(chain: Chain) -> None:
     """Ops work on all parts from here on."""
-    chain.session.all_parts = True
+    chain.session.change(all_parts=True)
 
 
 @dataclass(frozen=True)
@@ -227,13 +227,13 @@ class AutoccModifiers:
 
 def autocc_on(chain: Chain, unpremult: bool = False) -> None:
     """Convert from and to the colour spaces that names of files say, from here on."""
-    chain.session.autocc = True
+    chain.session.change(autocc=True)
     chain.settings["--autocc unpremult"] = unpremult
 
 
 def autocc_off(chain: Chain) -> None:
     """No longer convert by names of files."""
-    chain.session.autocc = False
+    chain.session.change(autocc=False)
 
 
 OPTIONS = (

@@ -45,7 +45,7 @@ def colour_config_info(chain: Chain) -> None:
     """Print what the colour config holds."""
     if not chain.acts():
         return
-    config = oiio.ColorConfig(chain.session.color.path)
+    config = oiio.ColorConfig(chain.session.resources.color.path)
     version = oiio.OpenColorIO_version_hex
     print(f"OpenColorIO {version >> 24}.{version >> 16 & 255}.{version >> 8 & 255}")
     print(f"Color config: {config.configname()}")

@@ -36,7 +36,7 @@ def _asked(chain: Chain) -> Asked:
     info = settings.get("--info")
     return Asked(
         verbose=_verbose(chain) or bool(info and info.verbose),
-        all_parts=chain.session.all_parts,
+        all_parts=chain.session.settings.all_parts,
         match=settings.get("--metamatch", ""),
         no_match=settings.get("--no-metamatch", ""),
         hash=bool(settings.get("--hash")),
@@ -78,7 +78,7 @@ def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None
     looked_at = asked.statistics or asked.hash or asked.dump
     if not chain.acts(*(image.parts if looked_at else ())):
         return
-    with chain.session.stats.time("print"):
+    with chain.session.resources.stats.time("print"):
         for text in description(image, asked, filename):
             print(text, end="")
     sys.stdout.flush()

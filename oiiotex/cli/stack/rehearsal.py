@@ -16,7 +16,7 @@ import logging
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...core.demand import PieceCache
@@ -27,7 +27,10 @@ from ...errors import DeviceError, Error, Unseen
 from ...io.formats import Format
 from ...io.writing import require_writable
 from ...run import as_foreseen, foreseen, is_foreseen
-from ...session import Resources, Session
+from ...session import Session
+from ...session.progress import Progress
+from ...session.resources import Resources
+from ...session.settings import Settings
 from ..files.reading import read_input
 from ..language.parse import Step
 from ..language.sequences import Frame
@@ -78,7 +81,7 @@ class Rehearsals:
         Error
             One would fail, and with it the line.
         """
-        chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.measure)
+        chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.progress.measure)
         try:
             with _quiet(), chain.globals:
                 chain.run(steps)
@@ -104,7 +107,7 @@ def _quiet() -> Iterator[None]:
 class _Unopened(Resources):
     """Resources of a session that opens no device and looks at no pixel."""
 
-    def __init__(self, settings: Session, behind: Resources):
+    def __init__(self, settings: Settings, behind: Resources):
         super().__init__(settings)
         self._behind = behind
 
@@ -115,7 +118,7 @@ class _Unopened(Resources):
         from ...opencl.unopened import UnopenedDevice
 
         try:
-            return UnopenedDevice(choose(self._settings.device_name, self._settings.threads))
+            return UnopenedDevice(choose(self.settings.device_name, self.settings.threads))
         except DeviceError:  # the run says so, if it needs one
             raise Unseen from None
 
@@ -137,9 +140,10 @@ class _Unopened(Resources):
 
 def _untouched(session: Session) -> Session:
     """With the settings and the colours of that session."""
-    names = ("device_name", "budget", "threads", "colorconfig", "interchange", "words")
-    new = Session(**{name: getattr(session, name) for name in names})
-    new.resources = _Unopened(new, session.resources)
+    new = session.telling(Progress())
+    new.resources = _Unopened(
+        replace(session.settings, autocc=False, all_parts=False, profile=False), session.resources
+    )
     return new
 
 
