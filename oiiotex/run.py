@@ -63,7 +63,6 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     Parameters
     ----------
     op : Op
-    session : Session
     written : set of str, optional
         Real paths of files that ops of the same line have written before; those written now join them.
     provenance : bool

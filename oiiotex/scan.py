@@ -37,7 +37,6 @@ def scan(
     part : Part
     lens : Lens
         How pixels are seen.
-    resources : Resources
     look : callable
         (values, opaque, piece) -> what is found there. `values` and `opaque` are `Lens.values` of the piece, which
         `look` may use up. Runs on several threads.

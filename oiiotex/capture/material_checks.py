@@ -97,8 +97,6 @@ def check_material(
         What each is: colour, data, normal or height.
     convention : str
         Which way green of normals shall point: opengl (up) or directx (down).
-    resources : Resources
-    progress : Progress
 
     Returns
     -------
@@ -120,9 +118,9 @@ def check_material(
     if "colour" in usable and len(usable) > 1:
         findings += _baked(usable["colour"], usable.get("normal"), usable.get("height"), resources)
     facts = [
-        {"name": one.image.source, "kind": one.kind, "width": spec.width, "height": spec.height, "measures": one.measures}
+        {"name": one.image.source, "kind": one.kind, "width": width, "height": height, "measures": one.measures}
         for one in maps
-        for spec in (one.image.first.spec,)
+        for width, height in (one.image.first.window.size,)
     ]
     return facts, findings
 

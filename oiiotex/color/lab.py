@@ -189,7 +189,6 @@ def lens_of(image: Image, resources: Resources, space: Space = Space.LAB) -> Len
     ----------
     image : Image
         Gray, gray + alpha, RGB, RGBA, with any further channels.
-    resources : Resources
     space : Space
         As `Op.working_space` gives it. Of an image whose own space says that it holds data, LAB is DATA: the common
         range of its channels becomes 0 .. 100, so that distances mean what they mean in Lab. That range is asked of

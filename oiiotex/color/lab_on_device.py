@@ -48,7 +48,7 @@ class LabGrid:
 
     Parameters
     ----------
-    image, lens, resources
+    image, lens
     align : int
         Bands of an image that does not fit begin at multiples of so many rows.
     most : int, optional

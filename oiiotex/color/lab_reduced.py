@@ -69,7 +69,7 @@ def lab_pixels(
 
     Parameters
     ----------
-    image, lens, resources
+    image, lens
     factor : int
         Pixels on a side of the squares whose means are taken.
     allowed : (height, width) bool, optional

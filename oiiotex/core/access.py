@@ -46,7 +46,6 @@ class _Mapped(Op):
         work : callable
             (pixels of the part, window) -> pixels of the result there. It must give a pixel the same value in any
             window. With a halo the pixels are those of the window grown by it, as far as the part goes.
-        session : Session
         spec : oiio.ImageSpec, optional
             Of the result; the part's own when left out.
         """

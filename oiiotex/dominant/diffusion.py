@@ -123,7 +123,6 @@ def dominant_texture(
     Parameters
     ----------
     pixels : LabPixels
-    resources, progress
     patch : int, optional
         Side of a texel, px, odd; from the Fourier transform when left out.
     step : int, optional

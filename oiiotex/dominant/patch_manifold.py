@@ -126,7 +126,6 @@ def texels_of(pixels: LabPixels, patch: int, step: int, resources: Resources) ->
         Side, px, odd.
     step : int
         Between centres, px.
-    resources : Resources
     """
     height, width = pixels.seen.shape
     half = patch // 2
@@ -238,7 +237,6 @@ def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, 
         epsilon of eq. 1, Lab^2 per texel.
     euclidean : bool
         Eq. 7 instead of eq. 1.
-    resources : Resources
     """
     marks = texels.values[chosen]
 

@@ -82,8 +82,6 @@ def drift_of(
     lens : Lens
     radius : float
         Of the disc, px.
-    resources : Resources
-    progress : Progress
     wraps : (bool, bool)
         The image is a torus along y, along x.
     usable : (height, width) bool, optional

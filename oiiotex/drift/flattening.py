@@ -74,8 +74,6 @@ class Flattening:
         source : Image
         space : Space
             That the op works in.
-        resources : Resources
-        progress : Progress
         usable : (height, width) bool, optional
             Pixels that the field is measured on. Default: all with alpha.
 

@@ -61,7 +61,6 @@ def height_tile(
     relevel : bool
     still : (height, width) bool or None
         Pixels that keep their height.
-    resources : Resources
 
     Raises
     ------

@@ -56,7 +56,6 @@ def read_material(
         The weight of each map, >= 0, not all of them 0; None: 1, of a height among several 0.25.
     data : bool
         The first map is no colour; counts where `kinds` is None.
-    resources : Resources
     in_memory : bool
         The values are an array; else rows that lie in a file.
 

@@ -106,7 +106,6 @@ class Structured(Op):
         ----------
         lab : (height, width, at least 3) float32
         usable : (height, width) bool or None
-        resources : Resources
         """
         if self.structure == 0:
             return None

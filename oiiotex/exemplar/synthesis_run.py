@@ -45,8 +45,6 @@ class SynthesisRun:
     Parameters
     ----------
     op : PatchSynthesis
-    resources : Resources
-    progress : Progress
     """
 
     def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):

@@ -124,7 +124,6 @@ class Contents:
     labels : Part
     side : int
         Of windows, px.
-    session : Session
     key : (int, int)
         Whose windows are marked.
     passes : int

@@ -38,7 +38,6 @@ def filled(op: Stationarize, session: Session) -> Stationarize:
     ----------
     op : Stationarize
         With a preset.
-    session : Session
     """
     chosen: dict[str, Any] = {}
     if op.within is None:

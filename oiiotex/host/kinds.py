@@ -268,7 +268,6 @@ def remapped(
         The result's windows.
     needs, apply : callable
         As `Remap` and `Area` have them.
-    session : Session
     scattered : bool
         Sources are brought where any window can be read, when the first is asked for.
 

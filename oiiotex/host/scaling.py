@@ -39,7 +39,6 @@ def scaled(op: HostOp, part: Part, target: oiio.ImageSpec, filter: str, highligh
         One of `FILTERS`; '' leaves the choice to OpenImageIO.
     highlights : bool
         Compress bright values meanwhile, so that they do not ring.
-    session : Session
 
     Raises
     ------

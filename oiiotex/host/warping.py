@@ -105,7 +105,6 @@ def require_filter(inverse: np.ndarray, filter: str, session: Session) -> None:
         From the result to the source. One that is no perspective: of those, no figure holds for all pixels.
     filter : str
         One of `FILTERS`.
-    session : Session
     """
     if np.array_equal(inverse[:, 2], (0, 0, 1)):
         across, down = FILTERS[filter] * np.maximum(1, np.abs(inverse[:2, :2]).max(axis=0))
@@ -145,7 +144,6 @@ class Warped(HostOp, Gather):
             From the source to the result, for row vectors (x, y, 1) in pixels.
         wrap : str
             What lies beyond the image: default (black), black, clamp, periodic or mirror.
-        session : Session
 
         Raises
         ------

@@ -128,7 +128,6 @@ def nearest(points: np.ndarray, count: int, resources: Resources, copies: np.nda
         No two of them farther apart than 46340.
     count : int
         Below n.
-    resources : Resources
     copies : (n,) int, optional
         How many points each stands for; 1 when left out.
     """

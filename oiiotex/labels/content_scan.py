@@ -86,7 +86,6 @@ def key_strips(labels: Part, side: int, resources: Resources, advance: Callable[
         One channel of ids; 0 is no label.
     side : int
         px; as the map is wide and high at most.
-    resources : Resources
     advance : callable
         Called after each strip.
     """

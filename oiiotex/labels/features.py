@@ -44,7 +44,6 @@ def features_of(kind: str, superpixels: Superpixels, small: SmallLab, resources:
     superpixels : Superpixels
     small : SmallLab
         As `small_lab` makes it of them.
-    resources : Resources
     """
     if kind == "moments":
         return lambda groups: moments(present(superpixels.power_sums), superpixels.sizes, groups)
@@ -215,7 +214,6 @@ def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, resources: R
         px.
     sigma : float
         px.
-    resources : Resources
 
     Returns
     -------

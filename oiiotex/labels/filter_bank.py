@@ -111,7 +111,6 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Re
         px.
     reach : float
         Where the Gaussian ends, in sigmas.
-    resources : Resources
     """
     device, (count, height, width) = resources.device, layers.shape
     taps = gaussian_taps(sigma, reach)
@@ -137,7 +136,6 @@ def texton_map(
     Parameters
     ----------
     texture : Texture
-    resources : Resources
     most : int
         Textons, 256 at most.
     colour : float
@@ -161,7 +159,6 @@ def nearest_centres(planes: np.ndarray, centres: np.ndarray, resources: Resource
     planes : (24, n) int16
     centres : (k, 24) int32
         256 at most; both below 2048, so that a distance fits 32 bits.
-    resources : Resources
     """
     device, pixels = resources.device, planes.shape[1]
     tables = device.upload(2 * centres), device.upload((centres**2).sum(1, dtype=np.int32))

@@ -23,7 +23,6 @@ def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.n
         How likely each is of a label by itself.
     edges : (m, 2) int
         Pairs of neighbours.
-    resources : Resources
 
     Returns
     -------
@@ -60,7 +59,6 @@ def members(
     seen : (n,) bool
     coupling : float
         Nats.
-    resources : Resources
 
     Returns
     -------
@@ -84,7 +82,6 @@ def winners(votes: np.ndarray, side: int, shape: tuple[int, int], resources: Res
         Of a cell, px.
     shape : (int, int)
         h and w.
-    resources : Resources
     """
     labels, down, across = votes.shape
     tables = {"votes": np.ascontiguousarray(votes)}

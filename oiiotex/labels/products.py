@@ -80,7 +80,6 @@ class Spread:
     matrix : Sparse
     width : int
         Columns of what it is multiplied with, a multiple of `LANES`.
-    resources : Resources
     """
 
     def __init__(self, matrix: Sparse, width: int, resources: Resources):

@@ -128,7 +128,7 @@ def label_maps(
 
     Parameters
     ----------
-    image, lens, resources, progress
+    image, lens
     features : str
         One of `features.KINDS`.
     settings : LabelSettings, optional
@@ -204,7 +204,6 @@ def label_levels(
     settings : LabelSettings
     edges : (m, 2) int
         Pairs of finest superpixels that touch.
-    resources : Resources
     coarsest : callable
         Gives a level above all when the others are there: (n,) int64, labels from 0 on; or None.
     """

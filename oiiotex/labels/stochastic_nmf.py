@@ -74,7 +74,6 @@ def factored(walk: Power, resources: Resources, seed: int = 0, tries: int = 0) -
     Parameters
     ----------
     walk : Power
-    resources : Resources
     seed : int
         Of the random starts.
     tries : int
@@ -164,7 +163,6 @@ def memberships_of(
         1 / 0 (any number), 1 / 1, 1 / 2, ...
     steps : int
         At most.
-    resources : Resources
     """
     device, (n, r) = resources.device, start.shape
     at, tables = padded(start), {"quadratic": padded(quadratic), "linear": padded(linear, _FAR)}
@@ -192,7 +190,6 @@ def distributions(
         C.
     inverse : (n + 8,) float32
         1 / 0 (any number), 1 / 1, 1 / 2, ...
-    resources : Resources
     """
     device, (n, r) = resources.device, start.shape
     at = padded(start.T)

@@ -19,7 +19,6 @@ def label_colours(labels: Image, colour: Image, resources: Resources) -> list[tu
         With parts label.N; where its first part is the photo (`--texlabel:keep=1`), colours are that one's.
     colour : Image
         Whose colours they are else; of another size it says nothing, and there are none.
-    resources : Resources
 
     Returns
     -------

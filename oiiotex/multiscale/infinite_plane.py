@@ -181,8 +181,6 @@ def opened(
 
     Parameters
     ----------
-    resources : Resources
-    progress : Progress
     graph : Graph
     images : sequence of Image
     name : str
@@ -264,7 +262,6 @@ class States:
 
     Parameters
     ----------
-    resources : Resources
     maker : Synthesizer
     level : int
     window, display : Window

@@ -81,7 +81,6 @@ def load_exemplars(
     images : sequence of Image
     graph : Graph
         Its root says space, channels and type.
-    resources : Resources
     space : Space
         Where the op works.
     most : int

@@ -142,7 +142,6 @@ class Zoomed:
 
     Parameters
     ----------
-    resources : Resources
     plane : Plane
     maker : Synthesizer
     seen : tuple of View

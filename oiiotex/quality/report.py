@@ -139,8 +139,6 @@ class Quality:
     ----------
     op : Op
         With the parameters `report` and `fail`.
-    resources : Resources
-    progress : Progress
     wrap : (bool, bool)
         The results tile along x, along y.
     size : (int, int)
@@ -196,8 +194,6 @@ class Quality:
         ----------
         op : Op
             With the parameters `exemplar`, `report` and `fail`.
-        resources : Resources
-        progress : Progress
         size : (int, int)
             Width and height of a result, px.
         tile : str, optional

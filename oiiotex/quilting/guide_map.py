@@ -260,7 +260,6 @@ def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -
         Of any size: the grid's output is stretched over it.
     meaning : Meaning
     grid : Grid
-    resources : Resources
 
     Raises
     ------

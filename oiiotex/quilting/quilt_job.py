@@ -327,7 +327,6 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
         Window of the result -> its sources.
     grid : Grid
         Its size and where it wraps.
-    resources : Resources
     """
     source, size = op.exemplar.first, (grid.width, grid.height)
     # all parts are asked for the same windows

@@ -42,7 +42,6 @@ def fine_regions(values: np.ndarray, side: int, resources: Resources, least: int
         Shares of textons in cells, 0 where nothing is seen.
     side : int
         Of a cell, px.
-    resources : Resources
     least : int
         So many regions at least, if there are so many kinds of places.
 
@@ -77,7 +76,6 @@ def merged(
         Of a cell, px.
     threshold : float
         Probability, 0 to 1, that two regions are one texture above which they become one.
-    resources : Resources
     count : int, optional
         Go on until so many are left, whatever the probability.
 

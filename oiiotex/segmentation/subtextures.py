@@ -123,7 +123,6 @@ def decomposed(
     ----------
     pixels : LabPixels
     settings : DecompositionSettings
-    resources : Resources
     advance : callable
         Called with (done, total).
     texture : callable, optional

@@ -22,7 +22,6 @@ def superpixel_subtextures(
     superpixels : Superpixels
     small : SmallLab
         The squares that they are described by: the image is not looked at again.
-    resources : Resources
     count : int, optional
         So many, if there are so many.
     """

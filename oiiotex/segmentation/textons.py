@@ -64,7 +64,6 @@ def bank_counts(texture: Texture, resources: Resources, bins: int, side: int) ->
     Parameters
     ----------
     texture : Texture
-    resources : Resources
     bins : int
         Textons.
     side : int
@@ -262,7 +261,6 @@ def mean_shift_similarities(
     samples : Samples
     shift : float
         How far a window may move from j, cells.
-    resources : Resources
 
     Returns
     -------

@@ -38,7 +38,6 @@ class Texture:
     ----------
     text : str
         As by `TextureFile.text`.
-    session : Session
 
     Attributes
     ----------

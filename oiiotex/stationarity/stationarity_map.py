@@ -62,8 +62,6 @@ def deviation_of(
     lens : Lens
     sigma : float
         Of the Gaussian window w_d of MJH17 eq. 2 to 4, px.
-    resources : Resources
-    progress : Progress
     measure : str
         histogram, moments or steerable, as `costs.stationarity_cost` has them.
     order : int

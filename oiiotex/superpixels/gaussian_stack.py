@@ -35,7 +35,6 @@ def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], resources: R
     superpixels : Superpixels
     sigmas : sequence of float
         Scales of the levels, px, rising.
-    resources : Resources
 
     Yields
     ------

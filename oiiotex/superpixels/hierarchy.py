@@ -79,7 +79,7 @@ def hierarchy(superpixels: Superpixels, resources: Resources, sigmas: np.ndarray
 
     Parameters
     ----------
-    superpixels, resources
+    superpixels
     sigmas : (levels,) float, optional
         Scales, px, rising from that of the superpixels; `scales` when left out.
     """

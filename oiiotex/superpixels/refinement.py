@@ -50,7 +50,6 @@ class Squares:
         Of the image, px.
     side : int
         Of a square, px; bands begin at multiples of it.
-    resources : Resources
     means : bool
         They are wanted as well as sums.
     """
@@ -109,7 +108,6 @@ def refined_slots(
         Of the squares.
     centres : (down, across, 5) float64
         Its seeds: L, a, b in steps, x, y in squares.
-    resources : Resources
     """
     device, side, strips = resources.device, squares.reduced.side, grid.strips(lab.band_rows)
     run = device.program("superpixels")

@@ -206,7 +206,6 @@ class Slic:
     ----------
     lab : LabGrid
     grid : SeedGrid
-    resources : Resources
     """
 
     def __init__(self, lab: LabGrid | Squares, grid: SeedGrid, resources: Resources):

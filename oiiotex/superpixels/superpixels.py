@@ -115,7 +115,7 @@ def superpixels(
 
     Parameters
     ----------
-    image, lens, resources
+    image, lens
     sigma : float, optional
         Their scale, px; `finest_scale` when left out.
     compactness : float

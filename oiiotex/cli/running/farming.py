@@ -33,7 +33,6 @@ def spread(command: CommandLine, words: Sequence[str], tasks: list[Task], sessio
         The line.
     tasks : list of Task
         Its frames.
-    session : Session
     display : Display
 
     Raises

@@ -50,7 +50,6 @@ class Chain:
 
     Attributes
     ----------
-    session : Session
     stack : list of Image
         The last is the top.
     labelled : dict of str to Image
