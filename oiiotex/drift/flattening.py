@@ -57,14 +57,9 @@ class Flattening:
     wraps: tuple[bool, bool] = (False, False)
 
     def of(
-        self,
-        flag: str,
-        source: Image,
-        space: Space,
-        resources: Resources,
-        progress: Progress,
+        self, flag: str, source: Image, space: Space, resources: Resources, progress: Progress,
         usable: np.ndarray | None = None,
-    ) -> tuple[Part, Part]:
+    ) -> tuple[Part, Part]:  # fmt: skip
         """The first part of an image without its drift, in its own color space and type, and the correction.
 
         Parameters

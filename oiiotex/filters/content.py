@@ -192,9 +192,8 @@ def _histogram(labels: Part, left: int, top: int, side: int) -> dict[int, int]:
 def _shown(photo: Part, labels: Part, session: Session, window: Window) -> np.ndarray:
     """A window (in the data window) as sRGB, or its labels in colours where there is no photo; (h, w, 3) float32."""
     if not (photo.exact or dtype_of(photo.spec) == np.uint32):
-        return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, session.resources).astype(
-            np.float32
-        )
+        pixels = photo.read(window.shifted(photo.spec.x, photo.spec.y))
+        return shown_pixels(pixels, photo, session.resources).astype(np.float32)
     around = Window(max(0, window.left - 1), max(0, window.top - 1), window.right, window.bottom)  # for borders
     ids = labels.read(around.shifted(labels.spec.x, labels.spec.y))[..., 0]
     return coloured(ids.astype(np.int64), None, 1.0).astype(np.float32)[window.inside(around)]

@@ -68,9 +68,8 @@ class Paint(Quilted):
         resources, progress = session.resources, session.progress
         if self.before is not None and self.fine is None and present(read_begun(self.before, resources.budget)).fine:
             log.info("%s: %s has a fine painting, which is not laid over this one", self.flag(), self.before)
-        quality = Quality.of_copies(
-            self, resources, progress, self.size or self.painting.first.window.size, painted=True
-        )
+        asked = self.size or self.painting.first.window.size
+        quality = Quality.of_copies(self, resources, progress, asked, painted=True)
         table = None if self.table is None else read_table(self.table, self.soft)
         levels = label_levels(self.exemplar, self.labels)
         level = self.level or (table.level if table else None) or max(levels)
@@ -86,10 +85,8 @@ class Paint(Quilted):
             size = Size(base.grid.width, base.grid.height)
             painted = painted_labels(fine, _meaning(fine, table, np.unique(ids), fine=True), size)
             guide = Image((_overpainted(base, ids, painted),), self.fine.source)
-            over = self._sewing(level - 1, guide, size, table, "fine_", resources.budget).quilt(
-                seen, resources, next(stages)
-            )
-            layers["fine_"] = over
+            sewing = self._sewing(level - 1, guide, size, table, "fine_", resources.budget)
+            layers["fine_"] = over = sewing.quilt(seen, resources, next(stages))
             from ..graphcut.photo import Photo
 
             lab = Photo.of(seen.values, None, resources.budget).lab

@@ -68,9 +68,8 @@ class Quilting(Quilted, Structured):
     def compute(self, session: Session) -> dict[str, Any]:
         """The quilt, and what else can be asked for."""
         resources, progress = session.resources, session.progress
-        quality = Quality.of_copies(
-            self, resources, progress, self.size or (self.guide or self.exemplar).first.window.size
-        )
+        size = self.size or (self.guide or self.exemplar).first.window.size
+        quality = Quality.of_copies(self, resources, progress, size)
         if self.render:
             return quality.add_to_copies(self._rendered(session))
         sewing = self._sewing()

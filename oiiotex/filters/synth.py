@@ -90,9 +90,8 @@ class Synth(Multiscale, Structured):
         """The texture, and its source coordinates."""
         resources, progress = session.resources, session.progress
         asked, wrap = self._asked_window(), (self.toroidal, self.toroidal)
-        quality = Quality(
-            op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None
-        )  # limits are looked at now
+        # limits are looked at now
+        quality = Quality(op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None)
         plane = self.opened(resources, progress)
         first = plane.root.first
         level = plane.finest + plane.graph.depth() if self.level is None else self.level

@@ -71,9 +71,8 @@ class Zoom(Multiscale):
         resources, progress = session.resources, session.progress
         if self.at is not None and len(self.at) != 2:
             raise ParameterError(f"at={self.at}: allowed are two numbers, X,Y")
-        quality = Quality(
-            op=self, resources=resources, progress=progress, copies=False
-        )  # what is wrong with its limits is said now
+        # what is wrong with its limits is said now
+        quality = Quality(op=self, resources=resources, progress=progress, copies=False)
         plane = self.opened(resources, progress)
         first = plane.root.first
         width, height = self.size or Size(first.spec.width, first.spec.height)

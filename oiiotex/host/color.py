@@ -45,9 +45,8 @@ class IsColorSpace(Respec):
         if not self.space:
             return super().result(parts, session)
         session.resources.color.resolve(self.space)
-        return super(IsColorSpace, replace(self, space=session.resources.color.known_name(self.space))).result(
-            parts, session
-        )
+        known = replace(self, space=session.resources.color.known_name(self.space))
+        return super(IsColorSpace, known).result(parts, session)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..api.files import require_plain
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
-from ..api.service import BRUSH, EXPORT, Client, LinkError, Settings, connect, spec_of
+from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError, one_line
 from .document import Document
@@ -129,7 +129,7 @@ class Hub:
         """The resident process; started anew where it has ended, and what rooms had there is forgotten."""
         async with self._connecting:
             if self._client is None or self._client.ended:
-                self._client = await asyncio.to_thread(connect, Settings.of(self.session))
+                self._client = await asyncio.to_thread(connect, ResidentSettings.of(self.session))
                 self._photo = None
                 self._made.clear()
                 for room in self.rooms.values():

@@ -219,14 +219,9 @@ def analysis_folder() -> Path:
 
 
 def _analysed(
-    resources: Resources,
-    progress: Progress,
-    graph: Graph,
-    exemplars: tuple[Exemplar, ...],
-    dims: int,
-    correct: bool,
+    resources: Resources, progress: Progress, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool,
     literal: bool,
-) -> Analysis:
+) -> Analysis:  # fmt: skip
     with resources.stats.time("Gaussian stacks"):
         stacks = stacks_of(graph, exemplars, literal)
     analysis = analyse(resources.device, stacks, dims, correct, resources.budget, progress.advance, analysis_folder())
@@ -306,9 +301,8 @@ class States:
         if following is not None and not self._resources.cache.holds((self, following)):
             self._ahead[following] = self._begun(following)
         texel, offset = begun()
-        self._resources.device.collect(
-            self._resources.stats, wait=False
-        )  # a stream would hold the events of all its cells
+        # a stream would hold the events of all its cells
+        self._resources.device.collect(self._resources.stats, wait=False)
         if offset is None:
             return texel[..., None]
         packed = np.empty((*texel.shape, 3), np.uint32)

@@ -26,10 +26,12 @@ from ..deferred import oiio
 from ..errors import Error, one_line
 from ..io.atomic import discard_all
 from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .jobs import Job, Jobs
 from .messages import Link, LinkError
 from .pictures import image_of
-from .settings import Settings
+from .settings import ResidentSettings
 from .work import Bench
 
 MOST_JOBS = 256  # of a client, that wait or run
@@ -45,19 +47,12 @@ class Resident:
 
     Parameters
     ----------
-    settings : Settings
+    settings : ResidentSettings
     """
 
-    def __init__(self, settings: Settings):
+    def __init__(self, settings: ResidentSettings):
         self._settings = settings
-        self._session = Session(
-            device_name=settings.device,
-            threads=settings.threads,
-            budget=settings.budget,
-            colorconfig=settings.colorconfig,
-            interchange=settings.interchange,
-            autocc=settings.autocc,
-        )
+        self._session = Session.of(Resources(settings), Progress())
         self._session.resources.memory = settings.budget // MEMORY_SHARE
         self.jobs = Jobs()
         self._clients: set[_Client] = set()
@@ -235,7 +230,7 @@ def _user_of(connection: socket.socket) -> int:
 
 def main(text: str) -> None:
     """Be the resident process that settings, as JSON, ask for."""
-    settings = Settings(**json.loads(text))
+    settings = ResidentSettings(**json.loads(text))
     for name in ("threads", "exr_threads"):  # OpenImageIO counts the machine's, not those that the process may use
         oiio.attribute(name, settings.threads or usable_threads())
     os.environ["OIIOTEX_RESIDENT"] = "1"  # the plugin of hosts/openimageio asks this process, which must not ask itself

@@ -77,7 +77,7 @@ class Bench:
             until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once;
             keep, False where its images will not be asked for again.
         look : callable
-            Called with (pixels, whole), as `Session.look`; None: nobody looks.
+            Called with (pixels, whole), as `Progress.look`; None: nobody looks.
 
         Returns
         -------

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Unpack
@@ -42,6 +41,13 @@ class Session:
         self.resources = Resources(Settings(**settings))
         self.progress = Progress(progress, look, say, measure)
 
+    @classmethod
+    def of(cls, resources: Resources, progress: Progress) -> Session:
+        """One of what is there already."""
+        session = cls.__new__(cls)
+        session.resources, session.progress = resources, progress
+        return session
+
     @property
     def settings(self) -> Settings:
         """Those by which resources are opened."""
@@ -53,9 +59,7 @@ class Session:
 
     def telling(self, progress: Progress) -> Session:
         """A session with the same resources, whose progress others hear."""
-        other = copy.copy(self)
-        other.progress = progress
-        return other
+        return Session.of(self.resources, progress)
 
     def stages(self) -> Iterator[Session]:
         """This session again and again, as `Progress.stages`."""

@@ -40,9 +40,8 @@ def show(chain: Chain, **modifiers: Any) -> None:
     with _tev(given) as viewer:
         if not chain.acts(*chain.top.parts):  # somebody listens, that is all there is to see now
             return
-        parts = tuple(
-            cached(part, chain.session.resources.cache) for part in chain.top.parts
-        )  # they will be written as well
+        cache = chain.session.resources.cache  # they will be written as well
+        parts = tuple(cached(part, cache) for part in chain.top.parts)
         image = chain.stack[-1] = Image(parts, chain.top.source)
         name = given.name or image.source or "oiiotex"
         for part in _linear(chain, image).parts:

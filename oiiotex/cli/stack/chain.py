@@ -273,7 +273,7 @@ class Chain:
     def acts(self, *parts: Part) -> bool:
         """Ask for leave to print or to write: a line that is only looked through has none, and notes where it would.
 
-        `parts`: whose pixels that takes; refused as `Session.require_streamable` says.
+        `parts`: whose pixels that takes; refused as `Resources.require_streamable` says.
         """
         self.session.resources.require_streamable(*parts)
         self.used, self.unwritten = True, False

@@ -140,11 +140,8 @@ class _Unopened(Resources):
 
 def _untouched(session: Session) -> Session:
     """With the settings and the colours of that session."""
-    new = session.telling(Progress())
-    new.resources = _Unopened(
-        replace(session.settings, autocc=False, all_parts=False, profile=False), session.resources
-    )
-    return new
+    settings = replace(session.settings, autocc=False, all_parts=False, profile=False)
+    return Session.of(_Unopened(settings, session.resources), Progress())
 
 
 class _Closed(PieceCache):
