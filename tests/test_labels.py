@@ -19,6 +19,7 @@ from oiiotex.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_r
 from oiiotex.labels.potts import settled
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
 from tests import pictures
 from tests.test_label_kernels import blobs
 from tests.test_superpixels import resources_of
@@ -37,15 +38,8 @@ def buffer(pixels: np.ndarray, names: tuple[str, ...] = ()) -> oiio.ImageBuf:
 def maps_of(
     pixels: np.ndarray, features: str = "textons", names: tuple[str, ...] = (), **settings: object
 ) -> LabelMaps:
-    image, session = from_buffer(buffer(pixels, names)), Session()
-    return label_maps(
-        image,
-        lens_of(image, session.resources),
-        session.resources,
-        session.progress,
-        features,
-        LabelSettings(**settings),
-    )
+    image, resources = from_buffer(buffer(pixels, names)), Session().resources
+    return label_maps(image, lens_of(image, resources), resources, Progress(), features, LabelSettings(**settings))
 
 
 def pixel_labels(maps: LabelMaps, level: int) -> np.ndarray:
@@ -213,15 +207,9 @@ def test_a_potts_step_settles_a_lone_superpixel_and_leaves_a_border():
 
 def test_a_given_level_is_the_coarsest_and_everything_lies_in_it():
     picture, truth = quarters(128)
-    image, session = from_buffer(buffer(picture)), Session()
-    lens = lens_of(image, session.resources)
-    maps = label_maps(
-        image,
-        lens,
-        session.resources,
-        session.progress,
-        coarsest=lambda found, *_: (found.positions[:, 0] > 64).astype(np.int64),
-    )
+    image, resources = from_buffer(buffer(picture)), Session().resources
+    given = image, lens_of(image, resources), resources, Progress()
+    maps = label_maps(*given, coarsest=lambda found, *_: (found.positions[:, 0] > 64).astype(np.int64))
     require_a_tree(maps)
     assert maps.levels[-1].count == 2 and set(maps.levels[-2].parents) == {1, 2}
 

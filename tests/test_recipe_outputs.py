@@ -157,16 +157,7 @@ WRITES = re.compile(
     r"|make_texture\(|os\.link\(|copyfile|\.symlink_to\(|mkstemp|NamedTemporaryFile"
 )
 # Rooms that no line of a recipe reaches, or that keep what is the user's cache; of modules: standard streams, scratch.
-ELSEWHERE = (
-    "library/",
-    "recipes/",
-    "farm/",
-    "live/",
-    "service/",
-    "opencl/",
-    "cli/running/streams.py",
-    "core/demand.py",
-)
+ELSEWHERE = ("library/", "recipes/", "farm/", "live/", "service/", "opencl/", "cli/running/streams.py", "core/demand.py")
 
 
 def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():

@@ -79,14 +79,7 @@ def test_all_that_is_broken_is_counted_once(halo):
 def test_it_ends_where_progress_says_so():
     image, lens = at(0, 0, ROWS)
     kept: list[Window] = []
-    advance = Progress(lambda done, total: done < 10).advance
+    resources, advance = Session().resources, Progress(lambda done, total: done < 10).advance
     with pytest.raises(Interrupted):
-        scan(
-            image.first,
-            lens,
-            Session().resources,
-            lambda *_: None,
-            lambda piece, _: kept.append(piece),
-            advance=advance,
-        )
+        scan(image.first, lens, resources, lambda *_: None, lambda piece, _: kept.append(piece), advance=advance)
     assert len(kept) == 4

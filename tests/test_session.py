@@ -30,6 +30,8 @@ def test_stages_share_what_is_opened_once_and_go_on_counting():
     second.progress.advance(1, 3)
     assert seen == [(1, 2), (2, 2), (3, 5)]
     assert second.resources is first.resources is session.resources
+    with pytest.raises(errors.Interrupted):  # a stage can be stopped
+        next(Progress(lambda done, total: False).stages()).advance(1, 2)
 
 
 def test_settings_change_for_all_that_share_resources():
@@ -45,12 +47,6 @@ def test_settings_change_for_all_that_share_resources():
         session.settings.budget = 0  # type: ignore[misc]
     with pytest.raises(TypeError, match="thread"):
         Session(thread=1)  # type: ignore[call-arg]
-
-
-def test_a_stage_can_be_stopped():
-    stage = next(Progress(lambda done, total: False).stages())
-    with pytest.raises(errors.Interrupted):
-        stage.advance(1, 2)
 
 
 def peak_and_need(monkeypatch, work) -> tuple[int, int]:

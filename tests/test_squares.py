@@ -235,6 +235,5 @@ def test_what_sizes_alone_forbid_is_refused_before_a_pixel_is_read(device):
     lens = lens_of(image, resources)
     for finest, seeds in ((None, 3000), (40.0, 1875000)):
         with pytest.raises(ImageError, match=rf"60000x50000 cut into {seeds} superpixels needs \d+ MB of memory"):
-            superpixels(
-                image, lens, resources_of(device, budget=10 << 20) if finest is None else resources, sigma=finest
-            )
+            given = resources_of(device, budget=10 << 20) if finest is None else resources
+            superpixels(image, lens, given, sigma=finest)
