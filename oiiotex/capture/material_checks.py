@@ -92,7 +92,6 @@ def check_material(
 
     Parameters
     ----------
-    images : tuple of Image
     kinds : list of str
         What each is: colour, data, normal or height.
     convention : str

@@ -77,7 +77,6 @@ class Dominant:
 
     Attributes
     ----------
-    texels : Texels
     types : (N,) int8
         0 to 3.
     density, heat : (N,) float64
@@ -122,7 +121,6 @@ def dominant_texture(
 
     Parameters
     ----------
-    pixels : LabPixels
     patch : int, optional
         Side of a texel, px, odd; from the Fourier transform when left out.
     step : int, optional
@@ -368,7 +366,6 @@ def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outs
 
     Parameters
     ----------
-    texels : Texels
     values : (N,)
     shape : (int, int)
         Of the image: height, width.

@@ -121,7 +121,6 @@ def texels_of(pixels: LabPixels, patch: int, step: int, resources: Resources) ->
 
     Parameters
     ----------
-    pixels : LabPixels
     patch : int
         Side, px, odd.
     step : int
@@ -230,7 +229,6 @@ def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, 
 
     Parameters
     ----------
-    texels : Texels
     chosen : (n,) int
         The landmarks.
     size : float

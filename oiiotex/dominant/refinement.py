@@ -31,8 +31,6 @@ def refined_mask(dominant: Dominant, pixels: LabPixels, colours: np.ndarray) -> 
 
     Parameters
     ----------
-    dominant : Dominant
-    pixels : LabPixels
     colours : (h, w) int
         As `pixel_colours` has them.
     """

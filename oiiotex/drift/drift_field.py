@@ -45,7 +45,6 @@ class Drift:
 
     Attributes
     ----------
-    cells : Cells
     level : (down + 4, across + 4, channels) float
         Local level at the cells' centres, with the margin of `grid_statistics.MARGIN`.
     contrast : same shape
@@ -78,8 +77,6 @@ def drift_of(
 
     Parameters
     ----------
-    image : Image
-    lens : Lens
     radius : float
         Of the disc, px.
     wraps : (bool, bool)
@@ -132,7 +129,6 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
     ----------
     values : (height, width, channels) float32
     opaque : (height, width) bool or None
-    cells : Cells
 
     Returns
     -------
@@ -352,7 +348,6 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
 
     Parameters
     ----------
-    drift : Drift
     amount : float
         0: nothing happens; 1: all of it.
     contrast : float

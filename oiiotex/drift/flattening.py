@@ -66,7 +66,6 @@ class Flattening:
         ----------
         flag : str
             Of the op, for the log.
-        source : Image
         space : Space
             That the op works in.
         usable : (height, width) bool, optional

@@ -56,14 +56,10 @@ def better_of(
         Of the op, for the log.
     run : callable
         (recipe, constraints, progress) -> Synthesis
-    constraints : Constraints
-    recipe : Recipe
     other : Recipe or None
         None: there is no other choice.
-    seen : ExemplarPixels
     stages : iterator of Progress
         One for each run.
-    stats : Stats
     """
     first = run(recipe, constraints, next(stages))
     with stats.time("fidelity"):

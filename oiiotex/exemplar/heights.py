@@ -58,7 +58,6 @@ def height_tile(
         Where they were copied from, (height, width).
     wrap : (bool, bool)
         Whether the tile goes on beyond its right and its lower side.
-    relevel : bool
     still : (height, width) bool or None
         Pixels that keep their height.
 

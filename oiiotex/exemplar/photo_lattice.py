@@ -33,7 +33,6 @@ def photo_lattice(flag: str, lab: SomeRows, usable: np.ndarray | None) -> Lattic
 
     Parameters
     ----------
-    flag : str
     lab : (height, width, 3) float32
     usable : (height, width) bool or None
         Pixels that count; None: all.
@@ -68,10 +67,8 @@ def fitting_size(
     ----------
     flag : str
         Of the op, for what is logged.
-    lattice : Lattice or None
     size : Size
         The photo's, or the one that is given.
-    given : bool
     wraps : (bool, bool)
         The tile is a torus along x, along y.
     multiple : int

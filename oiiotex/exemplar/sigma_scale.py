@@ -106,7 +106,6 @@ class SigmaTiles:
 
     Parameters
     ----------
-    device : Device
     values : (height, width, channels) float32
         The photo's Lab.
     usable : (height, width) bool or None
@@ -184,7 +183,6 @@ def perceived_scale(tiles: SigmaTiles, count: int, advance: Callable[[int, int],
 
     Parameters
     ----------
-    tiles : SigmaTiles
     count : int
         Sigmas of the scale, at least 2.
     advance : callable

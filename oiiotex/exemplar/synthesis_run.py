@@ -40,12 +40,7 @@ log = logging.getLogger("oiiotex")
 
 
 class SynthesisRun:
-    """What an op's run works from: the photo read, its lattice found, the recipe that follows from both.
-
-    Parameters
-    ----------
-    op : PatchSynthesis
-    """
+    """What an op's run works from: the photo read, its lattice found, the recipe that follows from both."""
 
     def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
         size, quality = op.planned(resources, progress)

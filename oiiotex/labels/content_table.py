@@ -88,7 +88,6 @@ def window_keys(labels: np.ndarray, side: int, allowed: np.ndarray | None = None
     Parameters
     ----------
     labels : (h, w) of ids
-    side : int
     allowed : (h, w) bool, optional
 
     Returns
@@ -139,7 +138,6 @@ class ContentTable:
 
     Attributes
     ----------
-    side : int
     keys : (n, 2) int32
         (k1, k2) in ascending order.
     starts : (n + 1,) int64

@@ -41,7 +41,6 @@ def features_of(kind: str, superpixels: Superpixels, small: SmallLab, resources:
     ----------
     kind : str
         One of `KINDS`.
-    superpixels : Superpixels
     small : SmallLab
         As `small_lab` makes it of them.
     """

@@ -135,7 +135,6 @@ def texton_map(
 
     Parameters
     ----------
-    texture : Texture
     most : int
         Textons, 256 at most.
     colour : float

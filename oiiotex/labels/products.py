@@ -77,7 +77,6 @@ class Spread:
 
     Parameters
     ----------
-    matrix : Sparse
     width : int
         Columns of what it is multiplied with, a multiple of `LANES`.
     """

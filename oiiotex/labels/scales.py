@@ -76,7 +76,6 @@ class LabelLevel:
         The level's superpixel of every finest superpixel, 0 .. m - 1.
     labels : (n,) int64
         The label of every finest superpixel, 1 .. count; none of them is empty.
-    count : int
     parents : (count,) int64
         The label of the next coarser level that holds label i + 1; 0 at the coarsest.
     features : (m, d)
@@ -131,7 +130,6 @@ def label_maps(
     image, lens
     features : str
         One of `features.KINDS`.
-    settings : LabelSettings, optional
     runs, minsize
         As `superpixels` takes them.
     coarsest : callable, optional
@@ -200,8 +198,6 @@ def label_levels(
     ----------
     hierarchy : Hierarchy
         Of n finest superpixels.
-    features : Features
-    settings : LabelSettings
     edges : (m, 2) int
         Pairs of finest superpixels that touch.
     coarsest : callable

@@ -73,7 +73,6 @@ def factored(walk: Power, resources: Resources, seed: int = 0, tries: int = 0) -
 
     Parameters
     ----------
-    walk : Power
     seed : int
         Of the random starts.
     tries : int

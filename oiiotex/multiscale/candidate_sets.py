@@ -40,7 +40,6 @@ class Stacks:
 
     Attributes
     ----------
-    levels : Levels
     planes : (levels, side, side, 4) int16
         Colour of every texel on the integer grid (`stacks.grid_stack`).
     usable : (levels, side, side) bool
@@ -69,7 +68,6 @@ class Analysis:
 
     Attributes
     ----------
-    stacks : Stacks
     basis : (75, 16) int16
         Principal components of 5 x 5 neighbourhoods (rows, columns, channels), times 4096.
     links : (levels, side^2, 2) uint32
@@ -152,8 +150,6 @@ def analyse(
 
     Parameters
     ----------
-    device : Device
-    stacks : Stacks
     dims : int
         Dimensions of projected neighbourhoods, at most 16.
     correct : bool
@@ -284,10 +280,8 @@ def search(device: Device, buffers: Buffers, stacks: Stacks, number: int, exclud
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         With the projections and the usable texels of all levels in them.
-    stacks : Stacks
     number : int
         Of the level.
     excluded : (side^2,) uint32

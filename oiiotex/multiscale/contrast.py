@@ -75,11 +75,8 @@ def with_contrast(maker: Synthesizer, analysis: Analysis, folder: Path | None, k
 
     Parameters
     ----------
-    maker : Synthesizer
-    analysis : Analysis
     folder : Path or None
         Where the answer is kept from one run to the next, under the `key` of what it follows from.
-    key : str
     """
     name = hash_of(_VERSION, key, _SHARES, _DEEPER, _SIDE, _APART, _WINDOWS, _FLOOR, _MOST)
     (kept,) = cached_arrays(folder, name, lambda: (np.array([kept_in(maker.plainly(), analysis)]),))

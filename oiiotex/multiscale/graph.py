@@ -48,9 +48,6 @@ class Graph:
 
     Attributes
     ----------
-    names : tuple of str
-    files : tuple of Path
-    root : int
     edges : tuple of Edge
         Those with r = 0 from an exemplar to itself, which HRRG08 implies, are left out.
     factors : tuple of float
@@ -60,7 +57,6 @@ class Graph:
         "periodic" or "mirror": what is at the borders of each exemplar; None: what they look like.
     jitter : tuple of float or None
         rho by level; the last holds for all finer ones.
-    seed : int or None
     """
 
     names: tuple[str, ...]

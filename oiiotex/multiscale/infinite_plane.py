@@ -49,13 +49,10 @@ class Plane:
 
     Attributes
     ----------
-    graph : Graph
     images : tuple of Image
         One for each exemplar.
-    exemplars : tuple of Exemplar
     lens : Lens
         How the root is seen.
-    analysis : Analysis
     finest : int
         L: on that level a pixel is as large as one of the root.
     """
@@ -87,7 +84,6 @@ class Plane:
             The last level without jitter (HRRG08 figure 7); 0: none, 1 or True: L.
         around : (int, int) or None
             Width and height after which the plane repeats, in pixels of `around_level`.
-        around_level : int
         in_step : InStep or None
             The lattice of the one exemplar, in px of its square, where the plane keeps it.
         """
@@ -181,8 +177,6 @@ def opened(
 
     Parameters
     ----------
-    graph : Graph
-    images : sequence of Image
     name : str
         The graph's, for messages.
     side : int
@@ -257,8 +251,6 @@ class States:
 
     Parameters
     ----------
-    maker : Synthesizer
-    level : int
     window, display : Window
         What can be read and what is displayed, in pixels of the level.
     key : str

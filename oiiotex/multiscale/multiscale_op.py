@@ -134,8 +134,6 @@ def with_report(
 
     Parameters
     ----------
-    quality : Quality
-    plane : Plane
     results : dict
         As the op's `compute` gives them, its main image among them.
     source : callable, optional

@@ -39,7 +39,6 @@ class Exemplar:
 
     Attributes
     ----------
-    name : str
     pixels : (side, side, channels)
         In the root's colour space and pixel type, all channels.
     values : (side, side, 4) float32
@@ -78,7 +77,6 @@ def load_exemplars(
 
     Parameters
     ----------
-    images : sequence of Image
     graph : Graph
         Its root says space, channels and type.
     space : Space
@@ -180,9 +178,7 @@ def blurred(planes: np.ndarray, sigma: float, opaque: np.ndarray | None = None, 
     Parameters
     ----------
     planes : (side, side, channels) float
-    sigma : float
     opaque : (side, side) bool or None
-    periodic : bool
 
     Returns
     -------
@@ -257,7 +253,6 @@ def grid_stack(exemplar: Exemplar, middle: np.ndarray, levels: Sequence[int], fi
 
     Parameters
     ----------
-    exemplar : Exemplar
     middle : (3,) float
         Lab that becomes 0.
     levels : sequence of int

@@ -45,7 +45,6 @@ def views(zoom: float, at: tuple[Fraction, Fraction], width: int, height: int) -
 
     Parameters
     ----------
-    zoom : float
     at : (Fraction, Fraction)
         x and y in pixels of level 0: exact, because a place is aimed at through sixty octaves.
     width, height : int
@@ -142,9 +141,6 @@ class Zoomed:
 
     Parameters
     ----------
-    plane : Plane
-    maker : Synthesizer
-    seen : tuple of View
     width, height : int
     """
 

@@ -46,7 +46,6 @@ class Meaning:
         (k1, k2) of each.
     pure : (n,) bool
         It names one label, and so also says where in a cell it is wanted.
-    colours : bool
     soft : float
         How far a colour may be from one of `codes` to be taken for it, in Oklab.
     """
@@ -188,8 +187,6 @@ def meaning_of(guide: Part, table: Table | None, labels: np.ndarray, fine: bool 
 
     Parameters
     ----------
-    guide : Part
-    table : Table or None
     labels : (n,)
         The ids that the exemplar has.
     fine : bool
@@ -258,8 +255,6 @@ def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -
     ----------
     guide : Part
         Of any size: the grid's output is stretched over it.
-    meaning : Meaning
-    grid : Grid
 
     Raises
     ------

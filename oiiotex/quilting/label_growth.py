@@ -92,14 +92,12 @@ def grow_labels(
 
     Parameters
     ----------
-    device : Device
     ids : (h, w) int
         0 is no label; it does not grow.
     side : int
         Of a cell, px (`cell_side`).
     domain : Domain
         Of what the grown map is for.
-    seed : int
     budget : int
         Bytes that may be held.
     progress : callable

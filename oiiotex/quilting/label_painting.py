@@ -79,7 +79,6 @@ class Begun:
 
     Attributes
     ----------
-    plan : Plan
     demand : Demand
         What it was asked for.
     path : Path

@@ -119,9 +119,6 @@ class Sewing:
     ----------
     op : Quilted
         Which exemplar, and how.
-    guide : Image or None
-    level : int or None
-    size : Size or None
     patch, overlap : int or None
         As of --texquilt.
     structured : Structured or None
@@ -322,7 +319,6 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, res
 
     Parameters
     ----------
-    op : Quilted
     read : callable
         Window of the result -> its sources.
     grid : Grid

@@ -103,7 +103,6 @@ class Plan:
 
     Attributes
     ----------
-    grid : Grid
     offsets : (rows, columns) uint32
         Top-left pixel of a cell's patch in the exemplar, as `SourceMap.packed`; NONE where there is none yet.
     vertical, horizontal : (rows, columns, patch) uint8
@@ -180,10 +179,8 @@ class Renderer:
 
     Parameters
     ----------
-    device : Device
     buffers : mapping
         At least `plan_bytes`.
-    grid : Grid
     facts : sequence of int
         What the kernels want to know beside the grid.
     pixels : int

@@ -46,7 +46,6 @@ class Rules:
 
     Attributes
     ----------
-    seed : int
     candidates : int
         Patches that are tried in a cell, at most.
     reach : int
@@ -140,9 +139,6 @@ def layout(exemplar: QuiltExemplar, grid: Grid, rules: Rules, guided: bool, pixe
 
     Parameters
     ----------
-    exemplar : QuiltExemplar
-    grid : Grid
-    rules : Rules
     guided : bool
         Cells ask for labels.
     pixels : int
@@ -181,12 +177,6 @@ class Quilt:
 
     Parameters
     ----------
-    device : Device
-    exemplar : QuiltExemplar
-    grid : Grid
-    demand : Demand
-    rules : Rules
-    budget : int
     held : int
         Bytes that the caller holds beside it.
     pixels : int

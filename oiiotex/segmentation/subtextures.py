@@ -97,7 +97,6 @@ class Decomposition:
     ----------
     labels : (h, w) int32
         Of the reduced image, 1 .. count by first pixel; 0 where nothing is seen.
-    count : int
     samples : int
         Regions, or vertices of the clique partition, that were grouped.
     groups : int
@@ -121,8 +120,6 @@ def decomposed(
 
     Parameters
     ----------
-    pixels : LabPixels
-    settings : DecompositionSettings
     advance : callable
         Called with (done, total).
     texture : callable, optional

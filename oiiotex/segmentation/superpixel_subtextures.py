@@ -19,7 +19,6 @@ def superpixel_subtextures(
 
     Parameters
     ----------
-    superpixels : Superpixels
     small : SmallLab
         The squares that they are described by: the image is not looked at again.
     count : int, optional

@@ -63,7 +63,6 @@ def bank_counts(texture: Texture, resources: Resources, bins: int, side: int) ->
 
     Parameters
     ----------
-    texture : Texture
     bins : int
         Textons.
     side : int
@@ -216,7 +215,6 @@ def similarities(
     ----------
     roots : (h, w, k) int16
         Of histograms, 0 where nothing is seen.
-    samples : Samples
     shift : float
         How far to look, cells; 0: no further than j itself.
     others : tuple of (h, w, k) int16
@@ -255,10 +253,8 @@ def mean_shift_similarities(
 
     Parameters
     ----------
-    counts : Counts
     radii : tuple of float
         Of the discs, cells: at i, and of each scale at which j is looked at.
-    samples : Samples
     shift : float
         How far a window may move from j, cells.
 

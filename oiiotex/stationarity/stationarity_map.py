@@ -37,7 +37,6 @@ class Deviation:
 
     Attributes
     ----------
-    cells : Cells
     local : (down + 4, across + 4) float
         At the cells' centres, and `grid_statistics.MARGIN` beyond: the mean difference between what is seen there and
         what is seen from all cells, summed over channels, in Lab units; of moments in squared ones.
@@ -58,8 +57,6 @@ def deviation_of(
 
     Parameters
     ----------
-    image : Image
-    lens : Lens
     sigma : float
         Of the Gaussian window w_d of MJH17 eq. 2 to 4, px.
     measure : str

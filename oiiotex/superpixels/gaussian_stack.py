@@ -32,7 +32,6 @@ def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], resources: R
 
     Parameters
     ----------
-    superpixels : Superpixels
     sigmas : sequence of float
         Scales of the levels, px, rising.
 

@@ -103,7 +103,6 @@ def refined_slots(
         The image.
     grid : SeedGrid
         Its cells, cut along squares.
-    squares : Squares
     settled : Slic
         Of the squares.
     centres : (down, across, 5) float64

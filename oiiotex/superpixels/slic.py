@@ -205,7 +205,6 @@ class Slic:
     Parameters
     ----------
     lab : LabGrid
-    grid : SeedGrid
     """
 
     def __init__(self, lab: LabGrid | Squares, grid: SeedGrid, resources: Resources):

@@ -61,7 +61,6 @@ class Superpixels:
         Their scale sigma_1, px.
     runs : Runs
         The label map, 0-based.
-    reduced : Reduced
     """
 
     window: Window
