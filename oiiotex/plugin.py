@@ -14,10 +14,11 @@ from .core.window import Window
 from .errors import ColorError, DeviceError, Error, ImageError, ParameterError
 from .scan import scan
 from .session import Session
+from .session.resources import Resources
 
 __all__ = [
     "AnyWindow", "ColorError", "DeviceError", "Error", "Gather", "Image", "ImageError", "Kind", "Lens",
-    "Neighbourhood", "Numbers", "Output", "ParameterError", "Part", "Pointwise", "ScanThenMap", "Session", "Size",
-    "Space", "Whole", "Window", "Words", "argument", "as_float", "derived_spec", "from_pixels", "image", "in_type",
-    "lens_of", "param", "scan", "spec_beside", "working_values",
+    "Neighbourhood", "Numbers", "Output", "ParameterError", "Part", "Pointwise", "Resources", "ScanThenMap", "Session",
+    "Size", "Space", "Whole", "Window", "Words", "argument", "as_float", "derived_spec", "from_pixels", "image",
+    "in_type", "lens_of", "param", "scan", "spec_beside", "working_values",
 ]  # fmt: skip

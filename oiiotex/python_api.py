@@ -21,6 +21,7 @@ from .io.reading import read
 from .python_types import ImageLike, docstring, signature, takes_none
 from .run import Result, run
 from .session import Session
+from .session.resources import Resources
 
 _TAG = "oiio:ColorSpace"
 
@@ -44,8 +45,8 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
         session = session or Session(threads=nthreads)
         try:
             with errors_of(op):
-                bound = _bound(op, images, values, colorspace, session)
-                results, failed = session.on_a_device(lambda: _results_of(bound, session, roi))
+                bound = _bound(op, images, values, colorspace, session.resources)
+                results, failed = session.resources.on_a_device(lambda: _results_of(bound, session, roi))
         except Error as error:
             error.words = PYTHON
             raise
@@ -61,7 +62,7 @@ def function_of(op: type[Op]) -> Callable[..., Any]:
 
 
 def _bound(
-    op: type[Op], images: tuple[Any, ...], values: dict[str, Any], colorspace: str | None, session: Session
+    op: type[Op], images: tuple[Any, ...], values: dict[str, Any], colorspace: str | None, resources: Resources
 ) -> Op:
     declared = op.taken(values)
     many = declared[0] if len(declared) == 1 and declared[0].many else None
@@ -80,25 +81,25 @@ def _bound(
     missing = [p.attribute for p in op.parameters() if p.required and p.attribute not in values]
     if missing:
         raise ParameterTypeError(f"{missing[0]}= must be given")
-    pictures = tuple(_image(image, session) for image in images)
+    pictures = tuple(_image(image, resources) for image in images)
     if colorspace is not None:
-        session.color.resolve(colorspace)
+        resources.color.resolve(colorspace)
         pictures = tuple(tagged(image, _TAG, colorspace) for image in pictures)
     given: dict[str, Any] = (
         {many.name: pictures} if many else dict(zip((i.name for i in declared), pictures, strict=True))
     )
     for name in optional:
         if values.get(name) is not None:
-            given[name] = _keyword(op, name, values[name], pictures[0] if pictures else None, session)
+            given[name] = _keyword(op, name, values[name], pictures[0] if pictures else None, resources)
     if further is not None and further.name in values:
-        more = tuple(_image(image, session) for image in values[further.name])
+        more = tuple(_image(image, resources) for image in values[further.name])
         values = {further.count: 1 + len(more)} | values | {further.name: more}
     return op(**{**{i.name: None for i in op.images()}, **values, **given})
 
 
-def _image(given: ImageLike, session: Session) -> Image:
+def _image(given: ImageLike, resources: Resources) -> Image:
     if isinstance(given, (str, os.PathLike)):
-        return read(given, session.cache)
+        return read(given, resources.cache)
     if not isinstance(given, Mapping):
         return _picture(given)
     if not given:
@@ -116,14 +117,14 @@ def _picture(given: Any) -> Image:
     raise ParameterTypeError(expected=f"an ImageBuf, an array, a file's name or a dict of parts, not {kind}")
 
 
-def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, session: Session) -> Image:
+def _keyword(op: type[Op], name: str, value: ImageLike, first: Image | None, resources: Resources) -> Image:
     if not isinstance(value, str):
-        return _image(value, session)
+        return _image(value, resources)
     part = first.part(value) if first is not None else None
     if part is not None:
         return Image((part,), value)
     if Path(value).exists():
-        return read(value, session.cache)
+        return read(value, resources.cache)
     has = ", ".join(p.name for p in first.parts) if first is not None else "none"
     raise ParameterError(f"neither a part of the image, which has {has}, nor a file", parameter=name, value=value)
 

@@ -63,7 +63,6 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     Parameters
     ----------
     op : Op
-    session : Session
     written : set of str, optional
         Real paths of files that ops of the same line have written before; those written now join them.
     provenance : bool
@@ -80,7 +79,7 @@ def run(op: Op, session: Session, written: set[str] | None = None, provenance: b
     files = op.files()
     with errors_of(type(op)):
         _require_free(op, files, written)
-        session.require_streamable(*op.scanned())
+        session.resources.require_streamable(*op.scanned())
         facts = _facts(op)
         computed = op.compute(session)  # first: what it refuses, it refuses before the photo is read for its hash
         sources = [(name, facts | _photo(op, name, part) if facts else {}) for name, part in _sources(op)]
@@ -110,7 +109,7 @@ def foreseen(op: Op, session: Session, written: set[str]) -> tuple[Image, ...]:
     """
     files = op.files()
     _require_free(op, files, written)
-    session.require_streamable(*op.scanned())
+    session.resources.require_streamable(*op.scanned())
     reads_written = any(os.path.realpath(path) in written for path in op.paths_read())
     written.update(os.path.realpath(path) for path in files.values())
     guessed, images = any(map(is_foreseen, op.operands())), None
@@ -205,7 +204,7 @@ class _Runner:
             part = self._part(output, name, path, value, name == first)
             (parts if path is None or output.kind is Kind.CRYPTOMATTE else beside[path]).append(part)
         for path, members in beside.items():
-            with self.session.checkpoints(path):
+            with self.session.resources.checkpoints(path):
                 metadata = facts if self.provenance else {}
                 image = Image(tuple(_saying(part, metadata) for part in members), str(path))
                 write(image, path, _type_of(op.output(members[0].name)))
@@ -227,13 +226,13 @@ class _Runner:
 
     def _is_said(self, output: Output) -> bool:
         """Whether somebody hears what there is to say of it."""
-        return output.lines is not None and self.session.say is not None
+        return output.lines is not None and self.session.progress.say is not None
 
     def _table_leaves(self, output: Output, path: Path | None, value: Any) -> None:
         """Print a table's lines; write what has a file."""
-        if output.lines is not None and self.session.say is not None:
+        if output.lines is not None and self.session.progress.say is not None:
             for line in output.lines(value):
-                self.session.say(line)
+                self.session.progress.say(line)
         if path is None:
             return
         if output.kind is Kind.TABLE:

@@ -16,7 +16,7 @@ from .core.image import Part
 from .core.window import Window
 from .deferred import np
 from .errors import BrokenValues
-from .session import Session
+from .session.resources import Resources
 
 if TYPE_CHECKING:
     from .color.lab import Lens
@@ -25,10 +25,10 @@ Finding = TypeVar("Finding")
 
 
 def scan(
-    part: Part, lens: Lens, session: Session,
+    part: Part, lens: Lens, resources: Resources,
     look: Callable[[np.ndarray, np.ndarray | None, Window], Finding],
     keep: Callable[[Window, Finding], object],
-    *, cell: int = 0, halo: int = 0, larger: int = 1, progress: Callable[[int, int], object] | None = None,
+    *, cell: int = 0, halo: int = 0, larger: int = 1, advance: Callable[[int, int], object] | None = None,
 ) -> None:  # fmt: skip
     """Look at a part once, in full-width pieces.
 
@@ -37,7 +37,6 @@ def scan(
     part : Part
     lens : Lens
         How pixels are seen.
-    session : Session
     look : callable
         (values, opaque, piece) -> what is found there. `values` and `opaque` are `Lens.values` of the piece, which
         `look` may use up. Runs on several threads.
@@ -49,7 +48,7 @@ def scan(
         Rows above and below a piece that `look` gets as well, as far as there are any.
     larger : int
         Pieces are so many times `PIECE_PIXELS`, where a piece has its price: a halo that is looked at twice, a table.
-    progress : callable or None
+    advance : callable or None
         Told after each piece how many rows are done, and how many there are; may raise to stop.
 
     Raises
@@ -59,7 +58,7 @@ def scan(
     """
     whole, broken = part.window, np.zeros(2, np.int64)
     if halo:
-        part = cached(part, session.cache)
+        part = cached(part, resources.cache)
 
     def seen(given: tuple[Window, Window, np.ndarray]) -> Finding | BrokenValues:
         piece, around, rows = given
@@ -76,12 +75,12 @@ def scan(
         pieces = [piece for row in cells for piece in row.cells(row.width, high)]
         around = [piece.grown(0, halo) & whole for piece in pieces]
         given = [(piece, a, rows[a.inside(window)]) for piece, a in zip(pieces, around, strict=True)]
-        for piece, finding in zip(pieces, session.spread(seen, given), strict=True):
+        for piece, finding in zip(pieces, resources.spread(seen, given), strict=True):
             if isinstance(finding, BrokenValues):
                 broken += finding.counts
             else:
                 keep(piece, finding)
-            if progress is not None:
-                progress(piece.bottom - whole.top, whole.height)
+            if advance is not None:
+                advance(piece.bottom - whole.top, whole.height)
     if broken.any():
         raise BrokenValues(lens.name, broken)

@@ -35,8 +35,8 @@ def lab(pixels, config: ColorConfig, names: str | tuple[str, ...] = "RGB", space
 
 def seen(image: Image, config: ColorConfig | None, autocc: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
     """(values, opaque) as an op in Lab gets them; without a config, as one that was told that they are data."""
-    session = Session(autocc=autocc)
+    resources = Session(autocc=autocc).resources
     if config is None:
-        return working_values(image, session, Space.DATA)
-    session.resources.color = config
-    return working_values(image, session)
+        return working_values(image, resources, Space.DATA)
+    resources.color = config
+    return working_values(image, resources)

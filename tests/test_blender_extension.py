@@ -19,7 +19,7 @@ import pytest
 
 from oiiotex import filters
 from oiiotex.service.client import connect
-from oiiotex.service.settings import Settings
+from oiiotex.service.settings import ResidentSettings
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import save
@@ -103,7 +103,7 @@ def folder(monkeypatch):
         save(np.full((64, 80, 3), (0.5, 0.5, 1.0)), path / "normal.png")
         subprocess.run([sys.executable, BUILD, path / "extension.zip"], check=True)
         yield path
-        connect(Settings.of(Session())).end()
+        connect(ResidentSettings.of(Session())).end()
 
 
 WITHOUT_BLENDER = """

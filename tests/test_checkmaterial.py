@@ -13,6 +13,7 @@ from oiiotex import errors, filters
 from oiiotex.capture import material_checks
 from oiiotex.core.image import from_buffer
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
 from tests import pictures
 from tests.any_filter import buffer, pixels
 from tests.conftest import oiiotex, save
@@ -45,7 +46,7 @@ def found(maps: list[oiio.ImageBuf], kinds: list[str] = KINDS, convention: str =
     """(level, kind of the map, check) of everything that is found."""
     images = tuple(from_buffer(one) for one in maps)
     named = tuple(type(one)(one.parts, kind) for one, kind in zip(images, kinds, strict=True))
-    _, findings = material_checks.check_material(named, list(kinds), convention, Session())
+    _, findings = material_checks.check_material(named, list(kinds), convention, Session().resources, Progress())
     assert all(finding.text and str(finding).startswith(finding.level) for finding in findings)
     return {(finding.level, finding.map, finding.check) for finding in findings}
 
@@ -69,7 +70,7 @@ def test_words_of_findings():
         (np.ones((32, 32, 3)), None),
     )]  # fmt: skip
     named = tuple(type(one)(one.parts, f"{n}.exr") for n, one in enumerate(images))
-    _, findings = material_checks.check_material(named, ["colour"] * 3, "opengl", Session())
+    _, findings = material_checks.check_material(named, ["colour"] * 3, "opengl", Session().resources, Progress())
     said = [str(one) for one in findings]
     assert "error: 0.exr: has 2 channels beside alpha: colours have one or three" in said
     assert "error: 1.exr: 100 % of its pixels reflect more light than they get, or less than none" in said
@@ -112,7 +113,7 @@ def test_light_from_one_side_is_baked_in(azimuth, convention):
     normal = reliefs.normals(HEIGHT) * ([1, -1, 1] if convention == "directx" else [1, 1, 1])
     maps = material(colour=0.5 * reliefs.lit(HEIGHT, azimuth)[..., None] * np.ones(3), normal=0.5 + 0.5 * normal)
     images = tuple(map(from_buffer, maps))
-    _, findings = material_checks.check_material(images, KINDS, convention, Session())
+    _, findings = material_checks.check_material(images, KINDS, convention, Session().resources, Progress())
     (lit,) = (finding for finding in findings if finding.check == "lit")
     said = float(lit.text.partition("light from ")[2].split()[0])
     assert abs((said - azimuth + 180) % 360 - 180) < 12
@@ -171,10 +172,10 @@ def test_heights_and_data_that_say_little():
 
 def test_bands_do_not_show(monkeypatch):
     maps = tuple(map(from_buffer, material(colour=0.5 * reliefs.lit(HEIGHT, 90)[..., None] * np.ones(3))))
-    once = material_checks.check_material(maps, KINDS, "opengl", Session())
+    once = material_checks.check_material(maps, KINDS, "opengl", Session().resources, Progress())
     for band in ("oiiotex.core.demand.BAND_BYTES", "oiiotex.scan.BAND_BYTES"):
         monkeypatch.setattr(band, 12 * SIDE * 7)
-    assert material_checks.check_material(maps, KINDS, "opengl", Session()) == once
+    assert material_checks.check_material(maps, KINDS, "opengl", Session().resources, Progress()) == once
 
 
 def test_the_run_goes_to_its_end_and_exits_3(tmp_path):

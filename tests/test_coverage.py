@@ -104,9 +104,9 @@ def test_exemplars_of_other_spaces_are_brought_to_the_roots(tmp_path):
     save(picture, tmp_path / "root.exr", space=SRGB)
     save(linear, tmp_path / "fine.exr", space="lin_rec709_scene")
     drawn(tmp_path, [("root", "fine", 1)])
-    session = Session()
-    graph, images = graph_images(tmp_path / "g.json", session)
-    (root, fine), lens = load_exemplars(images, graph, session, Space.LAB, 64)
+    resources = Session().resources
+    graph, images = graph_images(tmp_path / "g.json", resources)
+    (root, fine), lens = load_exemplars(images, graph, resources, Space.LAB, 64)
     np.testing.assert_allclose(fine.values[..., :3], root.values[..., :3], atol=0.2)
     np.testing.assert_allclose(fine.pixels.astype(np.float32), root.pixels.astype(np.float32), atol=2e-3)
     assert np.abs(linear - picture).max() > 0.1 and "srgb" in str(lens.space).lower()

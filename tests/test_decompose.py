@@ -64,7 +64,7 @@ def test_weights_are_eq_1():
     random = np.random.default_rng(0)
     lab = random.normal(40, 20, (30, 20, 3)).astype(np.float32)
     seen = np.ones((30, 20), bool)
-    found = textons.weighted_counts(LabPixels(lab, seen, 1, None, 20, 30), Session()).values[..., :8] / 255
+    found = textons.weighted_counts(LabPixels(lab, seen, 1, None, 20, 30), Session().resources).values[..., :8] / 255
     expected = reference.weights(lab.reshape(-1, 3), textons.bisected(lab.reshape(-1, 3), 8)).reshape(30, 20, 8)
     np.testing.assert_allclose(found, expected, atol=0.6 / 255)
 
@@ -72,7 +72,7 @@ def test_weights_are_eq_1():
 @pytest.mark.parametrize("radius", [1, 3, 4.5, 40])
 def test_disc_sums_are_eq_2(radius):
     counts = random_counts(1)
-    sums = textons.disc_sums(counts, radius, Session())
+    sums = textons.disc_sums(counts, radius, Session().resources)
     assert sums.dtype == np.int32
     for y in range(13):
         for x in range(17):
@@ -93,7 +93,7 @@ def test_products_of_roots_are_eq_3():
 
 def test_the_best_match_near_a_place_is_found_both_ways():
     counts = random_counts(3, 24, 24)
-    roots = textons.histogram_roots(textons.disc_sums(counts, 2, Session()))
+    roots = textons.histogram_roots(textons.disc_sums(counts, 2, Session().resources))
     samples = textons.sample_grid(np.ones((24, 24), bool), 6)
     found = textons.similarities(roots, samples, 3, steps=3)
     rows, columns = samples.cells()
@@ -109,13 +109,13 @@ def test_the_best_match_near_a_place_is_found_both_ways():
 
 def test_mean_shift_climbs_but_an_exhaustive_grid_finds_no_less():
     counts = textons.Counts(random_counts(4, 30, 30), 1)
-    smooth = textons.disc_sums(counts.values, 2, Session()) // 13
+    smooth = textons.disc_sums(counts.values, 2, Session().resources) // 13
     counts = textons.Counts(smooth, 1)
     samples = textons.sample_grid(np.ones((30, 30), bool), 10)
-    roots = textons.histogram_roots(textons.disc_sums(counts.values, 3, Session()))
+    roots = textons.histogram_roots(textons.disc_sums(counts.values, 3, Session().resources))
     plain = textons.similarities(roots, samples, 0)
     everywhere = textons.similarities(roots, samples, 4 * np.sqrt(2), steps=6)
-    climbed = textons.mean_shift_similarities(counts, (3.0,), samples, 4, Session())
+    climbed = textons.mean_shift_similarities(counts, (3.0,), samples, 4, Session().resources)
     assert (climbed >= plain - 1e-6).all() and (climbed <= everywhere + 2e-3).all()
     gain = (climbed - plain).mean() / (everywhere - plain).mean()
     assert 0.5 < gain <= 1.01
@@ -126,9 +126,9 @@ def test_large_images_are_reduced_by_a_whole_factor():
     random = np.random.default_rng(0)
     alpha = (random.random((21, 13, 1)) > 0.3).astype(float)
     image = from_buffer(buffer(np.concatenate([random.random((21, 13, 3)) * alpha, alpha], -1), tuple("RGBA")))
-    session = Session()
-    lens = lens_of(image, session)
-    full, small = (lab_pixels(image, lens, session, f) for f in (1, 4))
+    resources = Session().resources
+    lens = lens_of(image, resources)
+    full, small = (lab_pixels(image, lens, resources, f) for f in (1, 4))
     np.testing.assert_array_equal(full.seen, alpha[..., 0] > 0)
     ones = small.part("ones", image.first.spec, np.ones((*small.seen.shape, 1), bool))
     np.testing.assert_array_equal(ones.pixels()[..., 0], full.seen)
@@ -149,7 +149,9 @@ def test_competition_is_the_mean_field_of_a_potts_model():
     kinds = np.array([[0.5, 0.3, 0.1, 0.1], [0.1, 0.3, 0.2, 0.4]])
     counts = np.array([random.multinomial(side * side, kinds[t]) for t in truth.ravel()]).reshape(height, width, 4)
     start = np.where(random.random(truth.shape) < 0.3, 1 - truth, truth)
-    made = subtextures._competed(textons.Counts(255 * counts.astype(np.int32), side), start, 48, (80, 120), Session())
+    made = subtextures._competed(
+        textons.Counts(255 * counts.astype(np.int32), side), start, 48, (80, 120), Session().resources
+    )
     member = reference.members(counts, start, 3.0, subtextures._COUPLINGS, subtextures._UPDATES)
     middles = made[side // 2 :: side, side // 2 :: side]
     found = np.where(middles == middles[0, 0], 0, 1)  # they are numbered by area
@@ -204,7 +206,7 @@ def test_regions_merge_by_textons_interleaving_and_size():
     def evidence(share: float, regions: np.ndarray) -> float:
         values[regions == 0] = [share, 1 - share, 0]
         values[regions == 1] = [1 - share, share, 0]
-        return region_merging._Regions(values, regions.astype(int), 2, 4, Session()).evidence(0, 1)
+        return region_merging._Regions(values, regions.astype(int), 2, 4, Session().resources).evidence(0, 1)
 
     apart, mixed = ~left, np.indices((64, 64)).sum(0) % 2
     assert evidence(0.95, apart) > 0 > evidence(0.7, apart) > evidence(0.5, apart)
@@ -220,11 +222,11 @@ def test_merging_goes_on_from_the_likeliest_pair_and_leaves_what_is_unseen_alone
     for n, shares in enumerate(([0.9, 0.1, 0, 0], [0.88, 0.12, 0, 0], [0, 0, 0.9, 0.1], [0, 0.5, 0, 0.5])):
         values[regions == n] = shares
     values[:5] = 0
-    three, two = (region_merging.merged(values, regions, 4, 0.5, Session(), count) for count in (3, 2))
+    three, two = (region_merging.merged(values, regions, 4, 0.5, Session().resources, count) for count in (3, 2))
     assert [len(np.unique(three[5:])), len(np.unique(two[5:]))] == [3, 2]
     assert three[10, 5] == three[10, 20] and len(np.unique(three[10, [5, 40, 60]])) == 3
-    assert (region_merging.merged(values, regions, 4, 0.0, Session()) == 0).all()
-    assert len(np.unique(region_merging.merged(values, regions, 4, 1.0, Session())[5:])) == 4
+    assert (region_merging.merged(values, regions, 4, 0.0, Session().resources) == 0).all()
+    assert len(np.unique(region_merging.merged(values, regions, 4, 1.0, Session().resources)[5:])) == 4
 
 
 def test_cliques_are_joined_by_their_mean_weight():
@@ -340,6 +342,6 @@ def test_settings_of_the_paper_are_another_default():
     assert (haar.bins, haar.radius, haar.shift) == (8, 8.0, 8.0)
     assert bank == DecompositionSettings()
     picture, _ = quarters(64)
-    image, session = from_buffer(buffer(picture)), Session()
-    pixels = lab_pixels(image, lens_of(image, session), session)
-    assert decomposed(pixels, bank, session).count >= 1
+    image, resources = from_buffer(buffer(picture)), Session().resources
+    pixels = lab_pixels(image, lens_of(image, resources), resources)
+    assert decomposed(pixels, bank, resources).count >= 1

@@ -98,7 +98,7 @@ def test_timing_holds_no_pixels():
 
 
 def test_the_default_budget_is_a_quarter_of_what_the_process_may_use():
-    assert Session().budget == memory() // 4
+    assert Session().resources.budget == memory() // 4
     assert memory() > 1 << 28
 
 

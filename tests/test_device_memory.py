@@ -23,8 +23,9 @@ from oiiotex.opencl.buffers import Buffers, in_smaller_pieces, offset_table
 from oiiotex.patchmatch import memory
 from oiiotex.patchmatch.constraints import Constraints
 from oiiotex.patchmatch.recipe import Recipe, geometry_at
+from oiiotex.session import Session
 from tests import pictures
-from tests.test_superpixels import image_of, session_of
+from tests.test_superpixels import image_of, resources_of
 
 PHOTO = pictures.stained(pictures.pebbles(48, 56, seed=4))
 RUNS = {
@@ -90,7 +91,9 @@ def run(scarce, tmp_path, monkeypatch):
 
     def made(name: str, folder: int) -> np.ndarray:
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / str(folder)))
-        result = getattr(filters, name)(photo, session=session_of(scarce), **RUNS[name])
+        session = Session()
+        session.resources.device = scarce
+        result = getattr(filters, name)(photo, session=session, **RUNS[name])
         result = next(iter(result.values())) if isinstance(result, dict) else result
         return result.get_pixels(result.spec().format)
 
@@ -134,8 +137,7 @@ def test_an_image_lies_on_a_device_in_smaller_pieces_until_they_fit():
     scarce, whole = Scarce(), 8 * 300 * 96
 
     def found(device):
-        session = session_of(device)
-        return filters_superpixels(image, session)
+        return filters_superpixels(image, resources_of(device))
 
     wanted = found(scarce.failing())
     np.testing.assert_array_equal(found(scarce.failing(lambda self: self.taken > whole)), wanted)
@@ -144,10 +146,10 @@ def test_an_image_lies_on_a_device_in_smaller_pieces_until_they_fit():
         found(scarce.failing(lambda self: self.taken > 1000))
 
 
-def filters_superpixels(image, session):
+def filters_superpixels(image, resources):
     from oiiotex.superpixels.superpixels import superpixels
 
-    found = superpixels(image, lens_of(image, session), session, sigma=40.0, iterations=3)
+    found = superpixels(image, lens_of(image, resources), resources, sigma=40.0, iterations=3)
     return found.runs.pixels(0, 300, 0, 96)
 
 
@@ -170,15 +172,15 @@ def gpu(memory: int, largest: int) -> devices.Device:
 def test_an_image_stays_on_a_device_that_has_the_memory_for_it(memory, largest, budget, resident):
     image = image_of(pictures.pebbles(300, 96, seed=3))  # 230 KB in Lab
     device = gpu(memory, largest)
-    session = session_of(device, budget=budget)
-    with LabGrid(image, lens_of(image, session), session, 16) as lab:
+    resources = resources_of(device, budget=budget)
+    with LabGrid(image, lens_of(image, resources), resources, 16) as lab:
         assert lab.resident == resident
         most = min(memory, largest)
         assert all(8 * lab.width * (band.bottom - band.top) < most for band in lab.bands())
         assert device.taken <= most
     assert device.taken == 0
-    found = filters_superpixels(image, session)
-    np.testing.assert_array_equal(found, filters_superpixels(image, session_of(devices.open_device())))
+    found = filters_superpixels(image, resources)
+    np.testing.assert_array_equal(found, filters_superpixels(image, resources_of(devices.open_device())))
 
 
 def test_budgets_of_host_and_device_are_two_figures():

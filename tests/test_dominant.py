@@ -17,6 +17,7 @@ from oiiotex.dominant import diffusion
 from oiiotex.dominant.diffusion import dominant_texture
 from oiiotex.dominant.refinement import pixel_colours, refined_mask
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
 from tests import pictures
 from tests.conftest import load, oiiotex, save
 from tests.test_labels import buffer
@@ -80,7 +81,7 @@ def test_the_chart_draws_the_curve_the_types_and_the_thresholds(tmp_path):
     filters.dominant(buffer(picture, ()), step=3, chart=tmp_path / "chart.png")
     drawn = load(tmp_path / "chart.png")
     assert drawn.shape == (dominant_chart.HEIGHT, 2 * dominant_chart.WIDTH, 3)
-    found = diffusion.dominant_texture(seen_as(picture, Session()), Session(), step=3)
+    found = diffusion.dominant_texture(seen_as(picture, Session()), Session().resources, Progress(), step=3)
     panel = dominant_chart.heat_panel(found)
     rows, columns = panel.place(found.heat, np.log10(found.density))
     assert np.diff(columns)[np.diff(found.heat) > 0].min() >= 0 and np.diff(rows)[np.diff(found.density) > 0].max() <= 0
@@ -190,7 +191,7 @@ def test_a_mask_with_holes_says_where_to_look():
 def test_pictures_seen_directly_are_those_of_the_filter():
     _, picture, _ = composite(0)
     pixels = seen_as(picture, Session())
-    found = diffusion.dominant_texture(pixels, Session())
+    found = diffusion.dominant_texture(pixels, Session().resources, Progress())
     np.testing.assert_array_equal(refined_mask(found, pixels, pixel_colours(pixels)), composite_mask(0) > 0)
 
 
@@ -198,7 +199,7 @@ def test_pictures_seen_directly_are_those_of_the_filter():
 def test_a_mask_follows_pixels_better_than_dilated_patches(n):
     _, picture, truth = composite(n, 1)
     pixels = seen_as(picture, Session())
-    found = diffusion.dominant_texture(pixels, Session())
+    found = diffusion.dominant_texture(pixels, Session().resources, Progress())
     masks = diffusion.dominant_mask(found, pixels.seen), refined_mask(found, pixels, pixel_colours(pixels))
     dilated, refined = ((mask & truth).sum() / (mask | truth).sum() for mask in masks)
     assert refined > dilated
@@ -212,5 +213,5 @@ def test_paper_is_ldr09_by_the_letter():
     with pytest.raises(errors.ParameterError, match="preset=clean: paper=1 leaves preset out"):
         filters.op_named("stationarize")(exemplar=None, paper=True, preset="clean")
     noise = seen_as(np.random.default_rng(0).random((40, 40, 3)), Session())
-    assert "noise" in dominant_texture(noise, Session()).rejected
-    assert "noise" not in dominant_texture(noise, Session(), rule="paper", step=1).rejected
+    assert "noise" in dominant_texture(noise, Session().resources, Progress()).rejected
+    assert "noise" not in dominant_texture(noise, Session().resources, Progress(), rule="paper", step=1).rejected

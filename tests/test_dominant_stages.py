@@ -39,7 +39,7 @@ def test_patches_of_small_and_plain_images_have_the_least_size():
 
 def test_texels_keep_the_distances_of_patches():
     lab = some_lab()
-    found = patch_manifold.texels_of(pixels_of(lab), 5, 1, Session())
+    found = patch_manifold.texels_of(pixels_of(lab), 5, 1, Session().resources)
     vectors = reference.patches(lab, 5)
     assert found.count == len(vectors) == 13 * 10
     expected = ((vectors[:, None] - vectors) ** 2).sum(-1)
@@ -51,20 +51,20 @@ def test_texels_keep_the_distances_of_patches():
 def test_texels_are_whole_patches_of_opaque_pixels_on_a_grid():
     seen = np.ones((17, 14), bool)
     seen[4, 6] = False
-    found = patch_manifold.texels_of(pixels_of(some_lab(), seen), 3, 2, Session())
+    found = patch_manifold.texels_of(pixels_of(some_lab(), seen), 3, 2, Session().resources)
     places = {(y, x) for y in range(1, 16, 2) for x in range(1, 13, 2) if not (abs(y - 4) <= 1 and abs(x - 6) <= 1)}
     assert set(zip(found.rows.tolist(), found.columns.tolist(), strict=True)) == places
 
 
 def test_densities_and_heat_are_eq_4_and_eq_3():
-    found = patch_manifold.texels_of(pixels_of(some_lab(1)), 3, 1, Session())
+    found = patch_manifold.texels_of(pixels_of(some_lab(1)), 3, 1, Session().resources)
     points, size = found.values.astype(np.float64), 900.0
     kernel = reference.weights(points, size)
     chosen = np.arange(0, found.count, 3)
     np.testing.assert_allclose(
-        patch_manifold.densities(found, chosen, size, False, Session()), kernel[:, chosen].sum(1), rtol=1e-3
+        patch_manifold.densities(found, chosen, size, False, Session().resources), kernel[:, chosen].sum(1), rtol=1e-3
     )
-    near = patch_manifold.neighbour_weights(patch_manifold.neighbour_squares(found, Session()), size, False)
+    near = patch_manifold.neighbour_weights(patch_manifold.neighbour_squares(found, Session().resources), size, False)
     k = patch_manifold.neighbour_count(found.count)
     order = np.argsort(-kernel, axis=1)[:, :k]
     sparse = np.zeros_like(kernel)
@@ -120,7 +120,7 @@ def test_a_dense_small_group_is_found_small():
 def test_the_mask_is_the_centres_dilated_by_a_patch():
     types = np.full(130, diffusion.SCATTERED, np.int8)
     types[[0, 57]] = diffusion.DOMINANT
-    found = patch_manifold.texels_of(pixels_of(some_lab()), 5, 1, Session())
+    found = patch_manifold.texels_of(pixels_of(some_lab()), 5, 1, Session().resources)
     mask = diffusion.dominant_mask(diffusion.Dominant(found, types, types, types), np.ones((17, 14), bool))
     expected = np.zeros((17, 14), bool)
     for t in (0, 57):
@@ -133,7 +133,7 @@ def test_a_mask_is_nothing_where_nothing_is_dominant_seen_or_covered():
     seen = np.ones((40, 40), bool)
     seen[:, :4], seen[20, 30] = False, False
     pixels = pixels_of(lab, seen)
-    texels = patch_manifold.texels_of(pixels, 5, 1, Session())
+    texels = patch_manifold.texels_of(pixels, 5, 1, Session().resources)
     zeros = np.zeros(texels.count)
     of_all, of_none = (
         refined_mask(

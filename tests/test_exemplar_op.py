@@ -54,8 +54,8 @@ MANY = "transparent pixels and of pixels outside the mask or label"
 )
 def test_what_may_be_taken_is_what_all_allow(given, also, usable, why):
     exemplar = photo(LABELS)
-    seen = Cut(exemplar=exemplar, **given).read(Session(), also)
-    values, opaque = working_values(exemplar, Session(), Space.LAB)
+    seen = Cut(exemplar=exemplar, **given).read(Session().resources, also)
+    values, opaque = working_values(exemplar, Session().resources, Space.LAB)
     np.testing.assert_array_equal(seen.values, values)
     np.testing.assert_array_equal(seen.opaque, opaque)
     np.testing.assert_array_equal(seen.usable, usable)
@@ -63,17 +63,17 @@ def test_what_may_be_taken_is_what_all_allow(given, also, usable, why):
 
 
 def test_all_of_a_plain_photo_may_be_taken():
-    seen = Cut(exemplar=image_of(PHOTO)).read(Session())
+    seen = Cut(exemplar=image_of(PHOTO)).read(Session().resources)
     assert (seen.opaque, seen.usable, seen.why) == (None, None, "transparent pixels")
-    seen = Cut(exemplar=image_of(PHOTO), mask=MASK).read(Session())
+    seen = Cut(exemplar=image_of(PHOTO), mask=MASK).read(Session().resources)
     np.testing.assert_array_equal(seen.usable, LEFT)
     assert seen.why == "pixels outside the mask or label"
 
 
 def test_a_level_alone_says_nothing_but_to_what_looks_labels_up():
     with pytest.raises(ParameterError, match="say label, too"):
-        Cut(exemplar=photo(LABELS), level=1).read(Session())
-    np.testing.assert_array_equal(Quilting(exemplar=photo(LABELS), level=1).read(Session()).usable, THERE)
+        Cut(exemplar=photo(LABELS), level=1).read(Session().resources)
+    np.testing.assert_array_equal(Quilting(exemplar=photo(LABELS), level=1).read(Session().resources).usable, THERE)
 
 
 def test_what_leaves_nothing_is_refused():
@@ -82,7 +82,7 @@ def test_what_leaves_nothing_is_refused():
     )
     for given in ({"mask": nothing}, {"mask": corner, "label": 4}):  # label 4 is below, at the right
         with pytest.raises(ImageError, match="leaves no pixel"):
-            Cut(exemplar=photo(LABELS), **given).read(Session())
+            Cut(exemplar=photo(LABELS), **given).read(Session().resources)
 
 
 def test_every_op_that_copies_from_a_photo_declares_it_there():

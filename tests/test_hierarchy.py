@@ -13,7 +13,7 @@ from oiiotex.superpixels.gaussian_stack import blurred_sums, taps_of
 from oiiotex.superpixels.hierarchy import hierarchy, merged, scales
 from tests import pictures
 from tests.reference import superpixels as reference
-from tests.test_superpixels import found, grid_values, session_of
+from tests.test_superpixels import found, grid_values, resources_of
 
 PHOTO = pictures.stained(pictures.pebbles(131, 167, seed=5))
 SIGMAS = 6.0 + 3.0 * np.arange(9)
@@ -22,7 +22,7 @@ SIGMAS = 6.0 + 3.0 * np.arange(9)
 @pytest.mark.parametrize("seed", range(4))
 def test_merges_are_those_of_the_algorithm(device, seed):
     made = found(device, np.random.default_rng(seed).random((41, 53, 3)) ** 2, sigma=5.0)
-    levels = list(blurred_sums(made, SIGMAS.tolist(), session_of(device)))
+    levels = list(blurred_sums(made, SIGMAS.tolist(), resources_of(device)))
     mine = merged(made.sizes, made.positions, made.edges, SIGMAS, levels)
     merges, counts = reference.merged(made.sizes, made.positions, made.edges, SIGMAS, levels)
     assert mine.merges.tolist() == [list(m) for m in merges]
@@ -43,7 +43,7 @@ def test_equal_costs_are_merged_in_the_order_of_their_ids():
 
 def test_partitions_are_nested_connected_and_numbered_by_their_first(device):
     made = found(device, PHOTO, sigma=6.0)
-    levels = hierarchy(made, session_of(device), SIGMAS)
+    levels = hierarchy(made, resources_of(device), SIGMAS)
     assert levels.counts[0] == made.count
     assert (np.diff(levels.counts) <= 0).all()
     area, finer = made.sizes.sum(), np.arange(made.count)
@@ -68,7 +68,7 @@ def test_what_alpha_parts_is_never_merged(device):
     alpha = np.ones((131, 167, 1))
     alpha[:, 80:83] = 0
     made = found(device, np.concatenate([PHOTO * alpha, alpha], -1), sigma=6.0)
-    levels = hierarchy(made, session_of(device), np.array([6.0, 1000.0]))
+    levels = hierarchy(made, resources_of(device), np.array([6.0, 1000.0]))
     assert levels.counts[-1] == 2
     assert len(levels.merges) == made.count - 2
 
@@ -83,8 +83,8 @@ def test_the_stack_is_the_blurred_image(any_lanes, alpha):
     lab = grid_values(any_lanes, pixels).astype(float)
     inside = lab[..., 3] > 0
     flat = made.labels.pixels()[..., 0].astype(int)[inside] - 1
-    session = session_of(any_lanes)
-    for level, sums in enumerate(blurred_sums(made, SIGMAS.tolist(), session), 1):
+    resources = resources_of(any_lanes)
+    for level, sums in enumerate(blurred_sums(made, SIGMAS.tolist(), resources), 1):
         sigma = 3.0 * np.sqrt(level)
         share = gaussian_filter(lab[..., 3], sigma, mode="constant")
         mean, unblurred = np.empty_like(sums), np.empty_like(sums)
@@ -97,7 +97,7 @@ def test_the_stack_is_the_blurred_image(any_lanes, alpha):
 
 
 def test_lanes_do_not_show(device, narrow_device):
-    one, other = (hierarchy(found(d, PHOTO, sigma=4.0), session_of(d)) for d in (device, narrow_device))
+    one, other = (hierarchy(found(d, PHOTO, sigma=4.0), resources_of(d)) for d in (device, narrow_device))
     np.testing.assert_array_equal(one.merges, other.merges)
     np.testing.assert_array_equal(one.counts, other.counts)
 
@@ -127,7 +127,7 @@ def test_odd_pictures_have_hierarchies(device, shape, kind):
     pixels[..., 3] = kind != "nothing"
     made = found(device, pixels)
     for sigmas in (None, np.array([4.0, 8.0, 1e4])):
-        levels = hierarchy(made, session_of(device), sigmas)
+        levels = hierarchy(made, resources_of(device), sigmas)
         assert len(levels.counts) == len(levels.sigmas)
         for level, count in enumerate(levels.counts.tolist()):
             assert len(np.unique(levels.partition(level))) == count

@@ -52,11 +52,11 @@ def ours(modules: list[str]) -> set[str]:
         (["--completion", "bash"], 0, 192),
         (["--cache-info"], 0, 15),
         (["--nonsense"], 1, 15),
-        (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 33),
+        (["photo.png", "--texlabel:persistance=0.5", "-o", "x.exr"], 1, 34),
         (["photo.png", "--texstationarize:sigma=0", "-o", "x.exr"], 1, 81),
         (["photo.png", "--resize:filter=", "-o"], 1, 27),
         (["--capture"], 1, 13),
-        (["photo.png", "--threads", "few", "-o", "x.exr"], 1, 49),
+        (["photo.png", "--threads", "few", "-o", "x.exr"], 1, 50),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else None,
 )
@@ -81,7 +81,7 @@ def test_a_line_imports_what_it_names(photo, tmp_path, line, rooms, most):
     modules = imported(photo, *(tmp_path / word if word.startswith("copy") else word for word in line))
     assert not {"pyopencl", "scipy"} & set(modules)
     assert ("PyOpenColorIO" in modules) == ("color" in rooms)
-    program = {"cli", "core", "io"}
+    program = {"cli", "core", "io", "session"}
     assert {name.partition(".")[0] for name in ours(modules) if "." in name} - program <= rooms
     assert len(ours(modules)) <= most, sorted(ours(modules))
 

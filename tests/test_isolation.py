@@ -63,21 +63,21 @@ main(["ingest", f"{folder}/photos", f"{folder}/library", *words])
 """,
     "the resident process": """
 from oiiotex.service.client import connect
-from oiiotex.service.settings import Settings
-client = connect(Settings(budget=1 << 28, idle=1))
+from oiiotex.service.settings import ResidentSettings
+client = connect(ResidentSettings(budget=1 << 28, idle=1))
 print(client.hello()["pid"])
 client.end()
 """,
     "the door for hosts": """
 import json, subprocess
 from oiiotex.service.client import connect
-from oiiotex.service.settings import Settings
+from oiiotex.service.settings import ResidentSettings
 text = json.dumps({"device": None})
 isolated = [sys.executable, "-I", "-c", f"import sys; sys.path.insert(0, {root!r}); sys.argv[1:] = [{text!r}];"
     "import runpy; runpy.run_module('oiiotex.service.door', run_name='__main__')"]
 print(subprocess.run(isolated, capture_output=True, text=True, check=True).stdout)
 from oiiotex.session import Session
-connect(Settings.of(Session())).end()
+connect(ResidentSettings.of(Session())).end()
 """,
     "Blender's extension": """
 import runpy, zipfile
@@ -92,9 +92,9 @@ connection = process._connected()
 process.run(["--version"]).wait()
 connection.close()
 from oiiotex.service.client import connect
-from oiiotex.service.settings import Settings
+from oiiotex.service.settings import ResidentSettings
 from oiiotex.session import Session
-connect(Settings.of(Session())).end()
+connect(ResidentSettings.of(Session())).end()
 """,
     "a JPEG": """
 program("photo.png", "-o", "out.jpg")

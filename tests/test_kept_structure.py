@@ -33,12 +33,12 @@ WITHOUT_END = {"size": Size(256, 256), "side": 128, "toroidal": True}
 @pytest.mark.parametrize("op", OPS)
 def test_a_result_is_as_regular_as_its_photo(op, name):
     session, image = Session(), from_buffer(buffer(regular(name, 192, 192, 3)))
-    lab, _ = working_values(image, session)
+    lab, _ = working_values(image, session.resources)
     lattice = find_lattice(lab)
     own, least = peaks_over_floor(lab, lattice, False), {}
     for structure in (0.0, 0.5):
         tile = op(exemplar=image, seed=1, structure=structure, **TILING[op]).compute(session)[op.main().name]
-        seen, _ = working_values(from_buffer(buffer(tile.pixels())), session)
+        seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(seen.shape[1], seen.shape[0], True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
     assert least[0.5] >= 0.8 and least[0.5] > least[0.0] + 0.15
@@ -47,12 +47,12 @@ def test_a_result_is_as_regular_as_its_photo(op, name):
 @pytest.mark.parametrize("name", ["oblique", "bricks"])
 def test_a_texture_without_end_is_as_regular_as_its_photo(name):
     session, image = Session(), from_buffer(buffer(regular(name, 128, 128, 3)))
-    lab, _ = working_values(image, session)
+    lab, _ = working_values(image, session.resources)
     lattice, least = find_lattice(lab), {}
     own = peaks_over_floor(lab, lattice, False)
     for structure in (0.0, 0.5):
         tile = Synth(exemplar=image, seed=1, structure=structure, **WITHOUT_END).compute(session)["texture"]
-        seen, _ = working_values(from_buffer(buffer(tile.pixels())), session)
+        seen, _ = working_values(from_buffer(buffer(tile.pixels())), session.resources)
         closed = replace(lattice, frequencies=lattice.on_torus(Domain(256, 256, True, True)))
         least[structure] = (peaks_over_floor(seen, closed, True) / own).min()
     assert least[0.5] >= 0.75 and least[0.5] > least[0.0] + 0.3

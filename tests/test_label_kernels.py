@@ -10,18 +10,10 @@ import pytest
 
 from oiiotex.core.elementary import exponential, logarithm, root
 from oiiotex.labels import affinity_graph, features, potts, products, random_walk, stochastic_nmf
-from oiiotex.opencl.device import Device
-from oiiotex.session import Session
 from tests.reference import labels as reference
+from tests.test_superpixels import resources_of
 
 LOCAL = 6  # which neighbour's distance is the local scale: LSA16 eq. 4
-
-
-def on(device: Device) -> Session:
-    """A session with that device."""
-    session = Session()
-    session.resources.device = device
-    return session
 
 
 def blobs(counts: tuple[int, ...], seed: int = 0, apart: float = 20.0) -> tuple[np.ndarray, np.ndarray]:
@@ -66,7 +58,7 @@ def test_nearest_are_exact_and_ties_go_to_the_lower_index(any_lanes, monkeypatch
     expected = reference.nearest(points, 20, copies, LOCAL)
     for scratch in (1 << 22, 3 * 224):  # rows of distances all at once, and three at a time
         monkeypatch.setattr(affinity_graph, "_SCRATCH", scratch)
-        found = affinity_graph.nearest(points, 20, on(any_lanes), copies)
+        found = affinity_graph.nearest(points, 20, resources_of(any_lanes), copies)
         for ours, theirs in zip(found, expected, strict=True):
             np.testing.assert_array_equal(ours, theirs)
 
@@ -76,7 +68,7 @@ def test_the_farthest_points_still_have_exact_distances(any_lanes):
     assert unit < 1024 and np.log2(unit) % 1 == 0
     away = points.astype(np.int64)
     assert ((away[:, None] - away) ** 2).sum(-1).max() < 2**31
-    found = affinity_graph.nearest(points, 59, on(any_lanes))
+    found = affinity_graph.nearest(points, 59, resources_of(any_lanes))
     np.testing.assert_array_equal(found.squared, reference.nearest(points, 59, np.ones(60, int), 6)[1])
 
 
@@ -84,10 +76,10 @@ def test_the_farthest_points_still_have_exact_distances(any_lanes):
 def test_the_graph_is_eq_4_made_symmetric(any_lanes, copies):
     points, _ = blobs((40, 50))
     points[:30] = np.repeat(points[:30:copies], copies, axis=0)
-    session = on(any_lanes)
+    resources = resources_of(any_lanes)
     steps, unit = affinity_graph.on_grid(points)
     nodes, node, counts = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
-    graph = affinity_graph.similarity_graph(points, 25, session)
+    graph = affinity_graph.similarity_graph(points, 25, resources)
     np.testing.assert_array_equal(graph.node, node.ravel())
     index, squared, scales = reference.nearest(nodes, min(25, len(nodes) - 1), counts, LOCAL)
     scale = np.maximum(np.sqrt(scales), 0.1 * unit)
@@ -101,7 +93,7 @@ def test_the_graph_is_eq_4_made_symmetric(any_lanes, copies):
 
 def test_r_is_where_similarities_grow_fastest(device):
     points, _ = blobs((80, 70), apart=5.0)
-    graph = affinity_graph.similarity_graph(points, 40, on(device))
+    graph = affinity_graph.similarity_graph(points, 40, resources_of(device))
     steps, unit = affinity_graph.on_grid(points)
     index, squared, scales = reference.nearest(steps, 40, np.ones(150, int), LOCAL)
     relative = squared / np.sqrt(scales[:, None] * scales[index].astype(float))
@@ -116,9 +108,9 @@ def test_r_is_where_similarities_grow_fastest(device):
 @pytest.mark.parametrize("counts", [(60, 80, 70), (300, 250), (20, 22), (9,) * 5])
 def test_a_walk_is_the_power_of_its_matrix(any_lanes, counts):
     points, _ = blobs(counts, apart=6.0)
-    session = on(any_lanes)
-    graph = affinity_graph.similarity_graph(points, min(64, len(points) // 4), session)
-    walk = random_walk.Walk(graph, session, persistence=0.3)
+    resources = resources_of(any_lanes)
+    graph = affinity_graph.similarity_graph(points, min(64, len(points) // 4), resources)
+    walk = random_walk.Walk(graph, resources, persistence=0.3)
     S, root = dense(graph.scaled), np.sqrt(graph.mass)
     D = root[:, None] * S / root
     np.testing.assert_allclose(D.sum(0), 1, atol=1e-5)
@@ -143,10 +135,10 @@ def test_steps_are_those_of_section_4_4():
 
 
 def test_products_are_those_of_numpy(any_lanes):
-    random, session = np.random.default_rng(0), on(any_lanes)
+    random, resources = np.random.default_rng(0), resources_of(any_lanes)
     a, b, c = (random.normal(0, 1, shape).astype(np.float32) for shape in ((37, 21), (21, 5), (37, 9)))
-    np.testing.assert_allclose(products.product(a, b, session), a @ b, atol=1e-5)
-    np.testing.assert_allclose(products.gram(a, c, session), a.T @ c, atol=1e-5)
+    np.testing.assert_allclose(products.product(a, b, resources), a @ b, atol=1e-5)
+    np.testing.assert_allclose(products.gram(a, c, resources), a.T @ c, atol=1e-5)
 
 
 # --- the descent ---
@@ -159,7 +151,7 @@ def test_memberships_are_least_squares_on_the_simplex(any_lanes):
     quadratic, linear = (F.T @ F).astype(np.float32), (random.random((61, 13)) / 60).astype(np.float32)
     inverse = (1 / np.maximum(np.arange(30), 1)).astype(np.float32)
     start = np.full((61, 13), 1 / 13, np.float32)
-    found = stochastic_nmf.memberships_of(start, quadratic, linear, inverse, 300, on(any_lanes))
+    found = stochastic_nmf.memberships_of(start, quadratic, linear, inverse, 300, resources_of(any_lanes))
     np.testing.assert_allclose(found, reference.memberships(quadratic, linear), atol=2e-3)
     np.testing.assert_allclose(found.sum(1), 1, atol=1e-5)
     assert found.min() >= 0
@@ -174,7 +166,7 @@ def test_distributions_go_the_way_of_fista(any_lanes, monkeypatch):
     quadratic, linear = (G.T @ G).astype(np.float32), random.random((r, n)).astype(np.float32)
     inverse = (1 / np.maximum(np.arange(n + 8), 1)).astype(np.float32)
     monkeypatch.setattr(stochastic_nmf, "_largest", lambda matrix: np.linalg.norm(matrix, 2).item())
-    found = stochastic_nmf.distributions(start, quadratic, linear, inverse, on(any_lanes))
+    found = stochastic_nmf.distributions(start, quadratic, linear, inverse, resources_of(any_lanes))
     expected = reference.distributions(start.astype(np.float64), quadratic, linear, 8)
     np.testing.assert_allclose(found, expected, atol=1e-6)
 
@@ -193,7 +185,7 @@ def test_the_bound_of_a_norm_is_one():
 def test_counts_are_pooled_by_a_gaussian(any_lanes):
     random = np.random.default_rng(0)
     counts, positions = random.integers(0, 300, (70, 13)), random.random((70, 2)) * [50, 90]
-    found = features.pooled(counts, positions, 6.0, on(any_lanes))
+    found = features.pooled(counts, positions, 6.0, resources_of(any_lanes))
     np.testing.assert_allclose(found / 4096, reference.pooled(counts, positions, 6.0, 2.5), rtol=0.03, atol=2)
 
 
@@ -204,17 +196,17 @@ def test_a_potts_field_is_its_equation(any_lanes, monkeypatch):
     edges = random.integers(0, 30, (50, 2))  # one place has no neighbours
     edges = np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
     expected = reference.settled(likely, edges, 4.0, 6, 1e-3)
-    np.testing.assert_array_equal(potts.settled(likely, edges, on(any_lanes)), expected.argmax(0))
+    np.testing.assert_array_equal(potts.settled(likely, edges, resources_of(any_lanes)), expected.argmax(0))
     alone, around = (random.normal(0, 3, (5, 31)).astype(np.float32) for _ in range(2))
     seen = np.arange(31) != 7
     pull = np.exp(alone + 2.0 * around)
-    found = potts.members(alone, around, seen, 2.0, on(any_lanes))
+    found = potts.members(alone, around, seen, 2.0, resources_of(any_lanes))
     np.testing.assert_allclose(found, pull / pull.sum(0) * seen, rtol=1e-5, atol=1e-7)
 
 
 def test_votes_are_taken_between_the_middles_of_cells(any_lanes):
     votes = np.random.default_rng(0).random((6, 3, 4)).astype(np.float32)
-    found = potts.winners(votes, 4, (11, 15), on(any_lanes))
+    found = potts.winners(votes, 4, (11, 15), resources_of(any_lanes))
     at = [np.clip((np.arange(size) + 0.5) / 4 - 0.5, 0, cells - 1) for size, cells in ((11, 3), (15, 4))]
     rows = np.stack([[np.interp(at[0], np.arange(3), layer[:, x]) for x in range(4)] for layer in votes])
     pixels = np.stack([[np.interp(at[1], np.arange(4), layer[:, y]) for y in range(11)] for layer in rows])
@@ -225,10 +217,10 @@ def test_registers_of_any_width_find_the_same_labels(device, narrow_device):
     points, _ = blobs((120, 90, 70), apart=4.0)
     made = []
     for one in (device, narrow_device):
-        session = on(one)
-        graph = affinity_graph.similarity_graph(points, 40, session)
-        walk = random_walk.Walk(graph, session, persistence=0.9)
-        factors = stochastic_nmf.factored(walk, session, tries=1)
+        resources = resources_of(one)
+        graph = affinity_graph.similarity_graph(points, 40, resources)
+        walk = random_walk.Walk(graph, resources, persistence=0.9)
+        factors = stochastic_nmf.factored(walk, resources, tries=1)
         made.append((graph.scaled.weights, walk.left, walk.right, factors.F, factors.G, factors.error))
     for wide, narrow in zip(*made, strict=True):
         np.testing.assert_array_equal(wide, narrow)

@@ -21,6 +21,7 @@ from oiiotex.core.label_map import LabelMap
 from oiiotex.io.cryptomatte import cryptomatte_part, hashed, hashes
 from oiiotex.labels.scales import LabelSettings, label_maps
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
 from tests.conftest import oiiotex, save
 from tests.test_labels import NOISE, buffer, quarters
 
@@ -139,17 +140,17 @@ def test_in_python_parts_go_by_their_names():
 def test_memory_that_is_not_there_is_named():
     with pytest.raises(errors.ImageError, match=r"labelling needs \d+ MB"):
         image, session = from_buffer(buffer(quarters(256)[0])), Session()
-        lens = lens_of(image, session)
-        label_maps(image, lens, session, settings=LabelSettings(neighbours=10**9))
+        lens = lens_of(image, session.resources)
+        label_maps(image, lens, session.resources, session.progress, settings=LabelSettings(neighbours=10**9))
 
 
 def test_a_run_can_be_stopped_and_says_how_far_it_is():
     image, steps = from_buffer(buffer(quarters(96)[0])), []
     session = Session(progress=lambda done, total: steps.append((done, total)))
-    label_maps(image, lens_of(image, session), session)
+    label_maps(image, lens_of(image, session.resources), session.resources, session.progress)
     assert steps == sorted(steps) and steps[-1][0] == steps[-1][1]
     with pytest.raises(errors.Interrupted):
-        label_maps(image, lens_of(image, session), Session(progress=lambda done, total: False))
+        label_maps(image, lens_of(image, session.resources), session.resources, Progress(lambda done, total: False))
 
 
 def test_the_view_shows_photo_levels_and_tree(written):

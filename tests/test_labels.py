@@ -19,8 +19,10 @@ from oiiotex.labels.filter_bank import PLANES, blurred_layers, codebook, gabor_r
 from oiiotex.labels.potts import settled
 from oiiotex.labels.scales import LabelMaps, LabelSettings, label_maps
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
 from tests import pictures
-from tests.test_label_kernels import blobs, on
+from tests.test_label_kernels import blobs
+from tests.test_superpixels import resources_of
 
 
 def buffer(pixels: np.ndarray, names: tuple[str, ...] = ()) -> oiio.ImageBuf:
@@ -36,8 +38,8 @@ def buffer(pixels: np.ndarray, names: tuple[str, ...] = ()) -> oiio.ImageBuf:
 def maps_of(
     pixels: np.ndarray, features: str = "textons", names: tuple[str, ...] = (), **settings: object
 ) -> LabelMaps:
-    image, session = from_buffer(buffer(pixels, names)), Session()
-    return label_maps(image, lens_of(image, session), session, features, LabelSettings(**settings))
+    image, resources = from_buffer(buffer(pixels, names)), Session().resources
+    return label_maps(image, lens_of(image, resources), resources, Progress(), features, LabelSettings(**settings))
 
 
 def pixel_labels(maps: LabelMaps, level: int) -> np.ndarray:
@@ -97,7 +99,7 @@ def test_gabor_responses_answer_to_their_own_wave_and_direction(angle):
 @pytest.mark.parametrize("shape", [(2, 33, 47), (1, 3, 70), (3, 1, 1)])
 def test_layers_are_blurred_by_a_gaussian_and_mirrored_at_borders(any_lanes, shape):
     layers = np.random.default_rng(1).normal(0, 30, shape).astype(np.float32)
-    blurred = blurred_layers(layers, 2.8, 2.5, on(any_lanes))
+    blurred = blurred_layers(layers, 2.8, 2.5, resources_of(any_lanes))
     for layer, found in zip(layers.astype(np.float64), blurred, strict=True):
         np.testing.assert_allclose(found, gaussian_filter(layer, 2.8, radius=7), atol=1e-4)
 
@@ -109,7 +111,7 @@ def test_textons_are_the_nearest_centres_and_ties_go_to_the_first(any_lanes):
     centres[40], planes[:, 7] = centres[3], centres[3]
     planes[:, 8], centres[59] = -2047, 2047  # as far apart as there is
     apart = ((planes.T[:, None].astype(np.int64) - centres) ** 2).sum(-1)
-    textons = nearest_centres(planes, centres, on(any_lanes))
+    textons = nearest_centres(planes, centres, resources_of(any_lanes))
     np.testing.assert_array_equal(textons, apart.argmin(1))
     assert textons[7] == 3
 
@@ -131,7 +133,7 @@ def test_the_codebook_is_k_means_of_whole_numbers_however_they_are_added():
 @pytest.mark.parametrize("counts", [(300, 200), (300, 200, 150, 100)])
 def test_the_number_of_labels_is_found(counts, tries):
     points, truth = blobs(counts, apart=5.0)
-    found = scales.labelled(points, LabelSettings(tries=tries), 0, Session())
+    found = scales.labelled(points, LabelSettings(tries=tries), 0, Session().resources)
     pairs = np.unique(np.stack([truth, found.G.argmax(0)]), axis=1)
     assert pairs.shape[1] == len(counts)
     assert found.error < 0.05
@@ -141,20 +143,20 @@ def test_the_number_of_labels_is_found(counts, tries):
 def test_scikit_learn_clusters_as_many(cluster):
     pytest.importorskip("sklearn")
     points, truth = blobs((300, 200, 150), apart=5.0)
-    found = scales.labelled(points, LabelSettings(cluster=cluster), 0, Session())
+    found = scales.labelled(points, LabelSettings(cluster=cluster), 0, Session().resources)
     assert np.unique(np.stack([truth, found.G.argmax(0)]), axis=1).shape[1] <= 6
 
 
 def test_without_scikit_learn_there_is_a_clear_error(monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
     with pytest.raises(errors.ImageError, match=r"oiiotex\[cluster\]"):
-        scales.labelled(blobs((50, 60))[0], LabelSettings(cluster="kmeans"), 0, Session())
+        scales.labelled(blobs((50, 60))[0], LabelSettings(cluster="kmeans"), 0, Session().resources)
 
 
 def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):
     points, truth = blobs((300, 200, 100), apart=5.0)
     monkeypatch.setattr(scales, "MOST", 400)
-    found = scales.labelled(points, LabelSettings(), 0, Session())
+    found = scales.labelled(points, LabelSettings(), 0, Session().resources)
     assert found.G.shape[1] == found.F.shape[0] == 600
     joint = np.histogram2d(truth, found.G.argmax(0), [3, found.G.shape[0]])[0]
     assert joint.max(0).sum() > 0.98 * 600
@@ -162,7 +164,7 @@ def test_above_a_number_of_superpixels_a_sample_is_factored(monkeypatch):
 
 def test_equal_points_are_one_node_and_share_what_it_has():
     points = np.repeat([[0.0, 0], [50, 0], [50, 50]], [400, 300, 2], axis=0)
-    found = scales.labelled(points, LabelSettings(), 0, Session())
+    found = scales.labelled(points, LabelSettings(), 0, Session().resources)
     labels = found.G.argmax(0)
     assert labels[0] != labels[500]
     assert len(set(labels[:400])) == len(set(labels[400:700])) == 1
@@ -200,14 +202,14 @@ def test_a_potts_step_settles_a_lone_superpixel_and_leaves_a_border():
     likely = np.where(np.arange(n)[:, None] < 20, [0.8, 0.2], [0.2, 0.8])
     likely[7] = [0.4, 0.6]
     edges = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
-    np.testing.assert_array_equal(settled(likely.T, edges, Session()), np.arange(n) >= 20)
+    np.testing.assert_array_equal(settled(likely.T, edges, Session().resources), np.arange(n) >= 20)
 
 
 def test_a_given_level_is_the_coarsest_and_everything_lies_in_it():
     picture, truth = quarters(128)
-    image, session = from_buffer(buffer(picture)), Session()
-    lens = lens_of(image, session)
-    maps = label_maps(image, lens, session, coarsest=lambda s, *_: (s.positions[:, 0] > 64).astype(np.int64))
+    image, resources = from_buffer(buffer(picture)), Session().resources
+    given = image, lens_of(image, resources), resources, Progress()
+    maps = label_maps(*given, coarsest=lambda found, *_: (found.positions[:, 0] > 64).astype(np.int64))
     require_a_tree(maps)
     assert maps.levels[-1].count == 2 and set(maps.levels[-2].parents) == {1, 2}
 

@@ -30,6 +30,7 @@ from oiiotex.labels import content_scan
 from oiiotex.quilting.quilt_job import Quilted
 from oiiotex.run import run
 from oiiotex.session import Session
+from oiiotex.session.resources import Resources
 
 
 def picture(width: int, height: int) -> Part:
@@ -79,7 +80,7 @@ def test_memory_does_not_grow_with_the_height(monkeypatch, op: Callable[..., Op]
 
     def peak(height: int) -> int:
         session = Session(threads=1, budget=4 << 20)
-        session.cache.limit = 1 << 20
+        session.resources.cache.limit = 1 << 20
         tracemalloc.start()
         try:
             part = run(op(400, height), session)[0].image.first
@@ -100,7 +101,7 @@ def test_strips_do_not_show_in_contents(monkeypatch, more: dict[str, bool]):
     monkeypatch.setattr(content_scan, "_STRIP_PIXELS", 150 * 20)
     monkeypatch.setattr(content_scan, "_STEP", 32)
     monkeypatch.setattr(content_chart, "_ROWS", 3)
-    monkeypatch.setattr(Session, "require", lambda *_: None)
+    monkeypatch.setattr(Resources, "require", lambda *_: None)
     for threads, budget, rows in ((1, 1 << 10, 7), (3, 1 << 20, 50)):  # a bit for each pixel is 3.6 kB
         seen = pixels_of(marked(150, 190, **more), Session(threads=threads, budget=budget), rows)
         np.testing.assert_array_equal(seen, at_once)
@@ -108,7 +109,7 @@ def test_strips_do_not_show_in_contents(monkeypatch, more: dict[str, bool]):
 
 def test_bands_do_not_show_in_previews(monkeypatch):
     at_once = pixels_of(shown(150, 190), Session(), 1000)
-    monkeypatch.setattr(Session, "require", lambda *_: None)
+    monkeypatch.setattr(Resources, "require", lambda *_: None)
     monkeypatch.setattr(tile_preview, "AT_ONCE", 150 * 3 * 11)
     for budget, rows in ((1 << 12, 5), (1 << 30, 13)):
         np.testing.assert_array_equal(pixels_of(shown(150, 190), Session(budget=budget), rows), at_once)

@@ -71,34 +71,34 @@ from oiiotex.color import lab_on_device as labgrid
 from oiiotex.superpixels.hierarchy import hierarchy
 from oiiotex.superpixels.superpixels import superpixels
 from oiiotex.color.lab import lens_of
-from tests.test_superpixels import image_of, session_of
+from tests.test_superpixels import image_of, resources_of
 pixels = np.random.default_rng(0).random((19, 27, 4))
 pixels[3:8, 5:9, 3] = 0
-session, image = session_of(opened), image_of(pixels)
+resources, image = resources_of(opened), image_of(pixels)
 for budget in (labgrid._HOST_BYTES, 0):
     labgrid._HOST_BYTES, labgrid.BAND_BYTES = budget, 1000
-    superpixels(image, lens_of(image, session), session, sigma=33.0, iterations=3)
-    found = superpixels(image, lens_of(image, session), session, sigma=5.0, iterations=3)
-hierarchy(found, session, np.array([5.0, 8.0, 11.0, 14.0]))
+    superpixels(image, lens_of(image, resources), resources, sigma=33.0, iterations=3)
+    found = superpixels(image, lens_of(image, resources), resources, sigma=5.0, iterations=3)
+hierarchy(found, resources, np.array([5.0, 8.0, 11.0, 14.0]))
 """,
     "filter_bank": """
 from oiiotex.labels.filter_bank import texton_map, texture_of
-from tests.test_superpixels import session_of
+from tests.test_superpixels import resources_of
 lab = np.random.default_rng(0).random((19, 27, 3)).astype(np.float32) * 90
-session, seen = session_of(opened), np.ones((19, 27), bool)
+resources, seen = resources_of(opened), np.ones((19, 27), bool)
 seen[3:8, 5:9] = False
-texton_map(texture_of(lab, seen, session), session, most=7)
+texton_map(texture_of(lab, seen, resources), resources, most=7)
 """,
     "affinity factorization features potts": """
 from oiiotex.labels import features, potts
 from oiiotex.labels.scales import LabelSettings, labelled
-from tests.test_superpixels import session_of
-session, random = session_of(opened), np.random.default_rng(0)
-labelled(random.random((29, 5)) * 9, LabelSettings(neighbours=9), 0, session)
-features.pooled(random.integers(0, 9, (29, 6)), random.random((29, 2)) * 40, 5.0, session)
+from tests.test_superpixels import resources_of
+resources, random = resources_of(opened), np.random.default_rng(0)
+labelled(random.random((29, 5)) * 9, LabelSettings(neighbours=9), 0, resources)
+features.pooled(random.integers(0, 9, (29, 6)), random.random((29, 2)) * 40, 5.0, resources)
 likely = random.random((3, 29))
-potts.settled(likely, np.stack([np.arange(28), np.arange(1, 29)], 1), session)
-potts.winners(random.random((3, 4, 5)).astype(np.float32), 4, (15, 19), session)
+potts.settled(likely, np.stack([np.arange(28), np.arange(1, 29)], 1), resources)
+potts.winners(random.random((3, 4, 5)).astype(np.float32), 4, (15, 19), resources)
 """,
     "quilting": """
 from oiiotex.labels import content_table as regions

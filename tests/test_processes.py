@@ -21,7 +21,7 @@ from oiiotex.core.image import from_array
 from oiiotex.core.machine import start_python
 from oiiotex.io.atomic import temporary_beside
 from oiiotex.service.client import connect
-from oiiotex.service.settings import Settings
+from oiiotex.service.settings import ResidentSettings
 from tests.browser import Served, end_resident
 from tests.conftest import save
 from tests.faults import SLOW, half_files, half_written, nobody_left, start, wait_for
@@ -220,7 +220,7 @@ def test_workers_are_ended_where_the_run_fails(tmp_path):
 def test_what_ends_the_resident_process_ends_its_job_without_an_abort(monkeypatch, number):
     with tempfile.TemporaryDirectory(prefix="oxp") as folder:  # a short name: sockets' are
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
-        settings = Settings(budget=1 << 28, idle=60)
+        settings = ResidentSettings(budget=1 << 28, idle=60)
         with start_python("oiiotex.service", settings.text(), stderr=PIPE, text=True) as process:
             while not settings.socket().exists():
                 assert process.poll() is None

@@ -38,7 +38,7 @@ def test_the_demos_gravel_loses_gradient_and_stain_and_keeps_its_detail(tmp_path
 
 def cost(tile: oiio.ImageBuf, session: Session) -> float:
     """MJH17 eq. 1, at the paper's sigma."""
-    lab = working_values(from_buffer(tile), session)[0]
+    lab = working_values(from_buffer(tile), session.resources)[0]
     return stationarity_cost(lab, max(lab.shape[:2]) / 32)
 
 

@@ -97,4 +97,4 @@ def test_an_error_that_is_its_own_cause_ends_the_run():
         raise error from error
 
     with pytest.raises(DeviceError, match="no"):
-        Session().on_a_device(work)
+        Session().resources.on_a_device(work)

@@ -12,7 +12,7 @@ import pytest
 
 from oiiotex import errors, filters
 from oiiotex.core.source_map import SourceMap
-from oiiotex.exemplar import patch_synthesis
+from oiiotex.exemplar import synthesis_run
 from oiiotex.quality import lost_structure, patch_texture, report
 from oiiotex.quality.report import SCHEMA
 from oiiotex.quality.report_measures import REPORT_MEASURES
@@ -189,7 +189,7 @@ def test_a_limit_beyond_is_a_quality_error_that_holds_the_result(tmp_path):
     ],
 )
 def test_limits_that_make_no_sense_are_refused_before_the_work(given, said, monkeypatch):
-    monkeypatch.setattr(patch_synthesis, "synthesize", None)
+    monkeypatch.setattr(synthesis_run, "synthesize", None)
     with pytest.raises(errors.ParameterError) as caught:
         filters.patchmatch(buffer(PHOTO), **given)
     assert said in str(caught.value)

@@ -144,8 +144,8 @@ def test_what_cannot_be_kept_is_said_once_and_does_not_stop_the_run(tmp_path, ca
 
 
 def test_a_failed_run_leaves_its_pieces_in_silence(tmp_path, caplog):
-    session = Session()
-    with pytest.raises(ZeroDivisionError), session.checkpoints(tmp_path / "a.exr"):
-        session.resources.keeper.piece(KEY, PLACE, lambda: np.ones(2))
+    resources = Session().resources
+    with pytest.raises(ZeroDivisionError), resources.checkpoints(tmp_path / "a.exr"):
+        resources.keeper.piece(KEY, PLACE, lambda: np.ones(2))
         raise ZeroDivisionError
-    assert session.resources.keeper is None and len(pieces(tmp_path / "a.exr.parts")) == 1 and not caplog.records
+    assert resources.keeper is None and len(pieces(tmp_path / "a.exr.parts")) == 1 and not caplog.records

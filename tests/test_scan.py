@@ -13,6 +13,7 @@ from oiiotex.core.window import Window
 from oiiotex.errors import BrokenValues, Interrupted
 from oiiotex.scan import scan
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
 from tests.coloured import image_of
 
 HEIGHT, WIDTH = 83, 17
@@ -32,7 +33,7 @@ def at(left: int, top: int, pixels: np.ndarray) -> tuple[Image, Lens]:
     image = Image(
         (image.first.respecced(lambda spec: (setattr(spec, "x", left), setattr(spec, "y", top))),), "photo.exr"
     )
-    return image, lens_of(image, Session(), Space.ANY)
+    return image, lens_of(image, Session().resources, Space.ANY)
 
 
 @pytest.mark.parametrize("threads", [1, 5])
@@ -57,8 +58,8 @@ def test_every_row_is_seen_once_in_order_with_its_halo(threads, cell, halo, larg
         assert not cell or first // cell == (last - 1) // cell
         kept.extend(rows[above : above + piece.height])
 
-    scan(image.first, lens, Session(threads=threads), look, keep, cell=cell, halo=halo, larger=larger,
-         progress=lambda done, total: told.append((done, total)))  # fmt: skip
+    scan(image.first, lens, Session(threads=threads).resources, look, keep, cell=cell, halo=halo, larger=larger,
+         advance=lambda done, total: told.append((done, total)))  # fmt: skip
     np.testing.assert_array_equal(kept, ROWS[:, 0, 0])
     assert told == sorted(set(told)) and told[-1] == (HEIGHT, HEIGHT)
 
@@ -71,14 +72,14 @@ def test_all_that_is_broken_is_counted_once(halo):
     image, lens = at(0, 0, broken)
     clean: list[Window] = []
     with pytest.raises(BrokenValues, match=r"photo\.exr has 6 NaN and 2 Inf"):
-        scan(image.first, lens, Session(), lambda *_: None, lambda piece, _: clean.append(piece), halo=halo)
+        scan(image.first, lens, Session().resources, lambda *_: None, lambda piece, _: clean.append(piece), halo=halo)
     assert not any(piece.top <= y < piece.bottom for piece in clean for y in (0, 2, 3, 19, 20, 21, 40, 82))
 
 
 def test_it_ends_where_progress_says_so():
     image, lens = at(0, 0, ROWS)
     kept: list[Window] = []
-    session = Session(progress=lambda done, total: done < 10)
+    resources, advance = Session().resources, Progress(lambda done, total: done < 10).advance
     with pytest.raises(Interrupted):
-        scan(image.first, lens, session, lambda *_: None, lambda piece, _: kept.append(piece), progress=session.advance)
+        scan(image.first, lens, resources, lambda *_: None, lambda piece, _: kept.append(piece), advance=advance)
     assert len(kept) == 4

@@ -27,11 +27,11 @@ from oiiotex.errors import Error
 from oiiotex.service.client import BRUSH, EXPORT, Client, connect
 from oiiotex.service.messages import Link, LinkError
 from oiiotex.service.pictures import facts_of, image_facts, image_of
-from oiiotex.service.settings import Settings
+from oiiotex.service.settings import ResidentSettings
 from oiiotex.session import Session
 from tests import pictures
 
-SETTINGS = Settings(budget=1 << 30, idle=30)
+SETTINGS = ResidentSettings(budget=1 << 30, idle=30)
 SPACE = "srgb_rec709_scene"
 SMALL = {"size": "64x64", "sigma": 6, "contrast": 0.7}
 LONG = SMALL | {"iterations": 1000, "size": "256x256"}
@@ -198,7 +198,7 @@ def test_nonsense_ends_its_connection_alone(client, folder):
 
 
 def test_one_that_is_killed_is_replaced(folder):
-    settings = Settings(budget=1 << 30, idle=20.5)
+    settings = ResidentSettings(budget=1 << 30, idle=20.5)
     clients: list[Client] = []
     threads = [threading.Thread(target=lambda: clients.append(connect(settings))) for _ in range(3)]
     for thread in threads:
@@ -219,7 +219,7 @@ def test_one_that_is_killed_is_replaced(folder):
 
 
 def test_it_ends_when_nobody_wants_anything(folder):
-    settings = Settings(budget=1 << 30, idle=0.4)
+    settings = ResidentSettings(budget=1 << 30, idle=0.4)
     one = connect(settings)
     pid = one.hello()["pid"]
     time.sleep(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import tracemalloc
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import OpenImageIO as oiio
@@ -13,6 +14,8 @@ from scipy.ndimage import gaussian_filter
 
 from oiiotex import errors, filters
 from oiiotex.session import Session
+from oiiotex.session.progress import Progress
+from oiiotex.session.resources import Resources
 from tests.any_filter import buffer
 
 
@@ -22,34 +25,42 @@ def test_stages_share_what_is_opened_once_and_go_on_counting():
     stages = session.stages()
     first = next(stages)
     for done in (1, 2):
-        first.advance(done, 2)
+        first.progress.advance(done, 2)
     second = next(stages)
-    second.advance(1, 3)
+    second.progress.advance(1, 3)
     assert seen == [(1, 2), (2, 2), (3, 5)]
-    assert second.cache is first.cache is session.cache
-    assert second.color is first.color is session.color
-    assert second.device is first.device is session.device
-    assert second.resources.workers is session.resources.workers
+    assert second.resources is first.resources is session.resources
+    with pytest.raises(errors.Interrupted):  # a stage can be stopped
+        next(Progress(lambda done, total: False).stages()).advance(1, 2)
 
 
-def test_a_stage_can_be_stopped():
-    stage = next(Session(progress=lambda done, total: False).stages())
-    with pytest.raises(errors.Interrupted):
-        stage.advance(1, 2)
+def test_settings_change_for_all_that_share_resources():
+    session = Session(threads=1, budget=1 << 20)
+    other, before = session.telling(Progress()), session.settings
+    session.change(budget=2 << 20)
+    assert (before.budget, other.resources.budget, session.settings) == (
+        1 << 20,
+        2 << 20,
+        replace(before, budget=2 << 20),
+    )
+    with pytest.raises(FrozenInstanceError):
+        session.settings.budget = 0  # type: ignore[misc]
+    with pytest.raises(TypeError, match="thread"):
+        Session(thread=1)  # type: ignore[call-arg]
 
 
 def peak_and_need(monkeypatch, work) -> tuple[int, int]:
     """Bytes that Python and numpy held at most, and that were asked for, in a run of its own."""
-    needs, require = [], Session.require
+    needs, require = [], Resources.require
 
     def recording(self, need, *words):
         needs.append(need)
         require(self, need, *words)
 
     session = Session(threads=1)
-    session.color  # noqa: B018 - opened before
+    session.resources.color  # noqa: B018 - opened before
     with monkeypatch.context() as patch:
-        patch.setattr(Session, "require", recording)
+        patch.setattr(Resources, "require", recording)
         tracemalloc.start()
         try:
             work(session)

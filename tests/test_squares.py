@@ -25,7 +25,7 @@ from oiiotex.superpixels.slic import SeedGrid, Slic, candidates
 from oiiotex.superpixels.superpixels import superpixels
 from tests import pictures
 from tests.reference import superpixels as reference
-from tests.test_superpixels import checks, found, grid_values, image_of, same, session_of, slots_of
+from tests.test_superpixels import checks, found, grid_values, image_of, resources_of, same, slots_of
 
 HEIGHT, WIDTH = 161, 237
 PHOTO = pictures.stained(pictures.pebbles(HEIGHT, WIDTH, seed=3))
@@ -49,19 +49,19 @@ def means_of(lab: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("pixels", "sigma", "side"), [(PHOTO, 37.0, 2), (HOLED, 70.0, 4), (HOLED, 140.0, 8)])
 def test_pixels_choose_among_the_seeds_of_the_squares_around_them(any_lanes, pixels, sigma, side):
-    image, session = image_of(pixels), session_of(any_lanes)
+    image, resources = image_of(pixels), resources_of(any_lanes)
     lab = grid_values(any_lanes, pixels)
     grid = SeedGrid.of(WIDTH, HEIGHT, sigma, 20.0, side)
-    lens = lens_of(image, session)
+    lens = lens_of(image, resources)
     with (
-        Squares(WIDTH, HEIGHT, side, session, True) as squares,
-        LabGrid(image, lens, session, side, look=squares.look) as held,
-        Slic(squares, grid.of_squares, session) as slic,
+        Squares(WIDTH, HEIGHT, side, resources, True) as squares,
+        LabGrid(image, lens, resources, side, look=squares.look) as held,
+        Slic(squares, grid.of_squares, resources) as slic,
     ):
         [band] = squares.bands()
         means = any_lanes.read(band.lab, (squares.height, squares.width, 4), np.int16)
         centres = slic.iterate(6)
-        made = refined_slots(held, grid, squares, slic, centres, session)
+        made = refined_slots(held, grid, squares, slic, centres, resources)
         slots = np.concatenate([slots_of(any_lanes, held, *given) for given in made])
     sums, plain = means_of(lab, side)
     np.testing.assert_array_equal(squares.reduced.sums, sums)
@@ -90,12 +90,12 @@ def test_pixels_choose_among_the_seeds_of_the_squares_around_them(any_lanes, pix
 
 
 def test_devices_without_doubles_settle_on_the_same_seeds(any_lanes, monkeypatch):
-    image, session, grid = image_of(HOLED), session_of(any_lanes), SeedGrid.of(WIDTH, HEIGHT, 9.0, 20.0)
+    image, resources, grid = image_of(HOLED), resources_of(any_lanes), SeedGrid.of(WIDTH, HEIGHT, 9.0, 20.0)
     jitter = np.random.default_rng(1).uniform(-2, 2, (grid.down, grid.across, 2))
     settled = []
     for doubles in (True, False):
         monkeypatch.setattr(type(any_lanes.info), "has_doubles", doubles)
-        with LabGrid(image, lens_of(image, session), session) as held, Slic(held, grid, session) as slic:
+        with LabGrid(image, lens_of(image, resources), resources) as held, Slic(held, grid, resources) as slic:
             settled.append([slic.iterate(count, moves) for count in (1, 2, 40) for moves in (None, jitter)])
     np.testing.assert_array_equal(settled[0], settled[1])
     assert np.isnan(settled[0][0]).any()
@@ -119,8 +119,8 @@ def test_threads_do_not_show(device):
     image = image_of(HOLED)
     made = []
     for threads in (1, 3):
-        session = session_of(device, threads=threads)
-        made.append(superpixels(image, lens_of(image, session), session, sigma=40.0))
+        resources = resources_of(device, threads=threads)
+        made.append(superpixels(image, lens_of(image, resources), resources, sigma=40.0))
     same(*made)
 
 
@@ -135,11 +135,11 @@ def test_where_they_settle_hardly_changes_what_they_are(device):
 
 
 def test_literally_every_iteration_looks_at_all_pixels(device):
-    image, session = image_of(PHOTO), session_of(device)
-    lens, grid = lens_of(image, session), SeedGrid.of(WIDTH, HEIGHT, 40.0, 20.0)
-    with LabGrid(image, lens, session) as held, Slic(held, grid, session) as slic:
+    image, resources = image_of(PHOTO), resources_of(device)
+    lens, grid = lens_of(image, resources), SeedGrid.of(WIDTH, HEIGHT, 40.0, 20.0)
+    with LabGrid(image, lens, resources) as held, Slic(held, grid, resources) as slic:
         slots = np.concatenate([slots_of(device, held, *given) for given in slic.slots(slic.iterate(1000))])
-    made = superpixels(image, lens, session, sigma=40.0, literal=True, minsize=1)
+    made = superpixels(image, lens, resources, sigma=40.0, literal=True, minsize=1)
     seeds = (grid.cells(0)[:, None] + slots // 3 - 1) * grid.across + grid.cells(1) + slots % 3 - 1
     pieces = pieces_of([Strip.of(seeds.astype(np.int32))], HEIGHT)
     np.testing.assert_array_equal(made.labels.pixels()[..., 0], pieces.runs.pixels(0, HEIGHT, 0, WIDTH) + 1)
@@ -163,12 +163,12 @@ def test_odd_pictures_give_defined_results(device, shape):
 def test_the_first_look_sees_every_band(device, monkeypatch):
     monkeypatch.setattr(lab_on_device, "_HOST_BYTES", 0)
     monkeypatch.setattr(lab_on_device, "BAND_BYTES", 12 * WIDTH * lab_on_device.PIXEL_BYTES // 2)
-    session, image, seen = session_of(device), image_of(HOLED), []
+    resources, image, seen = resources_of(device), image_of(HOLED), []
 
     def values(band: lab_on_device.Band) -> tuple[int, int, np.ndarray]:
         return band.top, band.bottom, device.read(band.lab, (band.bottom - band.top, WIDTH, 4), np.int16)
 
-    with LabGrid(image, lens_of(image, session), session, 4, look=lambda band: seen.append(values(band))) as lab:
+    with LabGrid(image, lens_of(image, resources), resources, 4, look=lambda band: seen.append(values(band))) as lab:
         bands = [values(band) for band in lab.bands()]
     assert [b[:2] for b in bands] == [s[:2] for s in seen] and len(seen) > 3
     for (*_, one), (*_, other) in zip(bands, seen, strict=True):
@@ -221,18 +221,19 @@ def test_a_crumb_joins_the_large_neighbour_of_the_longest_border():
 
 def test_noise_that_is_refused_by_the_letter_is_cut_into_superpixels(device: Device):
     image = image_of(np.random.default_rng(0).random((300, 400, 3)))
-    session = session_of(device, budget=12 << 20)
+    resources = resources_of(device, budget=12 << 20)
     with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB"):
-        superpixels(image, lens_of(image, session), session, sigma=40.0, literal=True, powers=False)
-    made = superpixels(image, lens_of(image, session), session, sigma=40.0, powers=False)
+        superpixels(image, lens_of(image, resources), resources, sigma=40.0, literal=True, powers=False)
+    made = superpixels(image, lens_of(image, resources), resources, sigma=40.0, powers=False)
     assert made.sizes.sum() == 300 * 400
 
 
 def test_what_sizes_alone_forbid_is_refused_before_a_pixel_is_read(device):
-    session, spec = session_of(device, budget=100 << 20), oiio.ImageSpec(60000, 50000, 3, oiio.UINT8)
+    resources, spec = resources_of(device, budget=100 << 20), oiio.ImageSpec(60000, 50000, 3, oiio.UINT8)
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     image = Image((Part("part0", spec, lambda window: pytest.fail("it was read")),))
-    lens = lens_of(image, session)
+    lens = lens_of(image, resources)
     for finest, seeds in ((None, 3000), (40.0, 1875000)):
         with pytest.raises(ImageError, match=rf"60000x50000 cut into {seeds} superpixels needs \d+ MB of memory"):
-            superpixels(image, lens, session_of(device, budget=10 << 20) if finest is None else session, sigma=finest)
+            given = resources_of(device, budget=10 << 20) if finest is None else resources
+            superpixels(image, lens, given, sigma=finest)

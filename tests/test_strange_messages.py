@@ -24,13 +24,13 @@ import pytest
 from oiiotex.errors import Error
 from oiiotex.service.client import Client, connect
 from oiiotex.service.messages import Link, LinkError
-from oiiotex.service.settings import Settings
+from oiiotex.service.settings import ResidentSettings
 from tests import pictures
 from tests.browser import TOKEN, Served, end_resident
 from tests.conftest import save
 
 MESSAGES = int(os.environ.get("OIIOTEX_STRANGE", "300"))
-SETTINGS = Settings(budget=1 << 30, idle=30)
+SETTINGS = ResidentSettings(budget=1 << 30, idle=30)
 GROWN = 256 << 20  # bytes that a process may have more than before
 VALUES = (
     None, True, False, 0, 1, -1, 2**31, 2**63, -(2**70), 0.5, 1e300, float("inf"), float("nan"), "", "0", "x" * 5000,

@@ -49,6 +49,7 @@ library
 """.strip().splitlines()
 RANK = {room: rank for rank, line in enumerate(ORDER) for room in line.split()}
 KINDS = [kind for kind in vars(access).values() if isinstance(kind, type) and "reach" in vars(kind)]
+HOLDERS = {"session", "run", "python_api"}  # of sessions, below the ops
 LISTS = {"filters"}  # of ops: one file each
 
 
@@ -102,6 +103,19 @@ def test_no_module_imports_the_file_of_an_op(path):
         names = [alias.name for alias in node.names] if isinstance(node, (ast.Import, ast.ImportFrom)) else []
         names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
         assert not files & {word for name in names for word in name.split(".")}, ast.unparse(node)
+
+
+def test_below_the_ops_nothing_has_a_session():
+    """But `compute` and `mapped`, which every op has: they take from it what the functions below need."""
+    rooms = [room for room, rank in RANK.items() if rank < RANK["filters"] and room not in HOLDERS]
+    below = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0].removesuffix(".py") in rooms]
+    assert len(below) > 100
+    for path in below:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef) and node.name not in ("compute", "mapped"):
+                assert "session" not in {one.arg for one in (*node.args.args, *node.args.kwonlyargs)}, path
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                assert node.target.id != "session", path
 
 
 def test_rooms_stay_small_and_say_what_they_are():

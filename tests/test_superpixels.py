@@ -16,6 +16,7 @@ from oiiotex.core.window import Window
 from oiiotex.errors import BrokenValues, ImageError
 from oiiotex.opencl.device import Device
 from oiiotex.session import Session
+from oiiotex.session.resources import Resources
 from oiiotex.superpixels.slic import SeedGrid, Slic, candidates, centres_of
 from oiiotex.superpixels.superpixels import Superpixels, superpixels
 from tests import pictures
@@ -34,23 +35,24 @@ def image_of(pixels: np.ndarray, x: int = 0, y: int = 0) -> Image:
     return Image((from_pixels("part0", pixels.astype(np.float32), spec),))
 
 
-def session_of(device: Device, **settings: object) -> Session:
-    session = Session(**settings)
-    session.resources.device = device
-    return session
+def resources_of(device: Device, **settings: object) -> Resources:
+    """Those of a run on that device."""
+    resources = Session(**settings).resources
+    resources.device = device
+    return resources
 
 
 def found(device: Device, pixels: np.ndarray, x: int = 0, y: int = 0, **settings: object) -> Superpixels:
-    session = session_of(device)
+    resources = resources_of(device)
     image = image_of(pixels, x, y)
-    return superpixels(image, lens_of(image, session), session, **settings)
+    return superpixels(image, lens_of(image, resources), resources, **settings)
 
 
 def grid_values(device: Device, pixels: np.ndarray) -> np.ndarray:
     """The pixels as kernels see them, by another way."""
-    session = session_of(device)
+    resources = resources_of(device)
     image = image_of(pixels)
-    values, opaque = lens_of(image, session).values(image.first.pixels())
+    values, opaque = lens_of(image, resources).values(image.first.pixels())
     steps = np.rint(np.clip(values[..., :3], [-16, -150, -150], [284, 150, 150]) * np.float32(8)).astype(np.int16)
     seen = np.ones(steps.shape[:2], bool) if opaque is None else opaque
     return np.concatenate([steps * seen[..., None], seen[..., None]], -1).astype(np.int16)
@@ -69,7 +71,7 @@ def same(a: Superpixels, b: Superpixels) -> None:
 
 @pytest.mark.parametrize(("sigma", "compactness"), [(4.0, 20.0), (7.3, 20.0), (19.0, 3.0), (40.0, 100.0)])
 def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactness):
-    image, session = image_of(PHOTO), session_of(any_lanes)
+    image, resources = image_of(PHOTO), resources_of(any_lanes)
     lab = grid_values(any_lanes, PHOTO)
     grid = SeedGrid.of(117, 83, sigma, compactness)
     random = np.random.default_rng(1)
@@ -79,7 +81,7 @@ def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactn
     centres[..., 3] = columns + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
     centres[..., 4] = rows[:, None] + random.uniform(-1, 1, (grid.down, grid.across)) * sigma
     table = candidates(grid, centres, np.arange(grid.count))
-    with LabGrid(image, lens_of(image, session), session) as held, Slic(held, grid, session) as slic:
+    with LabGrid(image, lens_of(image, resources), resources) as held, Slic(held, grid, resources) as slic:
         slots = np.concatenate([slots_of(any_lanes, held, *given) for given in slic.slots(centres)])
         sums = slic._sums(table, np.ones(grid.count, bool))
     np.testing.assert_array_equal(slots, reference.choices(lab, table, grid.edges(0), grid.edges(1), grid.shift))
@@ -107,10 +109,10 @@ def test_pixels_choose_the_first_of_the_nearest_seeds(any_lanes, sigma, compactn
 
 
 def test_iterations_are_those_of_plain_numpy(any_lanes):
-    image, session = image_of(PHOTO), session_of(any_lanes)
+    image, resources = image_of(PHOTO), resources_of(any_lanes)
     lab = grid_values(any_lanes, PHOTO)
     grid = SeedGrid.of(117, 83, 9.0, 20.0)
-    with LabGrid(image, lens_of(image, session), session) as held, Slic(held, grid, session) as slic:
+    with LabGrid(image, lens_of(image, resources), resources) as held, Slic(held, grid, resources) as slic:
         last = candidates(grid, slic.iterate(12), np.arange(grid.count))
     y, x = np.mgrid[0:83, 0:117]
     columns = (np.ones_like(x), *np.moveaxis(lab[..., :3], 2, 0), x, y)
@@ -186,11 +188,11 @@ def test_bands_do_not_show(device, monkeypatch, rows):
     whole = found(device, PHOTO, **settings)
     monkeypatch.setattr(lab_on_device, "_HOST_BYTES", 0)
     monkeypatch.setattr(lab_on_device, "BAND_BYTES", rows * 117 * lab_on_device.PIXEL_BYTES // 2)
-    session, image = session_of(device), image_of(PHOTO)
-    lens = lens_of(image, session)
-    with LabGrid(image, lens, session) as lab:
+    resources, image = resources_of(device), image_of(PHOTO)
+    lens = lens_of(image, resources)
+    with LabGrid(image, lens, resources) as lab:
         assert (lab.resident, lab.band_rows) == (False, rows)
-    same(superpixels(image, lens, session, **settings), whole)
+    same(superpixels(image, lens, resources, **settings), whole)
 
 
 def test_lanes_do_not_show(device, narrow_device):
@@ -258,9 +260,9 @@ def test_a_picture_of_nothing_has_no_superpixels(device):
 
 
 def test_noise_that_does_not_fit_is_refused_with_a_figure(device):
-    session, image = session_of(device, budget=8 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
+    resources, image = resources_of(device, budget=8 << 20), image_of(np.random.default_rng(0).random((300, 400, 3)))
     with pytest.raises(ImageError, match=r"400x300 cut into so many pieces needs \d+ MB of memory; the budget is 8 MB"):
-        superpixels(image, lens_of(image, session), session)
+        superpixels(image, lens_of(image, resources), resources)
 
 
 @pytest.mark.parametrize(("value", "counts"), [(np.nan, [2, 0]), (np.inf, [0, 2])])

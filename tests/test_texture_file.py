@@ -162,7 +162,7 @@ def test_a_name_overrides_and_a_text_brings_it_all_back(folder):
     name = wall(folder, colorspace="ACEScg", device="cpu", note="words")
     file = read_texture_file(f"{name}?seed=9&size=64x32")
     assert (file.seed, file.width, file.height, file.device) == (9, 64, 32, "cpu")
-    assert file.photo == str(folder / "photo.exr") and file.settings().device == "cpu"
+    assert file.photo == str(folder / "photo.exr") and file.settings().device_name == "cpu"
     assert TextureFile.of_text(file.text()) == file
     literal = Path(f"{name}?seed=9")
     literal.write_text(Path(name).read_text())  # a file of that very name is that file

@@ -102,7 +102,7 @@ def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
 
 
 def test_every_colour_space_that_is_named_is_in_the_config_that_is_built_in():
-    config, named = Session().color, set()
+    config, named = Session().resources.color, set()
     for text in TEXTS.values():
         named |= {"".join(found) for found in re.findall(SPACES, text)}
     assert "sRGB" in named

@@ -92,7 +92,7 @@ def seen_as(picture: np.ndarray, session: Session) -> LabPixels:
     buffer = oiio.ImageBuf(spec)
     buffer.set_pixels(buffer.roi, np.ascontiguousarray(picture, np.float32))
     image = from_buffer(buffer)
-    return lab_pixels(image, lens_of(image, session), session)
+    return lab_pixels(image, lens_of(image, session.resources), session.resources)
 
 
 def main() -> None:
@@ -112,7 +112,9 @@ def main() -> None:
                 name, picture, truth = composite(n, arguments.seed)
                 pixels = seen_as(picture, session)
                 start = time.process_time()
-                found = dominant_texture(pixels, session, mode=mode, rule=rule, step=arguments.step)
+                found = dominant_texture(
+                    pixels, session.resources, session.progress, mode=mode, rule=rule, step=arguments.step
+                )
                 took = time.process_time() - start
                 literal = rule == "paper"
                 mask = (

@@ -35,7 +35,7 @@ def non_stationary() -> list[str]:
 
 def cost(made: oiio.ImageBuf, wraps: bool, session: Session) -> float:
     """MJH17 eq. 1 of an image at the filters' own sigma."""
-    lab = working_values(from_buffer(made), session)[0]
+    lab = working_values(from_buffer(made), session.resources)[0]
     height, width = lab.shape[:2]
     return stationarity_cost(lab, max(height, width) / 32, Domain(width, height, wraps, wraps))
 

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gpu import bounds, workloads
+from oiiotex.core.machine import usable_threads
 from oiiotex.opencl import device as devices
-from oiiotex.session import Session, usable_threads
+from oiiotex.session import Session
 
 _NOISE = """
 __kernel void touch(__global uint *a) { a[get_global_id(0)] = 1; }
@@ -224,7 +225,7 @@ class Worker:
 
     def _drain(self, session: Session) -> Any:
         """Where the time went since the session began, or since the last call."""
-        stats, session.stats = session.stats, type(session.stats)()
+        stats, session.resources.stats = session.resources.stats, type(session.resources.stats)()
         self._device.collect(stats)
         return stats
 

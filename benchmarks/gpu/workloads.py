@@ -95,11 +95,13 @@ def _analysis(session: Session, side: int) -> Work:
     """Candidates of an exemplar of 256 px, without the cache. One size for all sides."""
     side = min(256, side)
     graph, image = Graph.single("photo"), from_buffer(exemplar(side))
-    exemplars, _ = load_exemplars([image], graph, session, Space.LAB, side)
+    exemplars, _ = load_exemplars([image], graph, session.resources, Space.LAB, side)
     stacks = stacks_of(graph, exemplars)
 
     def work() -> dict[str, np.ndarray]:
-        made = analyse(session.device, stacks, 16, True, session.budget, session.advance, None)
+        made = analyse(
+            session.resources.device, stacks, 16, True, session.resources.budget, session.progress.advance, None
+        )
         return {name: array for name, array in vars(made).items() if isinstance(array, np.ndarray)}
 
     return work
@@ -114,12 +116,12 @@ def _superpixel(session: Session, side: int) -> Work:
 def _slic(session: Session, side: int) -> Work:
     """Ten iterations, Lab on the device."""
     image = from_buffer(_large(side))
-    held = LabGrid(image, lens_of(image, session), session)
-    run = Slic(held, SeedGrid.of(side, side, min(44.0, side / 6), 20.0), session)
+    held = LabGrid(image, lens_of(image, session.resources), session.resources)
+    run = Slic(held, SeedGrid.of(side, side, min(44.0, side / 6), 20.0), session.resources)
 
     def work() -> list[np.ndarray]:
         bands = run.slots(run.iterate(10))
-        return [session.device.read(slots, (band.bottom - band.top, side), np.uint8) for band, slots in bands]
+        return [session.resources.device.read(slots, (band.bottom - band.top, side), np.uint8) for band, slots in bands]
 
     return work
 

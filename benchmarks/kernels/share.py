@@ -51,6 +51,7 @@ def measured(words: list[str]) -> tuple[float, ...]:
     from oiiotex.cli.running import tasks
     from oiiotex.cli.stack.chain import Chain
     from oiiotex.core.demand import bands
+    from oiiotex.session.progress import Progress
 
     runtime: set[int] = set()
     opening = 0.0
@@ -75,16 +76,17 @@ def measured(words: list[str]) -> tuple[float, ...]:
     command = parse.parse(words, language.LANGUAGE)
     (frame,) = frames(words, language.LANGUAGE.takes)
     session = tasks.session_for(command, words)
-    session.progress, session.profile = None, True
+    session.progress = Progress()
+    session.change(profile=True)
     start = time.process_time()
     chain = Chain(session, read_input, frame)
     chain.run(command.steps)
     for part in chain.top.parts:
         for window in bands(part):
             part.read(window)
-    session.device.collect(session.stats)
+    session.resources.device.collect(session.resources.stats)
     op = time.process_time() - start - opening
-    copies = sum(session.stats.seconds.get(name, 0.0) for name in ("upload", "download", "fill"))
+    copies = sum(session.resources.stats.seconds.get(name, 0.0) for name in ("upload", "download", "fill"))
     kernels = sum(map(_used, runtime)) - copies
     return start + opening, op, kernels
 

@@ -88,18 +88,20 @@ def scene() -> Scene:
         photo = oiio.ImageBuf(f"{folder}/photo.png")
         photo.read(force=True)
     session = Session(device_name=os.environ.get("OIIOTEX_DEVICE") or "cpu")
-    device = open_device(session.device_name)
+    device = open_device(session.settings.device_name)
     image = from_buffer(photo)
-    lab = working_values(image, session)[0]
+    lab = working_values(image, session.resources)[0]
     recipe = Stationarize(exemplar=image).recipe(512, 512)
     geometry = Geometry(512, 512, True, True, exemplar_width=512, exemplar_height=512, patch=recipe.patch)
     allowed = allowed_patches(None, geometry)
     fields = {
         "scrambled": random_field(geometry, allowed, recipe.seed),
-        "settled": synthesize(device, lab, None, recipe, session.budget, lambda done, total: None).field,
+        "settled": synthesize(device, lab, None, recipe, session.resources.budget, lambda done, total: None).field,
     }
     grid = CellGrid.of(geometry, recipe.sigma)
-    return Scene(device, recipe, geometry, grid, to_grid(lab, geometry.steps), allowed, fields, session.budget)
+    return Scene(
+        device, recipe, geometry, grid, to_grid(lab, geometry.steps), allowed, fields, session.resources.budget
+    )
 
 
 @dataclass(frozen=True)
@@ -229,13 +231,23 @@ class Correct:
 @pytest.fixture(scope="module")
 def correct() -> Iterator[Correct]:
     session, finest = Session(device_name=os.environ.get("OIIOTEX_DEVICE") or "cpu"), 8
-    device = open_device(session.device_name)
+    device = open_device(session.settings.device_name)
     with tempfile.TemporaryDirectory() as folder:
         save(stained(gravel()), Path(folder) / "photo.png")
         image = read_image(Path(folder) / "photo.png")
-        plane = opened(session, Graph.single("gravel"), [image], "gravel", side=256, dims=16, correct=True, data=False)
+        plane = opened(
+            session.resources,
+            session.progress,
+            Graph.single("gravel"),
+            [image],
+            "gravel",
+            side=256,
+            dims=16,
+            correct=True,
+            data=False,
+        )
     settings = plane.settings(seed=1, lock=False)
-    maker = Synthesizer(device, plane.analysis, settings, session.budget)
+    maker = Synthesizer(device, plane.analysis, settings, session.resources.budget)
     window = Window(0, 0, 1024, 1024)
     entry = plan(window, finest, PASSES)[-1]
     shape = entry.windows[0].height, entry.windows[0].width
@@ -243,7 +255,7 @@ def correct() -> Iterator[Correct]:
     state = maker.window(finest - 1, before)
     layout = {name: shape[0] * shape[1] * size for name, size in (("texel", 4), ("r", 8), ("colour", 8))}
     with Buffers(
-        device, layout | {"parent": layout["texel"], "parent_r": layout["r"]}, session.budget, "it"
+        device, layout | {"parent": layout["texel"], "parent_r": layout["r"]}, session.resources.budget, "it"
     ) as buffers:
         device.write(buffers["parent"], state.texel)
         device.write(buffers["parent_r"], state.offset)

@@ -66,7 +66,7 @@ def curve(
     warnings.filterwarnings("ignore", "Graph is not fully connected")
     found: dict[int, list[tuple[float, float, float]]] = {}
     for persistence in PERSISTENCES:
-        made = labelled(points, LabelSettings(cluster=cluster, persistence=persistence), 0, session)
+        made = labelled(points, LabelSettings(cluster=cluster, persistence=persistence), 0, session.resources)
         s = score(case.truth, made.G.argmax(0)[groups][ids], groups[ids])
         found.setdefault(made.G.shape[0], []).append((s.rand, s.covering, s.back))
     counts = np.array(sorted(found))
@@ -80,13 +80,13 @@ def partition_near(levels: Hierarchy, count: int) -> np.ndarray:
 
 def measured(case: Case, wanted: Iterable[Series], session: Session) -> Iterator[tuple[Series, Curve]]:
     """Every series on one image."""
-    found = superpixels(case.image, lens_of(case.image, session), session)
-    levels = hierarchy(found, session)
+    found = superpixels(case.image, lens_of(case.image, session.resources), session.resources)
+    levels = hierarchy(found, session.resources)
     ids = found.labels.read(found.window)[..., 0].astype(np.int64) - 1
     described: dict[str, Features] = {}
     for series in wanted:
         if series.features not in described:
-            described[series.features] = features_of(series.features, found, small_lab(found), session)
+            described[series.features] = features_of(series.features, found, small_lab(found), session.resources)
         groups = partition_near(levels, series.superpixels)
         yield series, curve(case, ids, groups, described[series.features], series.cluster, session)
 

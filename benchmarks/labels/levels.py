@@ -125,16 +125,16 @@ def main() -> None:
     session = Session()
     rows: dict[tuple[str, str], list[tuple[str, Score, bool, float]]] = {}
     for case in cases(arguments.name):
-        lens = lens_of(case.image, session)
+        lens = lens_of(case.image, session.resources)
         start = time.perf_counter()
-        found = superpixels(case.image, lens, session)
-        levels = hierarchy(found, session)
+        found = superpixels(case.image, lens, session.resources)
+        levels = hierarchy(found, session.resources)
         small = small_lab(found)
         before = time.perf_counter() - start
         ids = found.labels.read(found.window)[..., 0].astype(np.int64) - 1
         for kind in arguments.features.split(","):
             start = time.perf_counter()
-            described = features_of(kind, found, small, session)
+            described = features_of(kind, found, small, session.resources)
             describing = time.perf_counter() - start
             for cluster in arguments.cluster.split(","):
                 start = time.perf_counter()
@@ -144,8 +144,8 @@ def main() -> None:
                     described,
                     settings,
                     found.edges,
-                    session,
-                    lambda: superpixel_subtextures(found, small, session),  # noqa: B023 - called at once
+                    session.resources,
+                    lambda: superpixel_subtextures(found, small, session.resources),  # noqa: B023 - called at once
                 )
                 took = time.perf_counter() - start
                 scores = [score(case.truth, level.labels[ids], level.groups[ids]) for level in labelled]

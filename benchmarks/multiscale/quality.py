@@ -41,11 +41,11 @@ SAMPLED = 1000  # neighbourhoods of a level
 
 def prepared(path: Path, session: Session, side: int, correct: bool = True) -> tuple[Plane, Synthesizer]:
     """A graph's plane, and what makes windows of it."""
-    graph, images = graph_images(path, session)
+    graph, images = graph_images(path, session.resources)
     how = {"side": side, "dims": 16, "correct": correct, "literal": False, "space": Space.LAB}
-    plane = opened(session, graph, images, str(path), **how)
+    plane = opened(session.resources, session.progress, graph, images, str(path), **how)
     settings = plane.settings(seed=1, lock=0)
-    maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
+    maker = Synthesizer(session.resources.device, plane.analysis, settings, session.resources.budget)
     return plane, maker if settings.kept == 1 else with_contrast(maker, plane.analysis, None, "")
 
 

@@ -48,17 +48,24 @@ def timed(work: Callable[[], object]) -> tuple[float, float]:
 def modes(session: Session, graph: Path, photo: Path) -> dict[str, tuple[Synthesizer, Plane, int]]:
     """What is compared: a maker, its plane, and the level of its windows."""
     found = {}
-    known, images = graph_images(graph, session)
+    known, images = graph_images(graph, session.resources)
     root = images[known.root]
     for name, given, of, correct in (
         (f"{graph.parent.name}, with correction", known, images, True),
         (f"{graph.parent.name}, correct=0", known, images, False),
         ("its root alone (Lefebvre & Hoppe)", Graph.single("root"), (root,), True),
-        (f"{photo.stem} alone (Lefebvre & Hoppe)", Graph.single("photo"), (read(photo, session.cache),), True),
+        (
+            f"{photo.stem} alone (Lefebvre & Hoppe)",
+            Graph.single("photo"),
+            (read(photo, session.resources.cache),),
+            True,
+        ),
     ):
-        plane = opened(session, given, of, name, side=256, dims=DIMS, correct=correct, **LAB)
+        plane = opened(
+            session.resources, session.progress, given, of, name, side=256, dims=DIMS, correct=correct, **LAB
+        )
         settings = plane.settings(seed=1, lock=False)
-        maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
+        maker = Synthesizer(session.resources.device, plane.analysis, settings, session.resources.budget)
         found[name] = maker, plane, plane.finest + given.depth()
     return found
 
@@ -109,14 +116,12 @@ def print_start(graph: Path, runs: int) -> None:
 
 def print_analysis(session: Session, photo: Path, runs: int) -> None:
     """The analysis of one exemplar, nothing cached, and its candidates beside the exact ones."""
-    plane = opened(
-        session, Graph.single("photo"), (read(photo, session.cache),), "photo", side=256, dims=DIMS, correct=True,
-        **LAB,
-    )  # fmt: skip
+    given = Graph.single("photo"), (read(photo, session.resources.cache),), "photo"
+    plane = opened(session.resources, session.progress, *given, side=256, dims=DIMS, correct=True, **LAB)
     stacks = plane.analysis.stacks
 
     def run() -> None:
-        analyse(session.device, stacks, DIMS, True, session.budget, lambda done, total: None, None)
+        analyse(session.resources.device, stacks, DIMS, True, session.resources.budget, lambda done, total: None, None)
 
     run()  # builds the kernels
     cpu, wall = (median(column) for column in zip(*(timed(run) for _ in range(max(2, runs // 2))), strict=True))

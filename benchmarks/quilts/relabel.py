@@ -52,15 +52,15 @@ def relabelled(exemplar: np.ndarray, ids: np.ndarray, made: np.ndarray, rho: flo
     spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     buffer = oiio.ImageBuf(spec)
     buffer.set_pixels(buffer.roi, both)
-    image, session = from_buffer(buffer), Session()
+    image, resources = from_buffer(buffer), Session().resources
     finest = max(LEAST_SIGMA, FINEST * min(height, width))
-    found = superpixels(image, lens_of(image, session), session, sigma=finest)
+    found = superpixels(image, lens_of(image, resources), resources, sigma=finest)
     steps = scales(finest, min(height, width))
-    levels = hierarchy(found, session, np.append(steps[steps < rho], max(rho, finest)))
+    levels = hierarchy(found, resources, np.append(steps[steps < rho], max(rho, finest)))
     groups = levels.partition(len(levels.counts) - 1)
     times = int(np.ceil(np.sqrt(height * width / features.WORKING_PIXELS)))
     with patch.object(features, "WORKING_PIXELS", -(-both.shape[0] * both.shape[1] // times**2)):
-        points = features.features_of("textons", found, features.small_lab(found), session)(groups)
+        points = features.features_of("textons", found, features.small_lab(found), resources)(groups)
     at = found.labels.read(found.window)[..., 0].astype(np.int64)
     at = np.concatenate([[-1], groups])[at]
     there, here = at[:height, :width], at[: len(made), width + GAP :]

@@ -29,7 +29,7 @@ PHOTOS = (
 
 def likeness(left: np.ndarray, right: np.ndarray, session: Session) -> tuple[float, float]:
     """Of two pictures (SIDE, SIDE, 3) in 0 .. 1: by hard histograms, by weighted ones."""
-    weights = weighted_counts(seen_as(np.concatenate([left, right], axis=1), session), session).values
+    weights = weighted_counts(seen_as(np.concatenate([left, right], axis=1), session), session.resources).values
     groups = weights.reshape(SIDE, 2, SIDE, 2, BINS).astype(np.float64)  # row, half, column, group, bin
     hard = (groups == groups.max(-1, keepdims=True)).astype(np.float64)
     return coefficient(hard), coefficient(groups)

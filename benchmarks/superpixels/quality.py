@@ -70,20 +70,20 @@ def speed() -> None:
     from skimage.color import rgb2lab
 
     image = load(data_folder() / "large" / "large_drone_scrub_road_12mp.jpg", 2560, 1920)
-    session = Session()
-    lens = lens_of(image, session)
+    resources = Session().resources
+    lens = lens_of(image, resources)
     pixels = image.first.pixels()
     lab = rgb2lab(pixels).astype(np.float32)
     grid = SeedGrid.of(2560, 1920, 44.0, 20.0)
 
     def ten() -> None:
-        with LabGrid(image, lens, session) as held, Slic(held, grid, session) as run:
+        with LabGrid(image, lens, resources) as held, Slic(held, grid, resources) as run:
             for _ in run.slots(run.iterate(10)):
-                session.device.finish()
+                resources.device.finish()
 
     def iterations_alone() -> float:
-        with LabGrid(image, lens, session) as held, Slic(held, grid, session) as run:
-            return best(lambda: [session.device.finish() for _ in run.slots(run.iterate(10))])
+        with LabGrid(image, lens, resources) as held, Slic(held, grid, resources) as run:
+            return best(lambda: [resources.device.finish() for _ in run.slots(run.iterate(10))])
 
     def opencv() -> None:
         peer = cv2.ximgproc.createSuperpixelSLIC(lab, cv2.ximgproc.SLIC, 44, 20.0)
@@ -103,15 +103,14 @@ def speed() -> None:
     print(f"2560x1920, {grid.count} seeds, ten iterations")
     for name, seconds in rows.items():
         print(f"  {name:30s} {seconds:6.3f} s   {seconds / mine:5.1f} x ours")
-    found = superpixels(image, lens, session)
+    found = superpixels(image, lens, resources)
     print(f"the whole way, {found.count} superpixels")
-    whole = best(lambda: superpixels(image, lens, session), 3)
+    whole = best(lambda: superpixels(image, lens, resources), 3)
     print(f"  superpixels until nothing moves {whole:6.3f} s")
-    print(
-        f"  ten iterations only             {best(lambda: superpixels(image, lens, session, iterations=10), 3):6.3f} s"
-    )
-    levels = hierarchy(found, session)
-    print(f"  hierarchy, {len(levels.sigmas)} levels          {best(lambda: hierarchy(found, session)):6.3f} s")
+    ten = best(lambda: superpixels(image, lens, resources, iterations=10), 3)
+    print(f"  ten iterations only             {ten:6.3f} s")
+    levels = hierarchy(found, resources)
+    print(f"  hierarchy, {len(levels.sigmas)} levels          {best(lambda: hierarchy(found, resources)):6.3f} s")
 
 
 def memory() -> None:
@@ -132,11 +131,11 @@ def hundred() -> None:
         return pixels[np.ix_(*rows)]
 
     image = Image((Part("part0", spec, fetch, ready=True),))
-    session = Session()
+    resources = Session().resources
     begin = time.perf_counter()
-    found = superpixels(image, lens_of(image, session), session)
+    found = superpixels(image, lens_of(image, resources), resources)
     middle = time.perf_counter()
-    levels = hierarchy(found, session)
+    levels = hierarchy(found, resources)
     end = time.perf_counter()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"10000x10000: {found.count} superpixels of {len(found.runs.left)} runs in {middle - begin:.1f} s,")
@@ -178,7 +177,7 @@ def at_counts(found: Superpixels, session: Session) -> dict[int, np.ndarray]:
     """The hierarchy's label maps of so many superpixels."""
     area = found.sizes.sum()
     last = max(found.sigma + 6, float(np.sqrt(area / (min(COUNTS) - 1))))
-    levels = hierarchy(found, session, np.arange(found.sigma, last + 3, 3.0))
+    levels = hierarchy(found, session.resources, np.arange(found.sigma, last + 3, 3.0))
     height, width = found.runs.height, found.runs.width
     made = {}
     for count in COUNTS:
@@ -201,8 +200,8 @@ def quality(names: str = "") -> None:
         if not any(part in name for part in names.split(",")):
             continue
         image = load(photo)
-        lens = lens_of(image, session)
-        found = superpixels(image, lens, session)
+        lens = lens_of(image, session.resources)
+        found = superpixels(image, lens, session.resources)
         cells = []
         values = lens.values(image.first.pixels())[0][..., :3].astype(np.float64)
         segmenters = [by_colour(values), by_boundary(values)]
@@ -214,7 +213,11 @@ def quality(names: str = "") -> None:
             smooth = load_pixels(soft, image)
             row = [labels]
             for one in (image, smooth):
-                row.append(superpixels(one, lens_of(one, session), session, sigma=sigma).labels.pixels()[..., 0])
+                row.append(
+                    superpixels(one, lens_of(one, session.resources), session.resources, sigma=sigma).labels.pixels()[
+                        ..., 0
+                    ]
+                )
             row.append(scikit_slic(values, count))
             row += [peer.partition_of(count) for peer in segmenters]
             cells.append([100 * under_segmentation(r, regions) for r in row])
@@ -244,13 +247,13 @@ def load_pixels(pixels: np.ndarray, like: Image) -> Image:
 
 def pictures(folder: Path) -> None:
     """Borders over photos: of the finest superpixels dark, of about 60 bright."""
-    session = Session()
+    resources = Session().resources
     folder.mkdir(parents=True, exist_ok=True)
     mosaics = [p for p in sorted((data_folder() / "gt").glob("mosaic*.png")) if not p.stem.endswith("_gt")]
     for path in [*sorted((data_folder() / "photos").glob("*.jpg"))[:14], *mosaics]:
         image = load(path)
-        found = superpixels(image, lens_of(image, session), session)
-        levels = hierarchy(found, session)
+        found = superpixels(image, lens_of(image, resources), resources)
+        levels = hierarchy(found, resources)
         out = image.first.pixels()[..., :3].copy()
         for count, colour in ((found.count, (0, 0, 0)), (max(60, int(levels.counts[-1])), (255, 230, 0))):
             labels = found.runs.relabelled(levels.partition_of(count)).pixels(0, out.shape[0], 0, out.shape[1])

@@ -64,7 +64,9 @@ def figures(case: Case, found: Superpixels) -> list[float]:
 def covering(case: Case, found: Superpixels, session: Session) -> float:
     """Of the truth by the best level of labels on these superpixels."""
     with patch.object(scales, "superpixels", lambda *_, **__: found):
-        maps = scales.label_maps(case.image, lens_of(case.image, session), session)
+        maps = scales.label_maps(
+            case.image, lens_of(case.image, session.resources), session.resources, session.progress
+        )
     ids = found.labels.pixels()[..., 0].astype(np.int64) - 1
     return max(score(case.truth, level.labels[ids], ids).covering for level in maps.levels)
 
@@ -86,7 +88,9 @@ def main() -> None:
             pair = []
             for literal in (False, True):
                 begin = time.process_time()
-                found = superpixels(case.image, lens_of(case.image, session), session, literal=literal)
+                found = superpixels(
+                    case.image, lens_of(case.image, session.resources), session.resources, literal=literal
+                )
                 took = time.process_time() - begin
                 covers = [covering(case, found, session)] if arguments.labels else []
                 pair.append([*figures(case, found), took, *covers])

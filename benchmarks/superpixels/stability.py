@@ -59,7 +59,7 @@ class Photo:
 
     def __init__(self, image: Image, session: Session):
         self.image, self.session = image, session
-        self.lens = lens_of(image, session)
+        self.lens = lens_of(image, session.resources)
         self.shape = image.first.spec.height, image.first.spec.width
         self.lab = self.lens.values(image.first.pixels())[0][..., :3].astype(np.float64)
         self._finest: dict[int, Superpixels] = {}
@@ -68,14 +68,14 @@ class Photo:
         """SLIC of one scale; seed 0 leaves the seeds where they are."""
         Moved.seed = seed
         with mock.patch.object(module, "Slic", Moved if seed else Slic):
-            return superpixels(self.image, self.lens, self.session, sigma=sigma)
+            return superpixels(self.image, self.lens, self.session.resources, sigma=sigma)
 
     def hierarchy(self, count: int, seed: int = 0) -> np.ndarray:
         """The hierarchy's partition into so many."""
         found = self._finest.setdefault(seed, None) or self.ours(None, seed)
         self._finest[seed] = found
         last = np.sqrt(self.shape[0] * self.shape[1] / (count - 1))
-        levels = hierarchy(found, self.session, np.arange(found.sigma, last + STEP, STEP))
+        levels = hierarchy(found, self.session.resources, np.arange(found.sigma, last + STEP, STEP))
         return found.runs.relabelled(levels.partition_of(count)).pixels(0, self.shape[0], 0, self.shape[1])
 
     def slic(self, count: int, seed: int = 0) -> np.ndarray:

@@ -66,7 +66,7 @@ def photos(files: list[Path], side: int) -> Iterator[tuple[str, oiio.ImageBuf]]:
 def row(name: str, picture: oiio.ImageBuf, seeds: int, session: Session) -> str:
     """Of the table."""
     image = from_buffer(picture)
-    lab, opaque = working_values(image, session)
+    lab, opaque = working_values(image, session.resources)
     lattice = find_lattice(lab, opaque)
     if lattice is None:
         return f"| {name} | none | | | | | |"
@@ -77,7 +77,9 @@ def row(name: str, picture: oiio.ImageBuf, seeds: int, session: Session) -> str:
     photo = peaks_over_floor(lab, lattice, False)
 
     def made(recipe: Recipe) -> tuple[np.ndarray, float]:
-        places = synthesize(session.device, lab, opaque, recipe, session.budget, lambda done, total: None).source
+        places = synthesize(
+            session.resources.device, lab, opaque, recipe, session.resources.budget, lambda done, total: None
+        ).source
         tile, wanted = places.gather(lab), lattice.on_torus(recipe)
         closed: Lattice = replace(lattice, frequencies=wanted)
         return peaks_over_floor(tile, closed, True) / photo, stationarity_cost(tile, sigma)
@@ -101,7 +103,7 @@ def row(name: str, picture: oiio.ImageBuf, seeds: int, session: Session) -> str:
 def row_of(op: type, name: str, picture: oiio.ImageBuf, seeds: int, session: Session) -> str:
     """Of the table of an op that lays pixels of the photo."""
     image = from_buffer(picture)
-    lab, opaque = working_values(image, session)
+    lab, opaque = working_values(image, session.resources)
     lattice = find_lattice(lab, opaque)
     if lattice is None:
         return f"| {name} | none | | |"

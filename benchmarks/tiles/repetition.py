@@ -37,14 +37,14 @@ SHARES = (0.1, 0.25, 0.5, 0.75)
 
 def measures(photo: Photo, seed: int, complete: bool) -> np.ndarray:
     """Of a tile as large as the photo, in the order of `NAMES`."""
-    session = photo.session
+    resources = photo.resources
     op = Stationarize(exemplar=photo.image, seed=seed)
     recipe = replace(op.recipe(photo.width, photo.height), complete=complete)
     before = time.process_time()
-    tile = synthesize(session.device, photo.lab, photo.opaque, recipe, session.budget, lambda done, total: None)
+    tile = synthesize(resources.device, photo.lab, photo.opaque, recipe, resources.budget, lambda done, total: None)
     spent = time.process_time() - before
     lab = tile.source.gather(photo.lab)
-    field = match_patches(session.device, lab, photo.lab, tile.field, 11, recipe, 1, session.budget)
+    field = match_patches(resources.device, lab, photo.lab, tile.field, 11, recipe, 1, resources.budget)
     return np.array(
         [
             copies_by_source(tile.source, photo.lab.shape[:2]).shown,

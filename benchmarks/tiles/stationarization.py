@@ -51,7 +51,7 @@ class Photo:
         self.name, self.session = path.stem, session
         self.buffer = load(path, side)
         self.image = from_buffer(self.buffer)
-        self.lab, self.opaque = working_values(self.image, session)
+        self.lab, self.opaque = working_values(self.image, session.resources)
         self.height, self.width = self.lab.shape[:2]
         self.sigma = max(self.width, self.height) / 32
 
@@ -60,9 +60,9 @@ class Photo:
         what = {"exemplar": self.image, "seed": seed}
         op = PatchMatch(**what) if variant == BASELINE else Stationarize(**what, measure=variant, paper=True)
         recipe = op.recipe(self.width, self.height)
-        session = self.session
+        resources = self.resources
         return module.synthesize(
-            session.device, self.lab, self.opaque, recipe, session.budget, lambda done, total: None
+            resources.device, self.lab, self.opaque, recipe, resources.budget, lambda done, total: None
         )
 
     def costs(self, variant: str, seed: int) -> dict[str, float]:
@@ -71,7 +71,11 @@ class Photo:
         tile = made.source.gather(self.lab)
         measures = MEASURES if variant == BASELINE else {"histogram": 0, variant: 0}
         found = {m: stationarity_cost(tile, self.sigma, measure=m, like=self.lab) for m in measures}
-        device, budget, torus = self.session.device, self.session.budget, Domain(self.width, self.height, True, True)
+        device, budget, torus = (
+            self.session.resources.device,
+            self.session.resources.budget,
+            Domain(self.width, self.height, True, True),
+        )
         field = match_patches(device, tile, self.lab, made.field, 11, torus, 1, budget)
         return found | {TEXTURE: texture_cost(tile, self.lab, field)}
 

@@ -4,7 +4,7 @@
 from ..service.client import BRUSH, EXPORT, LOOKS, TILES, Client, Request, connect
 from ..service.messages import LinkError
 from ..service.pictures import spec_of
-from ..service.settings import Settings, reserved_folder
+from ..service.settings import ResidentSettings, reserved_folder
 
 __all__ = [
     "BRUSH",
@@ -14,7 +14,7 @@ __all__ = [
     "Client",
     "LinkError",
     "Request",
-    "Settings",
+    "ResidentSettings",
     "connect",
     "reserved_folder",
     "spec_of",

@@ -90,7 +90,6 @@ def covered(mesh: Mesh, width: int, height: int, scale: tuple[float, float], nam
 
     Parameters
     ----------
-    mesh : Mesh
     width, height : int
     scale : (x, y)
         Pixels that the unit square is wide and high.
@@ -159,8 +158,6 @@ def walk(
 
     Parameters
     ----------
-    mesh : Mesh
-    frames : Frames
     face : (n,) int
     weights : (n, 3) float64
         Where in it: barycentric coordinates.

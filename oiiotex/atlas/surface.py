@@ -20,7 +20,6 @@ class Surface:
 
     Attributes
     ----------
-    mesh : Mesh
     frames : Frames
         Of the photo at this level.
     shape : (height, width)

@@ -151,14 +151,12 @@ def synthesize(
 
     Parameters
     ----------
-    mesh : Mesh
     frames : Frames
         Of the photo at full size.
     size : (width, height)
         Of the atlas.
     levels : list of Exemplar
         As `stack` gives them.
-    seed : int
     name : str
         Of the mesh, for errors.
     spread : callable

@@ -25,7 +25,8 @@ from ..drift.drift_field import drift_of
 from ..errors import COLORSPACE, IS_DATA, BrokenValues, ColorError, ImageError, present, spelled
 from ..io.description import is_tagged
 from ..scan import scan
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..stationarity.grid_statistics import MARGIN
 
 # CIE L of the darkest and the brightest sRGB values of what is no metal, 30 and 240 (Allegorithmic, The PBR guide,
@@ -85,18 +86,16 @@ class _Unusable(Exception):
 
 
 def check_material(
-    images: tuple[Image, ...], kinds: list[str], convention: str, session: Session
+    images: tuple[Image, ...], kinds: list[str], convention: str, resources: Resources, progress: Progress
 ) -> tuple[list[dict[str, Any]], list[Finding]]:
     """Look at the maps of a material, each in bands.
 
     Parameters
     ----------
-    images : tuple of Image
     kinds : list of str
         What each is: colour, data, normal or height.
     convention : str
         Which way green of normals shall point: opengl (up) or directx (down).
-    session : Session
 
     Returns
     -------
@@ -108,25 +107,19 @@ def check_material(
     findings = list(_sizes(maps))
     by_kind = {one.kind: one for one in reversed(maps)}
     for one in maps:
-        findings += _alone(one, session)
+        findings += _alone(one, resources, progress)
         if one.kind != "colour":
-            findings += _tagged(one, session)
+            findings += _tagged(one, resources)
     together = [one for one in by_kind.values() if one.usable and one.image.first.window == maps[0].image.first.window]
     usable = {one.kind: one for one in together}
     if "normal" in usable:
         findings += _handedness(usable["normal"], usable.get("height"), convention)
     if "colour" in usable and len(usable) > 1:
-        findings += _baked(usable["colour"], usable.get("normal"), usable.get("height"), session)
+        findings += _baked(usable["colour"], usable.get("normal"), usable.get("height"), resources)
     facts = [
-        {
-            "name": one.image.source,
-            "kind": one.kind,
-            "width": spec.width,
-            "height": spec.height,
-            "measures": one.measures,
-        }
+        {"name": one.image.source, "kind": one.kind, "width": width, "height": height, "measures": one.measures}
         for one in maps
-        for spec in (one.image.first.spec,)
+        for width, height in (one.image.first.window.size,)
     ]
     return facts, findings
 
@@ -151,10 +144,13 @@ def _sizes(maps: list[_Map]) -> Iterator[Finding]:
             yield Finding(WARNING, one.image.source, "density", text)
 
 
-def _alone(one: _Map, session: Session) -> Iterator[Finding]:
+def _alone(one: _Map, resources: Resources, progress: Progress) -> Iterator[Finding]:
     try:
         _require_finite(one)
-        yield from {"colour": _albedo, "normal": _normals, "height": _heights, "data": _data}[one.kind](one, session)
+        if one.kind == "colour":
+            yield from _albedo(one, resources, progress)
+        else:
+            yield from {"normal": _normals, "height": _heights, "data": _data}[one.kind](one)
     except _Unusable as error:
         one.usable = False
         yield Finding(ERROR, one.image.source, *error.args)
@@ -168,12 +164,12 @@ def _require_finite(one: _Map) -> None:
         raise _Unusable("broken", f"{counts[0]} NaN and {counts[1]} Inf values")
 
 
-def _tagged(one: _Map, session: Session) -> Iterator[Finding]:
+def _tagged(one: _Map, resources: Resources) -> Iterator[Finding]:
     """A colour space that a map of data says; not what readers of JPEG and PNG assume of files that say none."""
     spec, path = one.image.first.spec, one.image.source
     tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
     assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
-    if tag and not assumed and not session.color.is_data(tag):
+    if tag and not assumed and not resources.color.is_data(tag):
         text = f"says '{tag}': a renderer that believes it decodes what is no colour: {IS_DATA}"
         yield Finding(WARNING, path, "colourspace", text)
 
@@ -181,13 +177,13 @@ def _tagged(one: _Map, session: Session) -> Iterator[Finding]:
 # --- albedo ---
 
 
-def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
+def _albedo(one: _Map, resources: Resources, progress: Progress) -> Iterator[Finding]:
     name, part = one.image.source, one.image.first
     count = len(channels_of(part.spec).colour)
     if count not in (1, 3):
         raise _Unusable("channels", f"has {count} channels beside alpha: colours have one or three")
     try:
-        space = colour_space(one.image, session.color, session.autocc)
+        space = colour_space(one.image, resources.color, resources.settings.autocc)
     except (ColorError, ImageError) as error:
         raise _Unusable("colourspace", spelled(error.problem)) from None
     if space is None:
@@ -202,9 +198,9 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     def keep(_: Window, found: np.ndarray) -> None:
         counts[:] += found
 
-    lens = lens_for(one.image, session, space)
+    lens = lens_for(one.image, resources, space)
     try:
-        scan(part, lens, session, look, keep)
+        scan(part, lens, resources, look, keep)
     except BrokenValues as error:  # of alpha
         raise _Unusable("broken", spelled(error.problem)) from None
     dark, bright, impossible = (counts[1:] / max(1, counts[0])).tolist()
@@ -218,7 +214,7 @@ def _albedo(one: _Map, session: Session) -> Iterator[Finding]:
     if bright > max(_FEW, impossible):
         text = f"{_percent(bright)} of its pixels are brighter than fresh snow (sRGB 240): highlights, or metal"
         yield Finding(WARNING, name, "range", text)
-    drift = drift_of(one.image, lens, max(1.0, 2 * max(part.window.size) * _DRIFT_SCALE), session)
+    drift = drift_of(one.image, lens, max(1.0, 2 * max(part.window.size) * _DRIFT_SCALE), resources, progress)
     if drift is not None:
         spread = one.measures["drift"] = float(drift.level[MARGIN:-MARGIN, MARGIN:-MARGIN, 0].std())
         if spread > DRIFT:
@@ -246,7 +242,7 @@ def _decoder(one: _Map) -> Callable[[np.ndarray], np.ndarray]:
     return (lambda rows: 2 * plain(rows) - 1) if encoded else plain
 
 
-def _normals(one: _Map, _: Session) -> Iterator[Finding]:
+def _normals(one: _Map) -> Iterator[Finding]:
     part, name = one.image.first, one.image.source
     count = len(channels_of(part.spec).colour)
     if count not in (2, 3):
@@ -275,7 +271,7 @@ def _normals(one: _Map, _: Session) -> Iterator[Finding]:
         yield Finding(WARNING, name, "lean", f"leans by {lean:.1f} degrees on the average: it was not level")
 
 
-def _heights(one: _Map, _: Session) -> Iterator[Finding]:
+def _heights(one: _Map) -> Iterator[Finding]:
     part, name = one.image.first, one.image.source
     low, high = _limits(one)
     one.measures |= {"least": low, "largest": high}
@@ -285,7 +281,7 @@ def _heights(one: _Map, _: Session) -> Iterator[Finding]:
         yield Finding(WARNING, name, "steps", "has 8 bits: displaced it shows steps; 16 bits or floats hold slopes")
 
 
-def _data(one: _Map, _: Session) -> Iterator[Finding]:
+def _data(one: _Map) -> Iterator[Finding]:
     low, high = _limits(one)
     one.measures |= {"least": low, "largest": high}
     if low < 0 or high > 1:
@@ -355,11 +351,11 @@ def _along(values: np.ndarray, axis: int) -> np.ndarray:
     return (values[2:, 1:-1] - values[:-2, 1:-1]) if axis == 0 else (values[1:-1, 2:] - values[1:-1, :-2])
 
 
-def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, session: Session) -> Iterator[Finding]:
+def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Resources) -> Iterator[Finding]:
     """How much of the lightness follows from normals, and from heights."""
     part, name = albedo.image.first, albedo.image.source
-    space = present(colour_space(albedo.image, session.color, session.autocc))  # `_albedo` has it
-    lens = lens_for(albedo.image, session, space)
+    space = present(colour_space(albedo.image, resources.color, resources.settings.autocc))  # `_albedo` has it
+    lens = lens_for(albedo.image, resources, space)
     vectors = None if normal is None else _decoder(normal)
     # products of 1, L, normal x and y, height: whole numbers, which add up in any order
     sums, steps = np.zeros((5, 5)), np.array([1, 64, 4096, 4096, 4096])[:, None]

@@ -285,7 +285,6 @@ def largest_rectangle(lattice: SlantedLattice, size: tuple[int, int]) -> tuple[n
 
     Parameters
     ----------
-    lattice : SlantedLattice
     size : (width, height)
         Of the photo, px.
 

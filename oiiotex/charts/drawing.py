@@ -11,7 +11,7 @@ from ..core.label_map import LabelMap
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..labels.legend import colours_of
-from ..session import Session
+from ..session.resources import Resources
 
 GAP, TEXT = 12, 16  # px of a sheet
 PAPER, INK = 0.93, 0.12
@@ -87,7 +87,7 @@ def sampled(part: Part, step: int) -> np.ndarray:
     return np.stack(rows)
 
 
-def shown_pixels(pixels: np.ndarray, part: Part, session: Session) -> np.ndarray:
+def shown_pixels(pixels: np.ndarray, part: Part, resources: Resources) -> np.ndarray:
     """Pixels as sRGB, (h, w, 3) float: by their colour space where it is known, else as they are."""
     channels = channels_of(part.spec)
     values: np.ndarray = pixels.astype(np.float32)
@@ -96,8 +96,8 @@ def shown_pixels(pixels: np.ndarray, part: Part, session: Session) -> np.ndarray
     space = part.spec.get_string_attribute(TAG)
     three = list(channels.colour) if len(channels.colour) == 3 else [channels.colour[0]] * 3
     colour = np.nan_to_num(np.ascontiguousarray(values[..., three]))
-    if space and not session.color.is_data(space):
-        session.color.to_lab(space)(colour)
+    if space and not resources.color.is_data(space):
+        resources.color.to_lab(space)(colour)
         colour = srgb_of(colour)
     return np.clip(colour, 0, 1)
 

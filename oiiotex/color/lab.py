@@ -20,7 +20,7 @@ from ..deferred import np
 from ..errors import BrokenValues
 from ..io.row_store import RowStore, empty_rows
 from ..scan import scan
-from ..session import Session
+from ..session.resources import Resources
 from .config import as_float, colour_space
 
 DATA = "the channels are no colours: compare them as they are"
@@ -185,14 +185,13 @@ def in_type(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
     return values.astype(dtype, copy=False)
 
 
-def lens_of(image: Image, session: Session, space: Space = Space.LAB) -> Lens:
+def lens_of(image: Image, resources: Resources, space: Space = Space.LAB) -> Lens:
     """How an op that works in `space` sees the image's first part.
 
     Parameters
     ----------
     image : Image
         Gray, gray + alpha, RGB, RGBA, with any further channels.
-    session : Session
     space : Space
         As `Op.working_space` gives it. Of an image whose own space says that it holds data, LAB is DATA: the common
         range of its channels becomes 0 .. 100, so that distances mean what they mean in Lab. That range is asked of
@@ -205,20 +204,20 @@ def lens_of(image: Image, session: Session, space: Space = Space.LAB) -> Lens:
     ColorError
         As by `config.space_of`.
     """
-    named = colour_space(image, session.color, session.autocc) if space is Space.LAB else None
+    named = colour_space(image, resources.color, resources.settings.autocc) if space is Space.LAB else None
     if named is not None:
-        return lens_for(image, session, named)
+        return lens_for(image, resources, named)
     plain = Lens(image.source, channels_of(image.first.spec))
-    return plain if space is Space.ANY else _scaled(plain, image.first, session)
+    return plain if space is Space.ANY else _scaled(plain, image.first, resources)
 
 
-def lens_for(image: Image, session: Session, space: str) -> Lens:
+def lens_for(image: Image, resources: Resources, space: str) -> Lens:
     """How an image of that colour space is seen in Lab."""
-    config = session.color
+    config = resources.color
     return Lens(image.source, channels_of(image.first.spec), space, config.to_lab(space), config.from_lab(space))
 
 
-def _scaled(plain: Lens, part: Part, session: Session) -> Lens:
+def _scaled(plain: Lens, part: Part, resources: Resources) -> Lens:
     """The lens for data, with the range of what is opaque."""
     limits: list[tuple[float, float]] = []
 
@@ -230,7 +229,7 @@ def _scaled(plain: Lens, part: Part, session: Session) -> Lens:
     def keep(_: Window, limit: tuple[float, float] | None) -> None:
         limits.extend([] if limit is None else [limit])
 
-    scan(part, plain, session, look, keep)
+    scan(part, plain, resources, look, keep)
     if not limits:
         return plain
     low, high = min(low for low, _ in limits), max(high for _, high in limits)
@@ -238,7 +237,7 @@ def _scaled(plain: Lens, part: Part, session: Session) -> Lens:
 
 
 def working_values(
-    image: Image, session: Session, space: Space = Space.LAB, in_memory: bool = True
+    image: Image, resources: Resources, space: Space = Space.LAB, in_memory: bool = True
 ) -> tuple[np.ndarray | RowStore, np.ndarray | None]:
     """The image's first part as an op that works in `space` sees it, whole.
 
@@ -254,7 +253,7 @@ def working_values(
     ImageError, ColorError
         As by `lens_of`; NaN or Inf in colour or alpha.
     """
-    part, lens = image.first, lens_of(image, session, space)
+    part, lens = image.first, lens_of(image, resources, space)
     values = empty_rows((part.spec.height, part.spec.width, 3), np.float32, in_memory)
     opaque = np.ones(values.shape[:2], bool)
 
@@ -264,7 +263,7 @@ def working_values(
         if seen[1] is not None:
             opaque[at] = seen[1]
 
-    scan(part, lens, session, lambda seen, opaque, _: (seen, opaque), keep)
+    scan(part, lens, resources, lambda seen, opaque, _: (seen, opaque), keep)
     return values, None if opaque.all() else opaque
 
 

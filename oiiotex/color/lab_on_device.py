@@ -17,7 +17,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..opencl.buffers import Buffers
 from ..scan import scan
-from ..session import Session
+from ..session.resources import Resources
 from .lab import Lens
 from .lab_grid import seen_on_grid
 
@@ -37,10 +37,10 @@ class Band:
     lab: object  # a device buffer of (rows, width, 4) int16
 
 
-def most_on_device(session: Session) -> int:
+def most_on_device(resources: Resources) -> int:
     """Bytes of an image that may lie on the device at a time: by its own memory, or the host's where it uses that."""
-    device = session.device
-    return max(0, min(device.memory_budget(session.budget) // _SHARE, device.largest - _PADDING))
+    device = resources.device
+    return max(0, min(device.memory_budget(resources.budget) // _SHARE, device.largest - _PADDING))
 
 
 class LabGrid:
@@ -48,7 +48,7 @@ class LabGrid:
 
     Parameters
     ----------
-    image, lens, session
+    image, lens
     align : int
         Bands of an image that does not fit begin at multiples of so many rows.
     most : int, optional
@@ -65,30 +65,30 @@ class LabGrid:
     """
 
     def __init__(
-        self, image: Image, lens: Lens, session: Session, align: int = 1, most: int | None = None,
+        self, image: Image, lens: Lens, resources: Resources, align: int = 1, most: int | None = None,
         look: Callable[[Band], object] | None = None,
     ):  # fmt: skip
         part, self._look = image.first, look
-        self.window, self._session, self._device = part.window, session, session.device
+        self.window, self._resources, self._device = part.window, resources, resources.device
         self.width, self.height = part.window.width, part.window.height
         self._row = PIXEL_BYTES * self.width
-        most = most_on_device(session) if most is None else most
+        most = most_on_device(resources) if most is None else most
         self.resident = self._row * self.height <= (most if self._device.own_memory else min(most, _HOST_BYTES))
         rows = self.height if self.resident else max(1, min(2 * BAND_BYTES, most) // self._row // align) * align
         self.band_rows = min(rows, self.height)
-        with ExitStack() as resources:
+        with ExitStack() as opened:
             size = self.band_rows * self._row + _PADDING
             asker = f"{part.spec.width}x{part.spec.height} in Lab"
-            self._buffers = resources.enter_context(Buffers(self._device, {"lab": size}, session.budget, asker))
-            self._file = None if self.resident else resources.enter_context(scratch_file())
-            scan(part, lens, session, lambda values, opaque, _: seen_on_grid(values, opaque), self._keep)
-            self._resources = resources.pop_all()
+            self._buffers = opened.enter_context(Buffers(self._device, {"lab": size}, resources.budget, asker))
+            self._file = None if self.resident else opened.enter_context(scratch_file())
+            scan(part, lens, resources, lambda values, opaque, _: seen_on_grid(values, opaque), self._keep)
+            self._opened = opened.pop_all()
 
     def __enter__(self) -> LabGrid:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._resources.close()
+        self._opened.close()
 
     def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
         """Bands from top to bottom, those of which `wanted(top, bottom)` says so."""

@@ -10,7 +10,7 @@ from ..core.image import Image, Part
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..scan import scan
-from ..session import Session
+from ..session.resources import Resources
 from .lab import Lens
 from .lab_grid import mean_lab, seen_on_grid
 
@@ -60,7 +60,7 @@ def reduction(width: int, height: int, most: int) -> int:
 
 
 def lab_pixels(
-    image: Image, lens: Lens, session: Session, factor: int = 1, allowed: np.ndarray | None = None
+    image: Image, lens: Lens, resources: Resources, factor: int = 1, allowed: np.ndarray | None = None
 ) -> LabPixels:
     """The image's first part in Lab, looked at once on all threads.
 
@@ -69,7 +69,7 @@ def lab_pixels(
 
     Parameters
     ----------
-    image, lens, session
+    image, lens
     factor : int
         Pixels on a side of the squares whose means are taken.
     allowed : (height, width) bool, optional
@@ -102,7 +102,7 @@ def lab_pixels(
         summed = np.add.reduceat(grid, columns, axis=1, dtype=np.int32)
         sums[rows[starts]] += np.add.reduceat(summed, starts, axis=0)
 
-    scan(part, lens, session, look, keep)
+    scan(part, lens, resources, look, keep)
     seen = sums[..., 3] > 0
     lab = mean_lab(sums)
     if not seen.all() and seen.any():

@@ -9,13 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from ..deferred import np, oiio
 from .demand import PIECE_PIXELS, cached
 from .image import Part, derived_spec
 from .op import Op
 from .window import Window
+
+if TYPE_CHECKING:
+    from ..session import Session
+    from ..session.resources import Resources
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +34,7 @@ class _Mapped(Op):
         self,
         part: Part,
         work: Callable[[np.ndarray, Window], np.ndarray],
-        session: Any,
+        session: Session,
         spec: oiio.ImageSpec | None = None,
     ) -> Part:
         """A part of the same size, window by window, computed on all threads when it is asked for.
@@ -42,22 +46,21 @@ class _Mapped(Op):
         work : callable
             (pixels of the part, window) -> pixels of the result there. It must give a pixel the same value in any
             window. With a halo the pixels are those of the window grown by it, as far as the part goes.
-        session : Session
         spec : oiio.ImageSpec, optional
             Of the result; the part's own when left out.
         """
-        return mapped(part, work, session, spec, self.halo())
+        return mapped(part, work, session.resources, spec, self.halo())
 
 
 def mapped(
     part: Part,
     work: Callable[[np.ndarray, Window], np.ndarray],
-    session: Any,
+    resources: Resources,
     spec: oiio.ImageSpec | None = None,
     halo: tuple[int, int] = (0, 0),
 ) -> Part:
     """As `_Mapped.mapped`, for any op; `halo` is how many pixels `work` needs to each side, (x, y)."""
-    whole, source = part.window, cached(part, session.cache) if any(halo) else part
+    whole, source = part.window, cached(part, resources.cache) if any(halo) else part
 
     def fetch(window: Window) -> np.ndarray:
         around = window.grown(*halo) & whole
@@ -66,7 +69,7 @@ def mapped(
         if len(pieces) == 1:
             return work(rows, window)
         seen = {piece: rows[(piece.grown(*halo) & whole).inside(around)] for piece in pieces}
-        return np.concatenate(list(session.spread(lambda piece: work(seen[piece], piece), pieces)))
+        return np.concatenate(list(resources.spread(lambda piece: work(seen[piece], piece), pieces)))
 
     return replace(part, spec=spec or derived_spec(part.spec), fetch=fetch, levels=(), ready=False)
 

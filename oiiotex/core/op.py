@@ -14,10 +14,13 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..errors import Error, ParameterError, modifier
 from .parameters import Parameter, declared
+
+if TYPE_CHECKING:
+    from ..session import Session
 
 log = logging.getLogger("oiiotex")
 
@@ -301,7 +304,7 @@ class Op:
         """How many images this use makes."""
         return 1
 
-    def compute(self, session: Any) -> Any:
+    def compute(self, session: Session) -> Any:
         """The outputs by name; a tuple of such mappings where it makes several images.
 
         What is an image comes as an `image.Part`, of which nothing need be computed before it is read; a picture as
@@ -310,7 +313,6 @@ class Op:
         `io.paint_palette.Paint`, a mesh as text, Cryptomatte as its label maps. Instead of an output its maker may
         come, a callable without arguments: it is called where the output is asked for. An `image.Image` alone is the
         op's image with all its parts.
-        `session` is a `session.Session`.
 
         A line is looked through before it is run: there, what asks for pixels or for the device raises `Unseen`, and
         goes on being known by declaration alone. So what can be wrong is checked before either is touched.

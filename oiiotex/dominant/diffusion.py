@@ -14,7 +14,8 @@ from scipy.sparse import csr_array, diags_array
 from threadpoolctl import threadpool_limits
 
 from ..color.lab_reduced import LabPixels
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .patch_manifold import (
     Kernel,
     Texels,
@@ -77,7 +78,8 @@ class Dominant:
 
 def dominant_texture(
     pixels: LabPixels,
-    session: Session,
+    resources: Resources,
+    progress: Progress,
     *,
     patch: int | None = None,
     step: int | None = None,
@@ -90,49 +92,49 @@ def dominant_texture(
 
     `patch` is odd; `most` is how many texels there are at most where `step` is left out; `seed` chooses landmarks.
     """
-    with threadpool_limits(1, "blas"), session.beside(lambda _: neighbour_correlation(pixels)) as correlated:
-        side = patch or patch_size(pixels.lab[..., 0], session.spread)
-        texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), session)
+    with threadpool_limits(1, "blas"), resources.beside(lambda: neighbour_correlation(pixels)) as correlated:
+        side = patch or patch_size(pixels.lab[..., 0], resources.spread)
+        texels = texels_of(pixels, side, step or step_for(pixels.seen.shape, side, most), resources)
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
-        session.advance(2, 6)
+        progress.advance(2, 6)
         if not texels.count:
-            return _after(2, session, Dominant(texels, *nothing, rejected="no patch is opaque"))
-        with session.stats.time("kernel and densities"):
+            return Dominant(texels, *nothing, rejected="no patch is opaque")
+        with resources.stats.time("kernel and densities"):
             chosen = landmarks(texels, seed)
             kernel = kernel_of(texels, chosen)
-            session.advance(3, 6)
+            progress.advance(3, 6)
             if kernel is None:
                 alike = np.full(texels.count, DOMINANT, np.int8), np.full(texels.count, float(len(chosen)))
-                return _after(3, session, Dominant(texels, *alike, np.zeros(texels.count)))
+                return Dominant(texels, *alike, np.zeros(texels.count))
             correlation = correlated()
             if correlation < _LEAST_CORRELATION and rule != "paper":
                 why = f"a pixel says nothing of the next one (correlation {correlation:.2f}): it is noise"
-                return _after(3, session, Dominant(texels, *nothing, kernel, rejected=why))
+                return Dominant(texels, *nothing, kernel, rejected=why)
             euclidean = mode == "euclidean"
-            density = densities(texels, chosen, kernel.size, euclidean, session)
-        with session.stats.time("neighbours"):
-            squares = neighbour_squares(texels, session)
-        session.advance(4, 6)
-        with session.stats.time("heat"):
+            density = densities(texels, chosen, kernel.size, euclidean, resources)
+        with resources.stats.time("neighbours"):
+            squares = neighbour_squares(texels, resources)
+        progress.advance(4, 6)
+        with resources.stats.time("heat"):
             weights = neighbour_weights(squares, kernel.size, euclidean)
             if mode == "spectral":
-                types = _larger_half(texels, chosen, kernel, session)
+                types = _larger_half(texels, chosen, kernel, resources)
                 dominant = Dominant(texels, types, density, np.zeros(texels.count), kernel)
             else:
                 dominant = _classified(texels, kernel, density, weights, rule)
             if dominant.rejected and mode == "diffusion" and rule != "paper":
                 # a pattern in regular order falls into groups, one of each phase, that no near neighbour joins: once
                 # more with wider kernels, and with every texel beside a few others drawn from all
-                far = landmark_squares(texels, chosen[:: max(1, len(chosen) // _FAR)], session)
+                far = landmark_squares(texels, chosen[:: max(1, len(chosen) // _FAR)], resources)
                 for times in _WIDER:
                     if dominant.rejected:
                         wide = replace(kernel, size=times * kernel.size)
-                        density = densities(texels, chosen, wide.size, euclidean, session)
+                        density = densities(texels, chosen, wide.size, euclidean, resources)
                         joined = neighbour_weights(squares, wide.size, False)
                         joined = joined.maximum(neighbour_weights(far, wide.size, False)).tocsr()
                         again = _classified(texels, wide, density, joined, rule)
                         dominant = dominant if again.rejected else again
-        session.advance(5, 6)
+        progress.advance(5, 6)
     return dominant
 
 
@@ -153,12 +155,6 @@ def neighbour_correlation(pixels: LabPixels) -> float:
         a, b = here[pairs], there[pairs]
         correlations.append((a * b).sum() / max(float(np.sqrt((a * a).sum() * (b * b).sum())), 1e-9))
     return float(max(correlations))
-
-
-def _after(step: int, session: Session, dominant: Dominant) -> Dominant:
-    for n in range(step + 1, 6):
-        session.advance(n, 6)
-    return dominant
 
 
 def step_for(shape: tuple[int, int], patch: int, most: int) -> int:
@@ -294,7 +290,7 @@ def _valleys(counts: np.ndarray, prominence: float) -> tuple[np.ndarray, np.ndar
     return np.array(valleys, np.int64), np.array(depths)
 
 
-def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, session: Session) -> np.ndarray:
+def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, resources: Resources) -> np.ndarray:
     """The larger of two segments of a normalised cut as Type 0, the other as Type I (LDR09 section 7.4).
 
     Of the landmarks, whose every pair is weighed; the other texels get the mean of the landmarks' eigenvector, by
@@ -318,7 +314,7 @@ def _larger_half(texels: Texels, chosen: np.ndarray, kernel: Kernel, session: Se
         near = near + np.float32(1e-12)
         return (near @ vector) / near.sum(1, dtype=np.float64) > split
 
-    halves = np.concatenate(list(session.spread(above, range(0, texels.count, _BLOCK))))
+    halves = np.concatenate(list(resources.spread(above, range(0, texels.count, _BLOCK))))
     return np.where(halves == (2 * halves.sum() > len(halves)), DOMINANT, SMALL).astype(np.int8)
 
 

@@ -18,7 +18,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.sparse import csr_array
 
 from ..color.lab_reduced import LabPixels
-from ..session import Session
+from ..session.resources import Resources
 
 ENERGY = 0.999  # of the texels that the principal components keep: LDR09 section 6.1
 LANDMARKS = 0.7  # N' = N^0.7: LDR09 section 6.2
@@ -99,7 +99,7 @@ class Texels:
         return len(self.rows)
 
 
-def texels_of(pixels: LabPixels, patch: int, step: int, session: Session) -> Texels:
+def texels_of(pixels: LabPixels, patch: int, step: int, resources: Resources) -> Texels:
     """LDR09 steps 2 and 6.1: patches around every `step`th pixel, where all of a patch is seen, reduced by PCA."""
     height, width = pixels.seen.shape
     half = patch // 2
@@ -121,7 +121,7 @@ def texels_of(pixels: LabPixels, patch: int, step: int, session: Session) -> Tex
     kept = int(np.searchsorted(np.cumsum(energy), ENERGY * energy.sum())) + 1
     axes = np.ascontiguousarray(axes[:, :kept], np.float32)
     blocks = [np.arange(first, min(first + _BLOCK, len(at))) for first in range(0, len(at), _BLOCK)]
-    values = np.concatenate(list(session.spread(lambda of: (patches(of) - mean) @ axes, blocks)))
+    values = np.concatenate(list(resources.spread(lambda of: (patches(of) - mean) @ axes, blocks)))
     return Texels(values, rows + half, columns + half, patch, step)
 
 
@@ -187,7 +187,7 @@ def weights_of(squares: np.ndarray, size: float, euclidean: bool) -> np.ndarray:
     return np.exp(squares * np.float32(-0.5 / size))
 
 
-def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, session: Session) -> np.ndarray:
+def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, resources: Resources) -> np.ndarray:
     """LDR09 eq. 4 by the landmarks `chosen` (section 6.2), (N,) float64; euclidean: eq. 7 instead of eq. 1."""
     marks = texels.values[chosen]
 
@@ -195,7 +195,7 @@ def densities(texels: Texels, chosen: np.ndarray, size: float, euclidean: bool, 
         here = squared_distances(texels.values[first : first + _BLOCK], marks)
         return weights_of(here, size, euclidean).sum(1, dtype=np.float64)
 
-    return np.concatenate(list(session.spread(density, range(0, texels.count, _BLOCK))))
+    return np.concatenate(list(resources.spread(density, range(0, texels.count, _BLOCK))))
 
 
 def neighbour_count(count: int) -> int:
@@ -203,7 +203,7 @@ def neighbour_count(count: int) -> int:
     return min(count, max(8, int(math.log(max(count, 2)) ** 2)))
 
 
-def neighbour_squares(texels: Texels, session: Session) -> csr_array:
+def neighbour_squares(texels: Texels, resources: Resources) -> csr_array:
     """Squared distances to the k nearest, itself among them (LDR09 section 6.3), rows of k entries each.
 
     The paper's neighbours are approximate; these are exact. Distances are one product of blocks, in which the squares
@@ -233,18 +233,18 @@ def neighbour_squares(texels: Texels, session: Session) -> csr_array:
             neighbours[n] = near[np.argpartition(row[near], k - 1)[:k]]
         return neighbours, np.maximum(np.take_along_axis(squares, neighbours, 1), 0)
 
-    pieces = list(session.spread(nearest, range(0, count, _ROWS)))
+    pieces = list(resources.spread(nearest, range(0, count, _ROWS)))
     columns, values = (np.concatenate(p).ravel() for p in zip(*pieces, strict=True))
     return csr_array((values, columns, np.arange(0, count * k + 1, k, dtype=np.int32)), shape=(count, count))
 
 
-def landmark_squares(texels: Texels, chosen: np.ndarray, session: Session) -> csr_array:
+def landmark_squares(texels: Texels, chosen: np.ndarray, resources: Resources) -> csr_array:
     """Squared distances of all texels to some, as `neighbour_squares` has them to near ones."""
 
     def away(first: int) -> np.ndarray:
         return squared_distances(texels.values[first : first + _BLOCK], texels.values[chosen])
 
-    values = np.concatenate(list(session.spread(away, range(0, texels.count, _BLOCK))))
+    values = np.concatenate(list(resources.spread(away, range(0, texels.count, _BLOCK))))
     rows = np.arange(0, values.size + 1, len(chosen))
     columns = np.tile(chosen.astype(np.int32), texels.count)
     return csr_array((values.ravel(), columns, rows), shape=(texels.count, texels.count))

@@ -13,10 +13,10 @@ import numpy as np
 from ..color.lab import lens_of
 from ..color.lab_reduced import LabPixels, lab_pixels, reduction
 from ..core.image import Image, Part
-from ..core.machine import usable_threads
 from ..core.op import Space
 from ..errors import ImageError
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..superpixels.superpixels import label_spec
 from .diffusion import Dominant, Round, dominant_mask, dominant_texture, spread_over, step_for
 from .patch_manifold import MOST_PATCH, memory_needed
@@ -97,7 +97,8 @@ def photo_mask(
     flag: str,
     photo: Image,
     space: Space,
-    session: Session,
+    resources: Resources,
+    progress: Progress,
     *,
     allowed: Callable[[], np.ndarray | None] = lambda: None,
     patch: int | None = None,
@@ -116,20 +117,22 @@ def photo_mask(
         raise ImageError(f"patch={side}: {photo.source} has only {width}x{height} px")
     apart = step or step_for(shape, side or 5, TEXELS)
     texels = -(-shape[0] // apart) * -(-shape[1] // apart)
-    threads = session.threads or usable_threads()
+    threads = resources.thread_count
     need = memory_needed(shape[0] * shape[1], texels, side or MOST_PATCH, threads) + width * height // 8
-    session.require(need, f"{flag} of {width}x{height} px", "take a larger step")
-    pixels = lab_pixels(photo, lens_of(photo, session, space), session, factor, allowed())
-    session.advance(1, 6)
+    resources.require(need, f"{flag} of {width}x{height} px", "take a larger step")
+    pixels = lab_pixels(photo, lens_of(photo, resources, space), resources, factor, allowed())
+    progress.advance(1, 6)
 
-    def coloured(_: Session) -> np.ndarray | None:
+    def coloured() -> np.ndarray | None:
         """What refines the mask, found while texels are: to import k-means takes a fifteenth of a second."""
         from .refinement import pixel_colours
 
         return None if rule == "paper" else pixel_colours(pixels)
 
-    with session.beside(coloured) as colours:
-        texture = dominant_texture(pixels, session, patch=side, step=step, most=TEXELS, mode=mode, rule=rule)
+    with resources.beside(coloured) as colours:
+        texture = dominant_texture(
+            pixels, resources, progress, patch=side, step=step, most=TEXELS, mode=mode, rule=rule
+        )
         mask = _mask(texture, pixels, colours())
     if texture.rejected:
         if strict:
@@ -137,7 +140,7 @@ def photo_mask(
         log.warning("%s: %s has no dominant texture: %s", flag, photo.source, texture.rejected)
     else:
         log.info("%s: %.0f %% of patches of %d px are dominant", flag, 100 * texture.share, texture.texels.patch)
-    session.advance(6, 6)
+    progress.advance(6, 6)
     return PhotoMask(photo.first, pixels, texture, mask)
 
 

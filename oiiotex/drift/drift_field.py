@@ -19,7 +19,8 @@ from ..core.image import Image
 from ..core.window import Window
 from ..deferred import np
 from ..scan import scan
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..stationarity.grid_statistics import MARGIN, Cells, Surface, close_margins, correlated, smoothing_taps
 
 _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
@@ -44,7 +45,6 @@ class Drift:
 
     Attributes
     ----------
-    cells : Cells
     level : (down + 4, across + 4, channels) float
         Local level at the cells' centres, with the margin of `grid_statistics.MARGIN`.
     contrast : same shape
@@ -67,7 +67,8 @@ def drift_of(
     image: Image,
     lens: Lens,
     radius: float,
-    session: Session,
+    resources: Resources,
+    progress: Progress,
     wraps: tuple[bool, bool] = (False, False),
     usable: np.ndarray | None = None,
     robust: bool = True,
@@ -76,11 +77,8 @@ def drift_of(
 
     Parameters
     ----------
-    image : Image
-    lens : Lens
     radius : float
         Of the disc, px.
-    session : Session
     wraps : (bool, bool)
         The image is a torus along y, along x.
     usable : (height, width) bool, optional
@@ -104,7 +102,7 @@ def drift_of(
     layout = dict.fromkeys(("level", "contrast"), ((*places, count), np.float64)) | {"spots": (places, np.float64)}
     layout["sums"] = ((*places, 1 + 2 * count), np.float64)
     beside = 8 * _PLANES * max(math.prod(places), _AT_ONCE // 4)
-    scratch = session.scratch(layout, f"a radius of {radius:g} px", "increase the radius", beside)
+    scratch = resources.scratch(layout, f"a radius of {radius:g} px", "increase the radius", beside)
     sums = scratch["sums"][MARGIN:-MARGIN, MARGIN:-MARGIN]
 
     def look(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
@@ -116,7 +114,7 @@ def drift_of(
 
     keep = functools.partial(cells.add, sums)
     cell = 0 if wraps[0] else cells.side  # around a torus rows of cells differ by a pixel
-    scan(image.first, lens, session, look, keep, cell=cell, larger=2, progress=session.advance)
+    scan(image.first, lens, resources, look, keep, cell=cell, larger=2, advance=progress.advance)
     if not sums[..., 0].any():
         return None
     return _drift(cells, scratch, radius, robust)
@@ -131,7 +129,6 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
     ----------
     values : (height, width, channels) float32
     opaque : (height, width) bool or None
-    cells : Cells
 
     Returns
     -------
@@ -326,7 +323,6 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
 
     Parameters
     ----------
-    drift : Drift
     amount : float
         0: nothing happens; 1: all of it.
     contrast : float

@@ -13,7 +13,8 @@ from ..core.image import Image, Part, spec_beside
 from ..core.op import Kind, Output, Space
 from ..core.window import Window
 from ..deferred import np
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 
 if TYPE_CHECKING:
     from .drift_field import Correction
@@ -56,18 +57,17 @@ class Flattening:
     wraps: tuple[bool, bool] = (False, False)
 
     def of(
-        self, flag: str, source: Image, space: Space, session: Session, usable: np.ndarray | None = None
-    ) -> tuple[Part, Part]:
+        self, flag: str, source: Image, space: Space, resources: Resources, progress: Progress,
+        usable: np.ndarray | None = None,
+    ) -> tuple[Part, Part]:  # fmt: skip
         """The first part of an image without its drift, in its own color space and type, and the correction.
 
         Parameters
         ----------
         flag : str
             Of the op, for the log.
-        source : Image
         space : Space
             That the op works in.
-        session : Session
         usable : (height, width) bool, optional
             Pixels that the field is measured on. Default: all with alpha.
 
@@ -80,9 +80,9 @@ class Flattening:
         from .drift_field import correction, drift_of  # help needs none of it
 
         part, change = source.first, None
-        lens = lens_of(source, session, space)
+        lens = lens_of(source, resources, space)
         radius = self.radius or max(1.0, DEFAULT_RADIUS * max(part.window.size))
-        drift = None if self.amount == 0 else drift_of(source, lens, radius, session, self.wraps, usable)
+        drift = None if self.amount == 0 else drift_of(source, lens, radius, resources, progress, self.wraps, usable)
         if drift is None:  # nothing to see, or nothing to do: not even rounding
             return part, correction_part(None, part)
         center = np.array(_CENTER if lens.space is not None else _CENTER[:1] * 3)[: lens.count]
@@ -97,7 +97,7 @@ class Flattening:
             change.apply(values, window)
             return lens.replaced(rows, values, opaque)
 
-        return mapped(part, work, session), correction_part(change, part)
+        return mapped(part, work, resources), correction_part(change, part)
 
 
 def correction_part(change: Correction | None, part: Part) -> Part:

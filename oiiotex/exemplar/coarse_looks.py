@@ -11,12 +11,11 @@ from ..core.demand import MadeRows, rows_of
 from ..core.image import Part, resized
 from ..core.source_map import SourceMap
 from ..deferred import np
-from ..session import Session
+from ..session.progress import Look
 
 
-def coarse_looks(photo: Part, session: Session) -> Callable[[SourceMap, tuple[int, int]], object] | None:
+def coarse_looks(photo: Part, look: Look | None) -> Callable[[SourceMap, tuple[int, int]], object] | None:
     """What `patchmatch.optimization.synthesize` calls with its coarse levels; None where nobody looks."""
-    look = session.look
     if look is None:
         return None
     rows = rows_of(photo)

@@ -20,7 +20,7 @@ from ..core.source_map import STMAP
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.disk_cache import hash_of
-from ..session import Session
+from ..session.resources import Resources
 from .exemplar_masks import both, label_map, labelled_pixels, masked_pixels
 from .materials import KINDS_HELP, MATCH_HELP, kinds_of, read_material
 
@@ -42,10 +42,10 @@ class ExemplarPixels:
     usable: np.ndarray | None  # (height, width) bool: where pixels may be taken from; None: everywhere
     why: str  # what the pixels are that may not be taken, for messages
 
-    def remembered(self, session: Session, find: Callable[..., Found], flag: str, *more: object) -> Found:
+    def remembered(self, resources: Resources, find: Callable[..., Found], flag: str, *more: object) -> Found:
         """What `find(flag, lab, usable, *more)` finds in the photo, or found when these pixels were last looked at."""
         usable = None if self.usable is None else hash_of(self.usable)
-        return session.resources.remembered(
+        return resources.remembered(
             (find, id(self.values), usable),
             lambda: find(flag, first_channels(self.values, 3), self.usable, *more),
             self.values,
@@ -68,27 +68,27 @@ class LabelledExemplar(Op):
     seed: int = param(0, ge=0, le=2**32 - 1, help="same seed, same pixels")
     stmap: bool | Path = param(False, help=STMAP)
 
-    def read(self, session: Session, *also: np.ndarray | None) -> ExemplarPixels:
+    def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """Values, usable pixels, and why the others are not; `also` are further (height, width) bool of usable ones."""
-        with session.stats.time("read and colour"):
-            values, opaque = self.seen(session)
+        with resources.stats.time("read and colour"):
+            values, opaque = self.seen(resources)
             allowed = functools.reduce(both, also, self._allowed())
         why = ["transparent pixels"] if opaque is not None or allowed is None else []
         why += [] if allowed is None else ["pixels outside the mask or label"]
         return ExemplarPixels(values, opaque, both(opaque, allowed), " and of ".join(why))
 
-    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
+    def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
         """Values of the exemplar, and where it is opaque."""
-        return working_values(self.exemplar, session, self.working_space, self.holds_photo(session))
+        return working_values(self.exemplar, resources, self.working_space, self.holds_photo(resources))
 
-    def holds_photo(self, session: Session) -> bool:
+    def holds_photo(self, resources: Resources) -> bool:
         """Whether the values of the photo lie in memory, and not in a file."""
         return True
 
-    def holds(self, session: Session, size: int) -> bool:
+    def holds(self, resources: Resources, size: int) -> bool:
         """Whether so many bytes a pixel of the photo are a quarter of the budget at most."""
         spec = self.exemplar.first.spec
-        return size * spec.width * spec.height <= session.budget // 4
+        return size * spec.width * spec.height <= resources.budget // 4
 
     def in_any_order(self, part: Part, held: bool) -> Part:
         """The same pixels, of which any may be asked for: decoded to a file where they are not held."""
@@ -136,10 +136,10 @@ class MaterialOp(ExemplarOp):
     kinds: Words | None = param(None, help=KINDS_HELP)
     match: Numbers | None = param(None, ge=0, help=MATCH_HELP)
 
-    def seen(self, session: Session) -> tuple[SomeRows, np.ndarray | None]:
+    def seen(self, resources: Resources) -> tuple[SomeRows, np.ndarray | None]:
         """All maps of the material together."""
-        held = self.holds_photo(session)
-        return read_material(self.all_maps(), self.kinds, self.match, self.data, session, held)
+        held = self.holds_photo(resources)
+        return read_material(self.all_maps(), self.kinds, self.match, self.data, resources, held)
 
     def all_maps(self) -> tuple[Image, ...]:
         """The exemplar and the others; raises ParameterError where they are not as many as n says."""

@@ -17,7 +17,8 @@ from ..patchmatch.optimization import Synthesis
 from ..patchmatch.recipe import Recipe
 from ..quality.fidelity import GOOD, Fidelity, fidelity
 from ..quality.seam_measures import seam_ratio
-from ..session import Session
+from ..session.progress import Progress
+from ..stats import Stats
 from .exemplar_op import ExemplarPixels
 
 log = logging.getLogger("oiiotex")
@@ -44,18 +45,18 @@ def better_of(
     recipe: Recipe,
     other: Recipe | None,
     seen: ExemplarPixels,
-    stages: Iterator[Session],
+    stages: Iterator[Progress],
+    stats: Stats,
 ) -> tuple[Synthesis, Fidelity | None, Recipe]:
     """A result, by the other recipe where the first one's is not good and the other's is better."""
-    session = next(stages)
-    first = run(recipe, constraints, session.advance)
-    with session.stats.time("fidelity"):
+    first = run(recipe, constraints, next(stages))
+    with stats.time("fidelity"):
         kept = fidelity_of(seen, first.source, recipe)
     if other is None or kept is None or kept.value >= GOOD:
         return first, kept, recipe
     log.info("%s: %s with %s: trying %s", flag, kept, recipe.scales, other.scales)
-    second = run(other, constraints, next(stages).advance)
-    with session.stats.time("fidelity"):
+    second = run(other, constraints, next(stages))
+    with stats.time("fidelity"):
         better = fidelity_of(seen, second.source, other)
     if better is None or better.value <= kept.value:
         return first, kept, recipe

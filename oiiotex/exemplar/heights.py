@@ -18,7 +18,7 @@ from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
-from ..session import Session
+from ..session.resources import Resources
 
 log = logging.getLogger("oiiotex")
 
@@ -42,7 +42,7 @@ def height_tile(
     wrap: tuple[bool, bool],
     relevel: bool,
     still: np.ndarray | None,
-    session: Session,
+    resources: Resources,
 ) -> Part:
     """A tile of a height map, levelled where that is asked for; its steps are said, and warned of where they are many.
 
@@ -55,7 +55,7 @@ def height_tile(
     raised = source.gather(heights)
     if relevel:
         height, width = source.packed.shape
-        session.require(_PIXEL_BYTES * source.packed.size, f"levelling {width}x{height} heights")
+        resources.require(_PIXEL_BYTES * source.packed.size, f"levelling {width}x{height} heights")
         constants = levels(source, wrap, heights, still)
         raised = raised + constants
         tile = _raised(tile, constants, colour)

@@ -14,7 +14,7 @@ from ..core.parameters import Numbers, Words
 from ..deferred import np
 from ..errors import ImageError, ParameterError
 from ..io.row_store import AT_ONCE, empty_rows
-from ..session import Session
+from ..session.resources import Resources
 from .exemplar_masks import both
 
 log = logging.getLogger("oiiotex")
@@ -37,7 +37,7 @@ _MOST_CHANNELS = 32  # values of a pixel that are compared
 
 
 def read_material(
-    maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, session: Session,
+    maps: tuple[Image, ...], kinds: Words | None, match: Numbers | None, data: bool, resources: Resources,
     in_memory: bool = True,
 ) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
     """The maps in a synthesis' working space, (height, width, channels) float32, and where all can be a source.
@@ -50,11 +50,11 @@ def read_material(
     parts = tuple(image.first for image in maps)
     how = tuple(kinds_of(kinds, len(maps), data)), match
     key = ("material", *map(id, parts), *how, in_memory)
-    return session.resources.remembered(key, lambda: _read(maps, *how, session, in_memory), parts)
+    return resources.remembered(key, lambda: _read(maps, *how, resources, in_memory), parts)
 
 
 def _read(
-    maps: tuple[Image, ...], named: tuple[str, ...], match: Numbers | None, session: Session, in_memory: bool
+    maps: tuple[Image, ...], named: tuple[str, ...], match: Numbers | None, resources: Resources, in_memory: bool
 ) -> tuple[SomeRows, np.ndarray | None]:
     weights = _weights(match, named)
     _require_alike(maps)
@@ -66,10 +66,10 @@ def _read(
         if kind == "normal":
             if not in_memory:
                 spec = image.first.spec
-                session.require(_NORMAL_BYTES * spec.width * spec.height, f"the normals of {image.source}")
+                resources.require(_NORMAL_BYTES * spec.width * spec.height, f"the normals of {image.source}")
             values, seen = _normals(image)
         else:
-            values, seen = _values(image, kind == "colour", session, in_memory)
+            values, seen = _values(image, kind == "colour", resources, in_memory)
         layers.append((values, np.float32(np.sqrt(weight))))
         opaque = both(opaque, seen)
     count = sum(layer.shape[2] for layer, _ in layers)
@@ -133,10 +133,10 @@ def _windows(image: Image) -> str:
 
 
 def _values(
-    image: Image, colour: bool, session: Session, in_memory: bool
+    image: Image, colour: bool, resources: Resources, in_memory: bool
 ) -> tuple[SomeRows, np.ndarray | None]:  # fmt: skip
     """Lab or scaled data, without the copies that gray data come in."""
-    values, opaque = working_values(image, session, Space.LAB if colour else Space.DATA, in_memory)
+    values, opaque = working_values(image, resources, Space.LAB if colour else Space.DATA, in_memory)
     count = 3 if colour else len(channels_of(image.first.spec).colour)
     return first_channels(values, count), opaque
 

@@ -3,39 +3,30 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from ..color.config import as_float
-from ..color.lab import working_values
 from ..core.access import InBands
-from ..core.demand import SomeRows, first_channels, materialized
-from ..core.image import Image, Part, from_pixels
+from ..core.image import Image, Part
 from ..core.op import Kind, Output
 from ..core.parameters import Size, SizeRule, image, param
-from ..core.source_map import COPIED, ST, SourceMap
-from ..core.window import Window
-from ..deferred import np, oiio
+from ..core.source_map import COPIED, ST
+from ..deferred import np
 from ..errors import ParameterError, modifier
-from ..patchmatch.constraints import Constraints, FixedPixels
-from ..patchmatch.field import hash_at
 from ..patchmatch.memory import ExemplarHeld
-from ..patchmatch.optimization import Synthesis, require_memory, synthesize
+from ..patchmatch.optimization import require_memory
 from ..patchmatch.recipe import Recipe
-from ..patchmatch.wang_tiles import TWO_COLOURS_FROM, edged, edges_of, runs_for, wang_tiles
-from ..quality.report import REPORT, Look, Quality
+from ..patchmatch.wang_tiles import TWO_COLOURS_FROM
+from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
-from ..regularity.courses import InCourses
-from ..regularity.offset_prices import InStep
 from ..session import Session
-from .coarse_looks import coarse_looks
-from .constraint_images import WEIGHT, WITHIN, marked_pixels, remade_source, weights_of
+from ..session.progress import Progress
+from ..session.resources import Resources
+from .constraint_images import WEIGHT, WITHIN
 from .exemplar_op import ExemplarPixels, MaterialOp
-from .heights import RELEVEL, height_tile
-from .photo_lattice import fitting_size, least_size, photo_courses, photo_lattice
+from .heights import RELEVEL
+from .photo_lattice import least_size
 
 _PATCHES, PATCH = tuple(range(5, 23, 2)), 13
 _LAB_BYTES = 12  # a pixel of a map
@@ -116,108 +107,11 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """Each variant and each map of the material is an image of its own."""
         return self.variants * super().result_count()
 
-    def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
+    def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """The tile, and where its pixels come from; of several maps and variants one such mapping each."""
-        from .first_result import better_of, hint_that_it_tiles, say_fidelity  # help needs none of it
+        from .synthesis_run import SynthesisRun  # help needs none of it
 
-        size, quality = self.planned(session)
-        stages = session.stages()
-        with session.stats.time("flatten"):
-            flat, drift = self.flattened(next(stages))
-        session = next(stages)
-        with session.stats.time("read and colour"):
-            parts = [self._in_any_order(image.first, session) for image in flat.all_maps()]
-            marked = None if self.within is None else marked_pixels(self.within, self.exemplar)
-            weight = None if self.weight is None else weights_of(self.weight, self.exemplar)
-        seen = flat.read(session, None if marked is None else ~marked, None if weight is None else weight > 0)
-        if not self.holds_photo(session):
-            session.cache.forget()  # all of it has been read
-        lattice = None
-        if self.kept_structure > 0:
-            with session.stats.time("lattice"):
-                lattice = seen.remembered(session, photo_lattice, self.flag())
-        wraps = "x" in self.tiling, "y" in self.tiling
-        width, height = fitting_size(self.flag(), lattice, size, self.size is not None or self.sized, wraps)
-        sigmas = self.sigmas(width, height)
-        recipe = self.controlled(self.recipe(width, height), seen, session)
-        if sigmas is not None:  # of what has one sigma for all, the photo made stationary
-            recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
-        if lattice is not None:
-            wanted = lattice.on_torus(recipe)
-            recipe = replace(recipe, in_step=InStep(lattice, wanted, self.kept_structure))
-            steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
-            across, down = np.abs(wanted).max(0).tolist()
-            quality = replace(quality, cycles=(across, down), lattice=steps)
-        elif self.kept_structure > 0:
-            courses = seen.remembered(session, photo_courses, self.flag())
-            if courses is not None:
-                recipe = replace(recipe, in_step=InCourses.of(courses, recipe, self.kept_structure))
-        budget = self._budget(session)
-        look = coarse_looks(parts[0], session) if marked is None and self.variants == 1 else None
-
-        def run(
-            recipe: Recipe, constraints: Constraints, advance: Callable[[int, int], None] = session.advance
-        ) -> Synthesis:
-            keeper = session.resources.keeper if self.resume else None
-            given = seen.values, seen.usable, recipe, budget, advance, seen.why, constraints, keeper
-            synthesis = synthesize(session.device, *given, look=look)
-            if synthesis.lost is not None:
-                from ..quality.lost_structure import say_what_was_lost
-
-                say_what_was_lost(self.flag(), synthesis.lost)
-            return synthesis
-
-        constraints = Constraints(weight=weight, sigmas=sigmas)
-        quality = replace(
-            quality, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure, order=recipe.order
-        )
-
-        def lab() -> SomeRows:
-            values = first_channels(seen.values, 3)
-            return np.ascontiguousarray(values) if isinstance(values, np.ndarray) else values
-
-        def own() -> SomeRows:
-            if flat is self:
-                return lab()
-            return working_values(self.exemplar, session, self.working_space, self.holds_photo(session))[0]
-
-        if self.variants > 1:
-            first, *others = self._variants(parts, recipe, constraints, run, session, quality, lab, own)
-            return _beside_drift(first, drift), *others
-        kept = None
-        if marked is not None:
-            if not marked.any():
-                self.warn("within marks no pixel: the photo stays as it is")
-            source, lost = remade_source(marked, seen.opaque, recipe, constraints, run), None
-        else:
-            if self.tiling == "xy" and self.size is None and self.holds_photo(session):
-                hint_that_it_tiles(self.flag(), self.exemplar.first)
-            other = self.second_choice(recipe)
-            synthesis, kept, recipe = better_of(self.flag(), run, constraints, recipe, other, seen, stages)
-            source, lost = synthesis.source, synthesis.lost
-            quality = replace(quality, sigma=recipe.sigma)
-            say_fidelity(self.flag(), kept, recipe, warn=self.judges_itself)
-        session.device.collect(session.stats)
-        self.say_what_stays()
-        tiles = self._tiles(parts, source, session, in_place=marked is not None)
-        first, *others = self._with_heights(tiles, source, None if marked is None else ~marked, session)
-        if kept is not None:
-            facts = {"oiiotex:chosen": recipe.scales, "oiiotex:fidelity": f"{kept.value:.3f}"}
-            first["tile"] = first["tile"].respecced(lambda spec: [spec.attribute(*fact) for fact in facts.items()])
-        if session.look is not None:
-            session.look(as_float(first["tile"].pixels()), True)
-        more = {} if kept is None else kept.measures()
-        more |= {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
-        if lattice is not None and quality.is_asked_for:
-            from ..quality.lost_structure import regularity_of
-
-            more |= regularity_of(lab(), source, recipe)
-
-        def looked_at() -> tuple[SomeRows, list[Look]]:
-            return own(), [quality.look_of_copies(first["tile"].name, lab(), source)]
-
-        first = _beside_drift(quality.add_to(first, looked_at, **more), drift)
-        return (first, *others) if others else first
+        return SynthesisRun(self, session.resources, session.progress).results()
 
     def second_choice(self, recipe: Recipe) -> Recipe | None:
         """What is tried where the first result is not faithful; None: nothing."""
@@ -228,34 +122,28 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """Whether scales were left to the op."""
         return False
 
-    def flattened(self, session: Session) -> tuple[PatchSynthesis, dict[str, Part]]:
+    def flattened(self, resources: Resources, progress: Progress) -> tuple[PatchSynthesis, dict[str, Part]]:
         """The op whose exemplar is what patches are taken from, and what else is made of it."""
         return self, {}
 
-    def holds_photo(self, session: Session) -> bool:
+    def holds_photo(self, resources: Resources) -> bool:
         """Whether the photo lies in memory: what needs more than the budget with it is read by rows."""
-        return self.holds(session, _LAB_BYTES * self.n)
+        return self.holds(resources, _LAB_BYTES * self.n)
 
-    def _in_any_order(self, part: Part, session: Session) -> Part:
-        """The same pixels, decoded: in memory where the photo lies there."""
-        if self.holds_photo(session):
-            return from_pixels(part.name, part.pixels(), part.spec, part.stored)
-        return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
+    def budget_left(self, resources: Resources) -> int:
+        """Bytes that are left beside the maps' own pixels."""
+        parts = [one.first for one in (self.exemplar, *self.maps)] if self.holds_photo(resources) else []
+        return resources.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
 
-    def _budget(self, session: Session) -> int:
-        """What is left beside the maps' own pixels."""
-        parts = [one.first for one in (self.exemplar, *self.maps)] if self.holds_photo(session) else []
-        return session.budget - sum(p.spec.width * p.spec.height * p.pixel_bytes for p in parts)
-
-    def planned(self, session: Session) -> tuple[Size, Quality]:
+    def planned(self, resources: Resources, progress: Progress) -> tuple[Size, Quality]:
         """The size that is asked for, and what is measured: refuses what the line alone shows to be wrong."""
         self.all_maps()  # as many as n says
         self._check()
         size = self.asked_size
         tiling = self.tiling if self.variants < TWO_COLOURS_FROM else "none"  # from there on a tile goes on in others
-        quality = Quality.of_copies(self, session, size, tiling, patch=self.side, losses=self.finds_losses)
+        quality = Quality.of_copies(self, resources, progress, size, tiling, patch=self.side, losses=self.finds_losses)
         if self.within is None:
-            self._require_memory(size, session)
+            self._require_memory(size, resources)
         return size, quality
 
     @property
@@ -269,31 +157,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """How much of the photo's lattice the result keeps, 0 to 1."""
         return 0.0
 
-    def _tiles(
-        self, maps: list[Part], source: SourceMap, session: Session, in_place: bool = False
-    ) -> tuple[dict[str, Part], ...]:
-        """All maps from the same pixels; the source coordinates follow the first."""
-        tiling = "none" if self.variants > 1 else self.tiling  # variants go on in each other
-        by_rows = not self.holds_photo(session)
-        return self.of_all(maps, lambda one, _: source.parts("tile", one, tiling, in_place, by_rows=by_rows))
-
     @property
     def finds_losses(self) -> bool:
         """Whether it is found out how much of the photo's texture a result lacks."""
         return False
-
-    def _with_heights(
-        self, tiles: tuple[dict[str, Part], ...], source: SourceMap, still: np.ndarray | None, session: Session
-    ) -> tuple[dict[str, Part], ...]:
-        """The tiles, the steps in heights among them measured, and closed where that was asked for."""
-        wrap = "x" in self.tiling, "y" in self.tiling
-        maps, results = (self.exemplar, *self.maps), []
-        for tile, one, kind in zip(tiles, maps, self.map_kinds, strict=True):
-            if kind == "height":
-                part = height_tile(self.flag(), tile["tile"], one, source, wrap, self.relevel, still, session)
-                tile = tile | {"tile": part}
-            results.append(tile)
-        return tuple(results)
 
     @property
     def side(self) -> int:
@@ -309,7 +176,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         """The sigma at each pixel of a result of this size, where they differ."""
         return None
 
-    def controlled(self, recipe: Recipe, seen: ExemplarPixels, session: Session) -> Recipe:
+    def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
         """The recipe with what follows from the photo."""
         return recipe
 
@@ -327,7 +194,7 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
             if wrong:
                 raise ParameterError(f"variants={self.variants} does not go with {wrong}")
 
-    def _require_memory(self, size: Size, session: Session) -> None:
+    def _require_memory(self, size: Size, resources: Resources) -> None:
         """Refuse what sizes alone show not to fit; of what `within` makes anew nothing is known."""
         if self.size is None and self.kept_structure > 0 and not self.sized:
             least = least_size(size, ("x" in self.tiling, "y" in self.tiling))
@@ -335,58 +202,10 @@ class PatchSynthesis(Reported, MaterialOp, InBands):
         recipe, spec = self.recipe(*size), self.exemplar.first.spec
         if self.values().get("amount") is not None or getattr(self, "sigmamap", None) is not None:
             recipe = replace(recipe, sigma=None)  # it hangs on pixels
-        held = ExemplarHeld(self.holds_photo(session), self.mask is not None or self.label is not None)
-        require_memory(session.device, recipe, (spec.height, spec.width, 3), self._budget(session), held)
+        held = ExemplarHeld(self.holds_photo(resources), self.mask is not None or self.label is not None)
+        require_memory(resources.device, recipe, (spec.height, spec.width, 3), self.budget_left(resources), held)
 
     @property
     def tiling(self) -> str:
         """Along which axes the result tiles."""
         return self.tile or ("xy" if self.within is None else "none")
-
-    def _variants(
-        self, maps: list[Part], recipe: Recipe, constraints: Constraints, run: Callable[..., Synthesis],
-        session: Session, quality: Quality, lab: Callable[[], SomeRows], own: Callable[[], SomeRows],
-    ) -> tuple[dict[str, Part], ...]:  # fmt: skip
-        """Tiles with matching edges, each followed by the other maps of its material."""
-        runs = runs_for(self.variants)
-        session.require(4 * recipe.width * recipe.height * (runs + 1), f"a set of {self.variants} tiles")
-
-        def make(fixed: FixedPixels | None, number: int, tiles: bool) -> SourceMap:
-            seed = int(hash_at(self.seed, 0x3A95, np.array([number]), np.array([0]))[0])
-            own = replace(recipe, wrap_x=tiles, wrap_y=tiles, seed=seed)
-
-            def advance(done: int, total: int) -> None:
-                session.advance(number * total + done, runs * total)
-
-            source = run(own, replace(constraints, fixed=fixed), advance).source
-            return SourceMap(np.asarray(source.packed))  # tiles are cut out of others
-
-        sources = wang_tiles(make, self.variants, recipe.width, recipe.height, recipe.patch)
-        session.device.collect(session.stats)
-        self.say_what_stays()
-        tiles = []
-        for number, (source, edges) in enumerate(zip(sources, edges_of(self.variants), strict=True)):
-            material = self._tiles(maps, source, session)
-            if number == 0:  # as the others are
-                self._with_heights(material, source, None, session)
-            for tile in material:
-                tiles.append(tile | {"tile": edged(tile["tile"], f"wang{number:02d}_{edges}", str(edges))})
-        names = (tile["tile"].name for tile in tiles[:: len(maps)])
-
-        def looked_at() -> tuple[SomeRows, Iterator[Look]]:
-            looks = map(quality.look_of_copies, names, itertools.repeat(lab()), sources)
-            return own(), looks
-
-        return (quality.add_to(tiles[0], looked_at), *tiles[1:])
-
-
-def _beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
-    """A tile and the photo's drift, with the tile's display window: parts of one file have the same."""
-    display = Window.display(tile["tile"].spec)
-    names = ("full_x", "full_y", "full_width", "full_height")
-
-    def describe(spec: oiio.ImageSpec) -> None:
-        for name, value in zip(names, (display.left, display.top, *display.size), strict=True):
-            setattr(spec, name, value)
-
-    return tile | {name: part.respecced(describe) for name, part in drift.items()}

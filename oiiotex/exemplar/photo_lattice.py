@@ -17,7 +17,7 @@ from ..regularity.courses import Courses, find_courses
 from ..regularity.lattice import RANGE, STRETCHED, Lattice, find_lattice
 from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..regularity.offset_prices import InStep
-from ..session import Session
+from ..session.resources import Resources
 
 log = logging.getLogger("oiiotex")
 
@@ -80,19 +80,19 @@ class Structured(Op):
 
     structure: float = param(0.5, ge=0, le=1, help=STRUCTURE)
 
-    def lattice_of(self, lab: SomeRows, usable: np.ndarray | None, session: Session) -> Lattice | None:
+    def lattice_of(self, lab: SomeRows, usable: np.ndarray | None, resources: Resources) -> Lattice | None:
         """The photo's lattice; None where it has none, or shall not be kept."""
         if self.structure == 0:
             return None
-        self.require_lattice(lab.shape[0], lab.shape[1], session)
-        with session.stats.time("lattice"):
+        self.require_lattice(lab.shape[0], lab.shape[1], resources)
+        with resources.stats.time("lattice"):
             return photo_lattice(self.flag(), first_channels(lab, 3), usable)
 
-    def require_lattice(self, height: int, width: int, session: Session, held: int = 0) -> None:
+    def require_lattice(self, height: int, width: int, resources: Resources, held: int = 0) -> None:
         """Refuse a photo whose lattice cannot be looked for within the budget; `held`: bytes that lie beside it."""
         if self.structure > 0:
             need = lattice_bytes(height, width) + held
-            session.require(need, f"finding the lattice of {width}x{height}", "say structure=0")
+            resources.require(need, f"finding the lattice of {width}x{height}", "say structure=0")
 
     def in_step(self, lattice: Lattice | None, domain: Domain, seed: int | None = None) -> InStep | None:
         """What a result on that domain keeps of it; where cells begin follows from the seed, where there is one.

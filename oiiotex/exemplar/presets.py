@@ -41,7 +41,7 @@ def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) ->
     plain = replace(op, **missing | {"preset": None})
     before = ""
     if preset == CLEAN and op.mask is None:
-        plain.planned(session)  # what can be wrong is known before pixels are asked for
+        plain.planned(session.resources, session.progress)  # what can be wrong is known before pixels are asked for
         part = op.exemplar.first
         mask = session.resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, session), part)
         if mask.pixels().any():  # else it has warned
@@ -56,7 +56,7 @@ def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) ->
 def _dominant(op: PatchSynthesis, session: Session) -> Part:
     from ..dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
 
-    return photo_mask(_DOMINANT, op.exemplar, op.working_space, session).part
+    return photo_mask(_DOMINANT, op.exemplar, op.working_space, session.resources, session.progress).part
 
 
 def _words(op: Op, masked: str = "") -> str:

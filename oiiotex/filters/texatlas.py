@@ -75,6 +75,7 @@ class Atlas(MaterialOp, Whole):
         from ..atlas.normals import turned, turns
         from ..atlas.synthesis import stack, synthesize
 
+        resources, progress = session.resources, session.progress
         if self.mesh is None:
             raise ParameterError("mesh=FILE is missing: the object that is textured")
         if self.unwrapped is not None and self.unwrapped.suffix.lower() != ".obj":
@@ -88,21 +89,21 @@ class Atlas(MaterialOp, Whole):
         require_addressable((photo.height, photo.width))
         need = size.width * size.height * _PIXEL_BYTES
         need += photo.width * photo.height * (_PHOTO_BYTES + len(self.maps) * _MAP_BYTES)
-        session.require(need, f"an atlas of {size}", "make size smaller")
-        with session.stats.time("mesh"):
+        resources.require(need, f"an atlas of {size}", "make size smaller")
+        with resources.stats.time("mesh"):
             mesh = read_mesh(self.mesh, *size, tiles)
         unit = self._unit(mesh, size, photo.width)
-        seen = self.read(session)
-        with session.stats.time("directions"):
+        seen = self.read(resources)
+        with resources.stats.time("directions"):
             fine = mesh.refined()
             frames = Frames.of(fine, unit)
-        with session.stats.time("synthesis"):
+        with resources.stats.time("synthesis"):
             try:
                 levels = stack(np.ascontiguousarray(seen.values), seen.usable)
             except ImageError as error:
                 raise ImageError(f"{self.exemplar.source}: {error}, without {seen.why or 'its border'}") from error
             source, face = synthesize(
-                fine, frames, size, levels, self.seed, self.mesh.name, session.spread, session.advance
+                fine, frames, size, levels, self.seed, self.mesh.name, resources.spread, progress.advance
             )
         self.say_what_stays()
 

@@ -80,7 +80,7 @@ class CheckMaterial(ScanThenMap):
     def _report(self, images: tuple[Image, ...], kinds: list[str], session: Session) -> dict[str, Any]:
         from ..capture.material_checks import check_material, document  # what a line alone says needs none of it
 
-        found = document(*check_material(images, kinds, self.convention, session))
+        found = document(*check_material(images, kinds, self.convention, session.resources, session.progress))
         failing = {"errors": ("error",), "warnings": ("error", "warning"), "none": ()}[self.fail]
         failed = [f"{one['map']}: {one['text']}" for one in found["findings"] if one["level"] in failing]
         return {"schema": SCHEMA, "version": __version__, **found, "passed": not failed, "failed": failed}

@@ -21,6 +21,8 @@ from ..quality.reported_op import Reported
 from ..quilting.label_growth import cell_side, grow_labels
 from ..quilting.quilt_job import CARRIED, Quilted, Sewing, sewn_whole
 from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 
 _CELL_BYTES = 400  # bytes for every cell of the grown map and every pixel of the found one, about
 _PIXEL_BYTES = 24
@@ -56,29 +58,30 @@ class Composite(Reported, Quilted):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The composite, and what else can be asked for."""
+        resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
         size = self.size or Size(2 * spec.width, 2 * spec.height)
-        quality = Quality.of_copies(self, session, size)
+        quality = Quality.of_copies(self, resources, progress, size)
         labels = label_map(self.exemplar, self.labels, self.level)
-        Sewing(op=self, guide=None, level=self.level, size=size, patch=self.patch).require_memory(session)
-        stages = session.stages()
-        grown = self._grown(labels, size, next(stages))
+        Sewing(op=self, guide=None, level=self.level, size=size, patch=self.patch).require_memory(resources)
+        stages = progress.stages()
+        grown = self._grown(labels, size, resources, next(stages))
         guide = Image((grown,), "the grown label map")
         sewing = Sewing(op=self, guide=guide, level=self.level, size=size, patch=self.patch)
-        results = quality.add_to_copies(sewn_whole(sewing, self.read(session), next(stages)))
+        results = quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, next(stages)))
         return {**results, "grown": lambda: _enlarged(grown, results["composite"])}
 
-    def _grown(self, labels: LabelMap, size: Size, session: Session) -> Part:
+    def _grown(self, labels: LabelMap, size: Size, resources: Resources, progress: Progress) -> Part:
         """The grown map as a part of ids."""
         spec = labels.part.spec
         side = cell_side(labels.scale, spec.width, spec.height)
         cells = -(-size.width // side) * -(-size.height // side)
         need = _CELL_BYTES * cells + _PIXEL_BYTES * spec.width * spec.height
-        session.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
-        with session.stats.time("grow"):
+        resources.require(need, f"growing a label map for {size.width}x{size.height} in cells of {side} px")
+        with resources.stats.time("grow"):
             growth = grow_labels(
-                session.device, labels.ids, side, Domain.tiling(*size, self.tile), self.seed,
-                session.budget, session.advance, self.tries,
+                resources.device, labels.ids, side, Domain.tiling(*size, self.tile), self.seed,
+                resources.budget, progress.advance, self.tries,
             )  # fmt: skip
         height, width = growth.ids.shape
         text = "%s grown to %d x %d cells of %d px; shares are off by %.1f %%, neighbourhoods by %.1f %%"

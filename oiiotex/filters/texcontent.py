@@ -24,6 +24,7 @@ from ..exemplar.exemplar_op import LABELS
 from ..labels.content_scan import Contents, scan_bytes
 from ..labels.content_table import histogram, key_of, patch_side
 from ..session import Session
+from ..session.resources import Resources
 
 log = logging.getLogger("oiiotex")
 
@@ -76,15 +77,15 @@ class Content(ScanThenMap):
         side = side if self.patch else min(side, 1 << (min(width, height).bit_length() - 1))
         if side > min(width, height):
             raise ImageError(f"patch={side} is larger than {self.source.source}, {width}x{height}")
-        needed = scan_bytes(width, height, side, session) + drawing_bytes(width)
-        session.require(needed, f"the content of rows of {width} px in patches of {side} px")
+        needed = scan_bytes(width, height, side, session.resources) + drawing_bytes(width)
+        session.resources.require(needed, f"the content of rows of {width} px in patches of {side} px")
         left, top = self._place(first, side)
         levels = label_levels(self.source, self.labels)
         histograms = {level: _histogram(one.part, left, top, side) for level, one in levels.items()}
         key = key_of(histograms[labels.level])
-        contents = Contents(labels.part, side, session, key, passes=2 if self.table else 1)
-        photo, labelled = (cached(part, session.cache) for part in (first, labels.part))
-        picture = functools.partial(_shown, photo, labelled, session)
+        contents = Contents(labels.part, side, session.resources, session.progress, key, passes=2 if self.table else 1)
+        photo, labelled = (cached(part, session.resources.cache) for part in (first, labels.part))
+        picture = functools.partial(_shown, photo, labelled, session.resources)
         drawn = key_table(picture, contents) if self.table else marked(first, picture, contents, (left, top))
         return {"view": drawn, "facts": lambda: _facts(contents, labels.level, left, top, histograms)}
 
@@ -108,10 +109,10 @@ def _histogram(labels: Part, left: int, top: int, side: int) -> dict[int, int]:
     return histogram(labels.read(Window.sized(whole.left + left, whole.top + top, side, side))[..., 0], 0, 0, side)
 
 
-def _shown(photo: Part, labels: Part, session: Session, window: Window) -> np.ndarray:
+def _shown(photo: Part, labels: Part, resources: Resources, window: Window) -> np.ndarray:
     """A window (in the data window) as sRGB, or its labels in colours where there is no photo; (h, w, 3) float32."""
     if not (photo.exact or dtype_of(photo.spec) == np.uint32):
-        return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, session).astype(np.float32)
+        return shown_pixels(photo.read(window.shifted(photo.spec.x, photo.spec.y)), photo, resources).astype(np.float32)
     around = Window(max(0, window.left - 1), max(0, window.top - 1), window.right, window.bottom)  # for borders
     ids = labels.read(around.shifted(labels.spec.x, labels.spec.y))[..., 0]
     return coloured(ids.astype(np.int64), None, 1.0).astype(np.float32)[window.inside(around)]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from ..core.access import InBands
-from ..core.machine import usable_threads
 from ..core.op import Kind, Output
 from ..core.parameters import Size, param
 from ..core.source_map import COPIED, ST, require_addressable
@@ -18,6 +17,7 @@ from ..quality.report import REPORT, Quality
 from ..quality.reported_op import Reported
 from ..regularity.lattice import bytes_needed as lattice_bytes
 from ..session import Session
+from ..session.resources import Resources
 
 _MASK_BYTES, _LAB_BYTES, _SEEN_BYTES = 3, 12, 28  # of a pixel of the photo: _SEEN_BYTES where it lies in memory
 
@@ -47,19 +47,22 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         """The texture, and where its pixels come from."""
         from ..graphcut.placement import Layout, bytes_needed, graph_cut  # scipy is not loaded before it is needed
 
+        resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
         size = self.size or Size(spec.width, spec.height)
-        quality = Quality.of_copies(self, session, size)
+        quality = Quality.of_copies(self, resources, progress, size)
         require_addressable((spec.height, spec.width))
         patch = self.patch or min(96, max(16, min(spec.width, spec.height) // 5))
 
         def layout_of(size: Size) -> Layout:
             layout = Layout.tiling(*size, self.tile, patch=patch, passes=self.passes, seed=self.seed)
-            threads = session.threads or usable_threads()
-            needed = bytes_needed(layout, (spec.height, spec.width), session.budget, threads)
+            threads = resources.thread_count
+            needed = bytes_needed(layout, (spec.height, spec.width), resources.budget, threads)
             needed = max(needed, lattice_bytes(spec.height, spec.width) if self.structure else 0)
-            pixel = _MASK_BYTES + ((_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self.holds_photo(session) else 0)
-            session.require(
+            pixel = _MASK_BYTES + (
+                (_SEEN_BYTES + self.exemplar.first.pixel_bytes) if self.holds_photo(resources) else 0
+            )
+            resources.require(
                 needed + spec.width * spec.height * pixel,
                 f"cutting {size} from {spec.width}x{spec.height}",
                 "make the result or the photo smaller",
@@ -69,21 +72,21 @@ class Cut(Reported, ExemplarOp, Structured, InBands):
         wraps = "x" in self.tile, "y" in self.tile
         fitted = self.size is None and self.structure > 0
         layout_of(least_size(size, wraps) if fitted else size)  # known before the work
-        seen = self.read(session)
+        seen = self.read(resources)
         if seen.usable is not None and not seen.usable.any():
             raise ImageError(f"no pixel of {self.exemplar.source} is free of {seen.why}")
-        lattice = self.lattice_of(seen.values, seen.usable, session)
+        lattice = self.lattice_of(seen.values, seen.usable, resources)
         layout = layout_of(fitting_size(self.flag(), lattice, size, self.size is not None, wraps))
-        with session.stats.time("cut"):
+        with resources.stats.time("cut"):
             in_step = self.in_step(lattice, layout, self.seed)
             source = graph_cut(
-                seen.values, seen.usable, layout, session.budget, session.advance, in_step, session.spread
+                seen.values, seen.usable, layout, resources.budget, progress.advance, in_step, resources.spread
             )
         self.say_what_stays()
-        held = self.holds_photo(session)
+        held = self.holds_photo(resources)
         photo = self.in_any_order(self.exemplar.first, held)
         return quality.add_to_copies(source.parts("cut", photo, self.tile, by_rows=not held))
 
-    def holds_photo(self, session: Session) -> bool:
+    def holds_photo(self, resources: Resources) -> bool:
         """Whether the photo lies in memory, its own pixels and their values."""
-        return self.holds(session, max(_LAB_BYTES, self.exemplar.first.pixel_bytes))
+        return self.holds(resources, max(_LAB_BYTES, self.exemplar.first.pixel_bytes))

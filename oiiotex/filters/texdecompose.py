@@ -104,6 +104,7 @@ class Decompose(OnePart, InLab, ScanThenMap):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The label map, and what else can be asked for."""
+        resources, progress = session.resources, session.progress
         self.require_single()
         names = None if self.names is None else LabelNames(self.names)
         from ..color.lab_reduced import lab_pixels, reduction  # scipy is not loaded before it is needed
@@ -114,18 +115,18 @@ class Decompose(OnePart, InLab, ScanThenMap):
         factor = reduction(width, height, WORKING_PIXELS)
         settings = self._settings(-(-width // factor) * -(-height // factor))
         need = memory_needed(-(-width // factor) * -(-height // factor), settings) + width * height // 8
-        session.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
-        lens = lens_of(self.source, session, self.working_space)
-        pixels = lab_pixels(self.source, lens, session, factor)
-        session.advance(1, 4)
-        split = decomposed(pixels, settings, session, session.advance)
+        resources.require(need, f"{self.flag()} of {width}x{height} px", "take a larger step")
+        lens = lens_of(self.source, resources, self.working_space)
+        pixels = lab_pixels(self.source, lens, resources, factor)
+        progress.advance(1, 4)
+        split = decomposed(pixels, settings, resources, progress.advance)
         self.inform("%d subtextures, from %d groups of %d", split.count, split.groups, split.samples)
         if self.labels is not None and 0 < split.count < self.labels:
             self.warn("%d subtextures, not %d: no more hold their own", split.count, self.labels)
         labels = label_map_of(first, pixels, split)
         if names is not None:
             (labels,) = names.of([labels])
-        session.advance(4, 4)
+        progress.advance(4, 4)
         return {
             **({} if self.single else {"label.1": labels.part}),
             "cryptomatte": [labels],

@@ -78,7 +78,7 @@ class Dominant(InLab, ScanThenMap):
             return None if self.mask is None else masked_pixels(self.mask, self.source)
 
         found = photo_mask(
-            self.flag(), self.source, self.working_space, session,
+            self.flag(), self.source, self.working_space, session.resources, session.progress,
             allowed=allowed, patch=self.patch, step=self.step, mode=self.mode, rule=self.rule, strict=self.strict,
         )  # fmt: skip
 

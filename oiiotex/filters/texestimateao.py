@@ -53,7 +53,7 @@ class EstimateAO(Gather):
         said = said if 1e-6 <= said <= 1e6 else 0.0
         scale = self.scale or said or max(part.spec.width, part.spec.height) * _RELIEF
         self.inform("a height of 1 is %g px", scale)
-        near, channel = cached(part, session.cache), channels_of(part.spec).colour[0]
+        near, channel = cached(part, session.resources.cache), channels_of(part.spec).colour[0]
         wraps = "x" in self.tile, "y" in self.tile
 
         def look(heights: np.ndarray) -> np.ndarray:
@@ -64,7 +64,7 @@ class EstimateAO(Gather):
             around = np.clip(around, -_HIGHEST / scale, _HIGHEST / scale) * np.float32(scale)
             high = max(1, PIECE_PIXELS // max(1, window.width))
             pieces = [around[y : y + high + 2 * self.radius] for y in range(0, window.height, high)]
-            return np.concatenate(list(session.spread(look, pieces)))
+            return np.concatenate(list(session.resources.spread(look, pieces)))
 
         spec = measure_spec(part.spec)
         spec.attribute(ESTIMATE, f"ambient occlusion from heights of {scale:g} px")

@@ -74,21 +74,22 @@ class EstimateHeight(Whole):
             relief,
         )
 
+        resources, progress = session.resources, session.progress
         if self.overcast and self.light is not None:
             problem = f"conflicts with {modifier(overcast=True)}"
             raise ParameterError(problem, parameter="light", value=f"{self.light:g}")
         part, wraps = self.source.first, ("y" in self.tile, "x" in self.tile)
         width, height = part.spec.width, part.spec.height
         sigma = self.sigma or max(1.0, max(width, height) / 8)
-        session.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
-        values, opaque = working_values(self.source, session, self.working_space)
+        resources.require(BYTES * math.prod(padded_size((height, width), sigma, wraps)), f"heights of {width}x{height}")
+        values, opaque = working_values(self.source, resources, self.working_space)
         if opaque is not None and not opaque.any():
             raise ImageError(f"{self.source.source}: alpha is 0 everywhere: there is no shading to look at")
-        session.advance(1, 2)
-        is_data = self.data or colour_space(self.source, session.color, session.autocc) is None
+        progress.advance(1, 2)
+        is_data = self.data or colour_space(self.source, resources.color, session.settings.autocc) is None
         seen = values[..., 0] / np.float32(100) if is_data else luminance(values[..., 0])
         found = relief(seen, opaque, sigma, self.light, self.overcast, self.elevation, wraps)
-        session.advance(2, 2)
+        progress.advance(2, 2)
         side = "an overcast sky" if found.light is None else f"{found.light:.0f} degrees"
         low = float(found.heights.min())
         most = max(float(found.heights.max()) - low, 1e-6)

@@ -53,10 +53,11 @@ class EstimateRoughness(ScanThenMap):
         from ..drift.drift_field import drift_of
 
         part = self.source.first
-        lens = lens_of(self.source, session, self.working_space)
+        lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(2.0, max(part.spec.width, part.spec.height) / 16)
         fine = Image((fine_detail(part, lens),), self.source.source)
-        drift = drift_of(fine, Lens(fine.source, channels_of(fine.first.spec)), 2 * sigma, session, robust=False)
+        plain = Lens(fine.source, channels_of(fine.first.spec))
+        drift = drift_of(fine, plain, 2 * sigma, session.resources, session.progress, robust=False)
         spec = measure_spec(part.spec)
         spec.attribute(ESTIMATE, f"roughness from local contrast at sigma {sigma:g} px")
         middle, amount = np.float32(self.middle), np.float32(self.amount)

@@ -84,7 +84,7 @@ class ExemplarGraph(Whole):
     def compute(self, session: Session) -> dict[str, Any]:
         """The picture, the document, and the exemplars that it names where they are cut out of a photo."""
         if self.graph is not None:
-            graph, images = graph_images(self.graph, session)
+            graph, images = graph_images(self.graph, session.resources)
             return {"picture": self._picture(graph, images, session)}
         photos = self.photos or ()
         if not photos:
@@ -206,7 +206,7 @@ def _require_written(photo: Image, session: Session) -> None:
     """Refuse an image that is not what the file of its name holds: the graph will be read from there."""
     if not os.path.isfile(photo.source):
         raise ImageError(f"{photo.source} is no file, which the graph could name: write it first")
-    mine, stored = photo.first, read(photo.source, session.cache).first
+    mine, stored = photo.first, read(photo.source, session.resources.cache).first
     alike = (mine.window.width, mine.window.height, mine.spec.nchannels, str(mine.spec.format)) == (
         stored.window.width, stored.window.height, stored.spec.nchannels, str(stored.spec.format))  # fmt: skip
     x, y = stored.window.left - mine.window.left, stored.window.top - mine.window.top
@@ -235,5 +235,5 @@ def _thumbnail(given: Image, side: int, shown: int, session: Session) -> np.ndar
     part, whole = given.first, given.first.window
     left, top = whole.left + (whole.width - side) // 2, whole.top + (whole.height - side) // 2
     square: Part = cropped(part, Window.sized(left, top, side, side))
-    pixels = shown_pixels(sampled(square, max(1, side // (4 * shown))), part, session)
+    pixels = shown_pixels(sampled(square, max(1, side // (4 * shown))), part, session.resources)
     return np.clip(resized(pixels.astype(np.float32), shown, shown), 0, 1)

@@ -58,11 +58,11 @@ class Lab(Pointwise):
         if origin:
             back = f"{modifier(inverse=True)} turns it back"
             raise ColorError(f"is Lab already, from '{origin}': {back}", subject=self.source.source)
-        space = colour_space(self.source, session.color, session.autocc)
+        space = colour_space(self.source, session.resources.color, session.settings.autocc)
         if space is None:
             problem = f"is data, which has no Lab: say {COLORSPACE} if it is colour"
             raise ColorError(problem, subject=self.source.source)
-        lens = lens_for(self.source, session, space)
+        lens = lens_for(self.source, session.resources, space)
         places = _places(lens.channels, part.spec.nchannels)
 
         def work(rows: np.ndarray, _: Window) -> np.ndarray:
@@ -83,16 +83,16 @@ class Lab(Pointwise):
     def _colour(self, session: Session) -> Part:
         part, name = self.source.first, self.source.source
         tag, space = part.spec.get_string_attribute(TAG), self.to or part.spec.get_string_attribute(FROM)
-        if tag and not session.color.is_data(tag):
+        if tag and not session.resources.color.is_data(tag):
             raise ColorError(f"{name} is '{tag}', not Lab")
         if not space:
             raise ColorError(f"{name} does not say which colour space it came from: add to=NAME")
-        if session.color.is_data(space):
+        if session.resources.color.is_data(space):
             raise ColorError("a space of data has no colours", parameter="to", value=space)
         channels = channels_of(part.spec)
         if len(channels.colour) != 3:
             raise ImageError(f"{name} has {len(channels.colour)} channels beside alpha: Lab has three")
-        from_lab = session.color.from_lab(space)
+        from_lab = session.resources.color.from_lab(space)
         lens = Lens(name, Channels(channels.colour, None))  # Lab is not premultiplied
         places = _places(channels, part.spec.nchannels)
 

@@ -111,7 +111,7 @@ class Label(OnePart, InLab, ScanThenMap):
         from ..labels.scales import LabelSettings, label_maps  # scipy is not loaded before it is needed
         from ..segmentation.superpixel_subtextures import superpixel_subtextures
 
-        lens = lens_of(self.source, session, self.working_space)
+        lens = lens_of(self.source, session.resources, self.working_space)
         settings = LabelSettings(
             cluster=self.cluster,
             neighbours=self.neighbours,
@@ -123,7 +123,7 @@ class Label(OnePart, InLab, ScanThenMap):
         )
         subtextures = functools.partial(superpixel_subtextures, count=self.labels)
         maps = label_maps(
-            self.source, lens, session, self.features, settings,
+            self.source, lens, session.resources, session.progress, self.features, settings,
             runs=self.runs, minsize=self.minsize, coarsest=subtextures if self.coarsest else None,
         )  # fmt: skip
         for n, level in enumerate(maps.levels, 1):

@@ -54,7 +54,7 @@ class LabelView(ScanThenMap):
         maps = [required_ids(sampled(one.part, step)[..., 0], one.part.name).astype(np.int64) for one in labels]
         lightness, panels = None, []
         if photo is not None:
-            picture = shown_pixels(sampled(photo, step), photo, session)
+            picture = shown_pixels(sampled(photo, step), photo, session.resources)
             lightness = picture @ np.array([0.2126, 0.7152, 0.0722])
             panels.append(("photo", picture))
         for one, ids in zip(labels, maps, strict=True):

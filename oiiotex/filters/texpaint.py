@@ -62,16 +62,18 @@ class Paint(Reported, Quilted):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture, and what else can be asked for."""
-        if self.before is not None and self.fine is None and present(read_begun(self.before, session.budget)).fine:
+        resources, progress = session.resources, session.progress
+        if self.before is not None and self.fine is None and present(read_begun(self.before, resources.budget)).fine:
             self.inform("%s has a fine painting, which is not laid over this one", self.before)
-        quality = Quality.of_copies(self, session, self.size or self.painting.first.window.size, painted=True)
+        asked = self.size or self.painting.first.window.size
+        quality = Quality.of_copies(self, resources, progress, asked, painted=True)
         table = None if self.table is None else read_table(self.table, self.soft)
         levels = label_levels(self.exemplar, self.labels)
         level = self.level or (table.level if table else None) or max(levels)
-        coarse = self._sewing(level, self.painting, self.size, table, "", session.budget)
-        coarse.require_memory(session)
-        seen, stages = self.read(session), session.stages()
-        base = coarse.quilt(seen, next(stages))
+        coarse = self._sewing(level, self.painting, self.size, table, "", resources.budget)
+        coarse.require_memory(resources)
+        seen, stages = self.read(resources), progress.stages()
+        base = coarse.quilt(seen, resources, next(stages))
         layers, sources = {"": base}, base.sources
         if self.fine is not None:
             if level - 1 not in levels:
@@ -80,16 +82,16 @@ class Paint(Reported, Quilted):
             size = Size(base.grid.width, base.grid.height)
             painted = painted_labels(fine, _meaning(fine, table, np.unique(ids), fine=True), size)
             guide = Image((_overpainted(base, ids, painted),), self.fine.source)
-            over = self._sewing(level - 1, guide, size, table, "fine_", session.budget).quilt(seen, next(stages))
-            layers["fine_"] = over
+            sewing = self._sewing(level - 1, guide, size, table, "fine_", resources.budget)
+            layers["fine_"] = over = sewing.quilt(seen, resources, next(stages))
             from ..graphcut.photo import Photo
 
-            lab = Photo.of(seen.values, None, session.budget).lab
+            lab = Photo.of(seen.values, None, resources.budget).lab
             joined = SeamOverlay(
                 lab, base.sources, lambda w: (painted(w) > 0, over.sources(w)),
                 Window(0, 0, *size), min(TILE // 4, over.grid.patch // 4),
             )  # fmt: skip
-            sources = functools.partial(joined.sources, cache=session.cache)
+            sources = functools.partial(joined.sources, cache=resources.cache)
         spec = self.exemplar.first.spec
         plan = {"plan": lambda: painting_arrays(layers, (spec.width, spec.height))}
 
@@ -98,7 +100,7 @@ class Paint(Reported, Quilted):
             read = painted_labels(first, _meaning(first, table, np.unique(ids)), Size(width, height), strict=False)
             return ids, MadeRows((height, width), np.int64, lambda top, end: read(Window(0, top, width, end)))
 
-        return quality.add_to_copies(sewn_parts(self, sources, base.grid, session) | plan, labels)
+        return quality.add_to_copies(sewn_parts(self, sources, base.grid, resources) | plan, labels)
 
     def _sewing(
         self, level: int, guide: Image, size: Size | None, table: Table | None, prefix: str, budget: int

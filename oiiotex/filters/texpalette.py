@@ -25,6 +25,7 @@ from ..labels.legend import Legend
 from ..patchmatch.optimization import synthesize
 from ..patchmatch.recipe import Recipe
 from ..session import Session
+from ..session.resources import Resources
 
 _PATCHES = (11, 9, 7, 5)  # px
 _REACH = 1024  # px of a photo that a swatch is made from, at least
@@ -73,16 +74,17 @@ class Palette(LabelledExemplar, InBands):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The palette, where its pixels come from, and the table of its labels."""
+        resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
         labels = label_map(self.exemplar, self.labels, self.level)
         finer = label_levels(self.exemplar, self.labels).get(labels.level - 1)
         width = self.side * (2 if finer is None else 2 + self.children)
-        photo, held = self.exemplar.first, self.holds_photo(session)
+        photo, held = self.exemplar.first, self.holds_photo(resources)
         looked_at = min(spec.width, self._reach) * min(spec.height, self._reach)
         needed = spec.width * spec.height * (_MASK_BYTES + (_SEEN_BYTES + photo.pixel_bytes if held else 0))
         needed += _SWATCH_BYTES * looked_at + 20 * width * self.side * self.rows
-        session.require(needed, f"a palette of {spec.width}x{spec.height}")
-        seen = self.read(session)
+        resources.require(needed, f"a palette of {spec.width}x{spec.height}")
+        seen = self.read(resources)
         shown = Legend(labels, areas_of(labels, seen.usable)).entries()
         below = [] if finer is None else Legend(finer, areas_of(finer, seen.usable)).entries()
         for entry in shown:
@@ -100,10 +102,10 @@ class Palette(LabelledExemplar, InBands):
             windows |= {(level, label): window for label, window in within.items()}
         for n, ((level, label), (_, entry, box)) in enumerate(zip(wanted, boxes, strict=True)):
             place = box.inside(Window(0, 0, width, len(source.packed)))
-            swatch = self._swatch(session, seen, maps[level], label, windows[level, label], box, n)
+            swatch = self._swatch(resources, seen, maps[level], label, windows[level, label], box, n)
             source.packed[place] = swatch.packed
             entry["box"] = [box.left, box.top, box.width, box.height]
-            session.advance(n + 1, len(boxes))
+            progress.advance(n + 1, len(boxes))
         self.say_what_stays()
         table = {"level": labels.level, "labels": shown, "finer": below}
         chips = functools.partial(paint_chips, [(entry, box) for _, entry, box in boxes], *source.packed.shape[::-1])
@@ -111,9 +113,9 @@ class Palette(LabelledExemplar, InBands):
         copied = source.parts("palette", self.in_any_order(photo, held), by_rows=not held)
         return copied | {"chips": chips, "paints": paints, "table": table}
 
-    def holds_photo(self, session: Session) -> bool:
+    def holds_photo(self, resources: Resources) -> bool:
         """Whether the photo lies in memory, its own pixels and their values."""
-        return self.holds(session, max(12, self.exemplar.first.pixel_bytes))
+        return self.holds(resources, max(12, self.exemplar.first.pixel_bytes))
 
     @property
     def _reach(self) -> int:
@@ -136,7 +138,7 @@ class Palette(LabelledExemplar, InBands):
         return boxes
 
     def _swatch(
-        self, session: Session, seen: ExemplarPixels, labels: LabelMap, label: int, window: Window, box: Window,
+        self, resources: Resources, seen: ExemplarPixels, labels: LabelMap, label: int, window: Window, box: Window,
         number: int,
     ) -> SourceMap:  # fmt: skip
         """One label's texture: by PatchMatch, or cut from pieces where it is too thin for whole patches."""
@@ -156,12 +158,14 @@ class Palette(LabelledExemplar, InBands):
         if patch is None:
             side = min(16, self.side // 2)
             cut = Layout(box.width, box.height, patch=side, passes=0, seed=seed)
-            source = graph_cut(lab, allowed, cut, session.budget, lambda done, total: None)
+            source = graph_cut(lab, allowed, cut, resources.budget, lambda done, total: None)
         else:
             recipe = Recipe(
                 box.width, box.height, sigma=None, patch=patch, iterations=_ITERATIONS, seed=seed, uniformity=0.01,
                 contrast=1.0, flat=False,
             )  # fmt: skip
-            source = synthesize(session.device, lab, allowed, recipe, session.budget, lambda done, total: None).source
+            source = synthesize(
+                resources.device, lab, allowed, recipe, resources.budget, lambda done, total: None
+            ).source
         y, x = source.yx
         return SourceMap.of(y + rows[0], x + columns[0])

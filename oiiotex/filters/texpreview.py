@@ -49,6 +49,7 @@ class Preview(Gather):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """One image of all panels."""
+        resources = session.resources
         names, tile = self._names(), self.tile.first
         photo = None if self.exemplar is None else self.exemplar.first
         channels = tile.spec.nchannels
@@ -59,11 +60,11 @@ class Preview(Gather):
         shown = {name: ((photo if name in _OF_EXEMPLAR else tile) or tile).spec for name in names}
         sheet = sum(self.height * max(1.5, spec.width / spec.height) + _GAP for spec in shown.values())
         values = channels * max(widest, round(sheet))  # of a row of an image, and of the sheet
-        session.require(bytes_needed(values), task, "take a smaller height")
+        resources.require(bytes_needed(values), task, "take a smaller height")
         if photo is not None and not photo.ready:
-            photo = materialized(photo, session.budget)
-        panels = self._panels(names, tile, photo, session.budget)
-        with session.stats.time("read"):
+            photo = materialized(photo, resources.budget)
+        panels = self._panels(names, tile, photo, resources.budget)
+        with resources.stats.time("read"):
             look_through(tile, [panels[name] for name in names if name not in _OF_EXEMPLAR], self.tile.source)
             if photo is not None:
                 seamless = [panels[name] for name in names if name == "seamless"]

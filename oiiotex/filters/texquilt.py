@@ -66,12 +66,14 @@ class Quilting(Reported, Quilted, Structured):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The quilt, and what else can be asked for."""
-        quality = Quality.of_copies(self, session, self.size or (self.guide or self.exemplar).first.window.size)
+        resources, progress = session.resources, session.progress
+        size = self.size or (self.guide or self.exemplar).first.window.size
+        quality = Quality.of_copies(self, resources, progress, size)
         if self.render:
             return quality.add_to_copies(self._rendered(session))
         sewing = self._sewing()
-        sewing.require_memory(session)
-        return quality.add_to_copies(sewn_whole(sewing, self.read(session), session))
+        sewing.require_memory(resources)
+        return quality.add_to_copies(sewn_whole(sewing, self.read(resources), resources, progress))
 
     def _sewing(self) -> Sewing:
         if self.guide is not None and self.label is not None:
@@ -86,18 +88,19 @@ class Quilting(Reported, Quilted, Structured):
 
     def _rendered(self, session: Session) -> dict[str, Part]:
         """From a plan."""
+        resources = session.resources
         if self.plan is None:
             raise ParameterError(f"{modifier(render=True)} requires plan=FILE")
         planned = self.size, self.mask, self.labels, self.guide, self.label, self.patch, self.overlap
         if any(value is not None for value in planned):
             given = "size, patch, overlap, mask, label, labels and guide"
             raise ParameterError(f"{modifier(render=True)} conflicts with {given}: the plan has them")
-        plan, size = Plan.load(self.plan, session.budget)
+        plan, size = Plan.load(self.plan, resources.budget)
         spec = self.exemplar.first.spec
         if size != (spec.width, spec.height):
             raise ImageError(
                 f"{self.plan} is of an exemplar of {size[0]}x{size[1]}, {self.exemplar.source} is"
                 f" {spec.width}x{spec.height}"
             )
-        renderer = Renderer.of(session.device, plan, session.budget)
-        return sewn_parts(self, renderer.sources, plan.grid, session)
+        renderer = Renderer.of(resources.device, plan, resources.budget)
+        return sewn_parts(self, renderer.sources, plan.grid, resources)

@@ -124,9 +124,9 @@ class Rectify(Gather):
         from ..capture.slanted_lattice import largest_rectangle, slanted_lattice  # not where corners are said
 
         spec = self.source.first.spec
-        session.require(_LATTICE_BYTES * spec.width * spec.height, "the lattice of the photo", "say corners=")
-        values, opaque = working_values(self.source, session)
-        with session.stats.time("lattice"):
+        session.resources.require(_LATTICE_BYTES * spec.width * spec.height, "the lattice of the photo", "say corners=")
+        values, opaque = working_values(self.source, session.resources)
+        with session.resources.stats.time("lattice"):
             lattice = slanted_lattice(values, opaque)
         if lattice is None:
             raise ImageError(
@@ -169,13 +169,13 @@ class Rectify(Gather):
         photo = part.window.shifted(-x, -y)
         inverse = np.linalg.inv(matrix)
         values, dtype = tuple(float(v) for v in matrix.ravel()), np.dtype(dtype_of(spec))
-        near = functools.cache(lambda: part if part.ready else materialized(part, session.budget))
+        near = functools.cache(lambda: part if part.ready else materialized(part, session.resources.budget))
 
         def piece(window: Window) -> np.ndarray:
             wanted = warp_needs(inverse, window, FILTERS[self.filter], photo) & photo
             if wanted.empty:
                 return np.zeros((window.height, window.width, spec.nchannels), dtype)
-            session.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
+            session.resources.require(8 * spec.nchannels * wanted.width * wanted.height, self.flag())
             source = oiio.ImageBuf(_floats(wanted, part.spec))
             source.set_pixels(source.roi, np.ascontiguousarray(as_float(near().read(wanted.shifted(x, y)))))
             target = oiio.ImageBuf(_floats(window, spec))

@@ -68,19 +68,20 @@ class Sigmas(InLab, Whole):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The sheet, and the table of sigmas."""
+        resources, progress = session.resources, session.progress
         spec = self.exemplar.first.spec
         width, height = self.size or Size(spec.width, spec.height)
         order_of(self.measure, self.order)
         same = {name: getattr(self, name) for name in ("exemplar", "measure", "order", "seed")}
         how: Any = op_named("stationarize")(**same)
-        session.require(_BYTES * spec.width * spec.height, f"looking at {spec.width}x{spec.height}")
-        require_tiles(session.device, how.recipe(width, height), (spec.height, spec.width), session.budget)
-        with session.stats.time("read and colour"):
-            lab, opaque = working_values(self.exemplar, session, self.working_space)
+        resources.require(_BYTES * spec.width * spec.height, f"looking at {spec.width}x{spec.height}")
+        require_tiles(resources.device, how.recipe(width, height), (spec.height, spec.width), resources.budget)
+        with resources.stats.time("read and colour"):
+            lab, opaque = working_values(self.exemplar, resources, self.working_space)
         seen = ExemplarPixels(lab, opaque, opaque, "transparent pixels")
-        recipe = how.controlled(how.recipe(width, height), seen, session)
-        tiles = SigmaTiles(session.device, lab, opaque, recipe, session.budget, seen.why)
-        scale = perceived_scale(tiles, self.n, session.advance, scale_folder())
+        recipe = how.controlled(how.recipe(width, height), seen, resources, progress)
+        tiles = SigmaTiles(resources.device, lab, opaque, recipe, resources.budget, seen.why)
+        scale = perceived_scale(tiles, self.n, progress.advance, scale_folder())
         amounts = np.linspace(0, 1, self.n)
         panels = []
         for amount in amounts:

@@ -45,10 +45,10 @@ class Stationarity(InLab, ScanThenMap):
     def compute(self, session: Session) -> dict[str, Part]:
         """The map."""
         part = self.source.first
-        lens = lens_of(self.source, session, self.working_space)
+        lens = lens_of(self.source, session.resources, self.working_space)
         sigma = self.sigma or max(1.0, max(part.spec.width, part.spec.height) / 32)
         order = order_of(self.measure, self.order)
-        deviation = deviation_of(self.source, lens, sigma, session, self.measure, order)
+        deviation = deviation_of(self.source, lens, sigma, session.resources, session.progress, self.measure, order)
         self.inform("%s at sigma %g px", cost_text(deviation.cost, self.measure, order), sigma)
         spec = measure_spec(part.spec)
         spec.attribute(COST, deviation.cost)

@@ -23,6 +23,8 @@ from ..exemplar.sigma_scale import DEFAULT_COUNT, SigmaTiles, perceived_scale
 from ..io.disk_cache import hash_of
 from ..patchmatch.recipe import Recipe
 from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, order_of, scale_folder
 
 SIGMA_SHARE = 8  # of the longer side is sigma: structures up to there are kept
@@ -100,7 +102,7 @@ class Stationarize(PatchSynthesis):
         """Of a patch, px."""
         return self.patch or (PAPER_PATCH if self.paper else PATCH)
 
-    def compute(self, session: Session) -> dict[str, Part] | tuple[dict[str, Part], ...]:
+    def compute(self, session: Session) -> dict[str, Any] | tuple[dict[str, Any], ...]:
         """As all of its kind; a preset first becomes what it stands for."""
         if self.preset is None:
             return super().compute(session)
@@ -108,24 +110,25 @@ class Stationarize(PatchSynthesis):
         sigma = self.amount is None and self.sigmamap is None
         return filled(self, self.preset, next(stages), sigma=sigma).compute(next(stages))
 
-    def _strength(self, session: Session) -> float:
+    def _strength(self, resources: Resources) -> float:
         """Share of the drift that is removed."""
         if self.flatten is not None:
             return self.flatten
         colour = self.map_kinds[0] == "colour"
         if not colour or self.within is not None:
             return 0.0
-        return 0.0 if lens_of(self.exemplar, session, self.working_space).space is None else 1.0
+        return 0.0 if lens_of(self.exemplar, resources, self.working_space).space is None else 1.0
 
-    def flattened(self, session: Session) -> tuple[Stationarize, dict[str, Part]]:
+    def flattened(self, resources: Resources, progress: Progress) -> tuple[Stationarize, dict[str, Part]]:
         """The same with a photo whose drift is removed, and the correction."""
-        part, strength = self.exemplar.first, self._strength(session)
+        part, strength = self.exemplar.first, self._strength(resources)
         if strength == 0:
             return self, {"drift": correction_part(None, part)}
         allowed = self._allowed()
-        flat, drift = session.resources.remembered(
+        flattening = Flattening(amount=strength)
+        flat, drift = resources.remembered(
             ("flattened", id(part), strength, None if allowed is None else hash_of(allowed)),
-            lambda: Flattening(amount=strength).of(self.flag(), self.exemplar, self.working_space, session, allowed),
+            lambda: flattening.of(self.flag(), self.exemplar, self.working_space, resources, progress, allowed),
             part,
         )
         exemplar = Image((flat, *self.exemplar.parts[1:]), self.exemplar.source)
@@ -159,14 +162,14 @@ class Stationarize(PatchSynthesis):
         """Of one whole tile."""
         return self.within is None and self.variants == 1 and not self.paper
 
-    def controlled(self, recipe: Recipe, seen: ExemplarPixels, session: Session) -> Recipe:
+    def controlled(self, recipe: Recipe, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Recipe:
         """With the sigma of `amount` (MJH17 section 4.4)."""
         if self.amount is None:
             return recipe
         if self.sigma is not None:
             raise ParameterError(f"amount={self.amount:g}: sigma={self.sigma:g} says it already")
-        tiles = SigmaTiles(session.device, seen.values, seen.usable, recipe, session.budget, seen.why)
-        scale = perceived_scale(tiles, DEFAULT_COUNT, session.advance, scale_folder())
+        tiles = SigmaTiles(resources.device, seen.values, seen.usable, recipe, resources.budget, seen.why)
+        scale = perceived_scale(tiles, DEFAULT_COUNT, progress.advance, scale_folder())
         sigma = scale.sigma_at(self.amount)
         self.inform("amount %g is sigma %.2f px", self.amount, sigma)
         return replace(recipe, sigma=sigma)

@@ -65,16 +65,17 @@ class Superpixel(InLab, ScanThenMap):
 
     def compute(self, session: Session) -> dict[str, Part]:
         """The label map."""
+        resources, progress = session.resources, session.progress
         if self.sigma is not None and self.count is not None:
             raise ParameterError("sigma and count both choose a level: give one of them")
-        lens = lens_of(self.source, session, self.working_space)
+        lens = lens_of(self.source, resources, self.working_space)
         finest = superpixels(
-            self.source, lens, session, sigma=self.finest, compactness=self.compactness, iterations=self.iterations,
-            runs=self.runs, minsize=self.minsize, seed=self.seed, powers=False, advance=session.advance,
+            self.source, lens, resources, sigma=self.finest, compactness=self.compactness, iterations=self.iterations,
+            runs=self.runs, minsize=self.minsize, seed=self.seed, powers=False, advance=progress.advance,
         )  # fmt: skip
         sigma, partition = finest.sigma, np.arange(finest.count)
         if self.sigma is not None or self.count is not None:
-            sigma, partition = self._level(finest, hierarchy(finest, session))
+            sigma, partition = self._level(finest, hierarchy(finest, resources))
         count = int(partition.max(initial=-1)) + 1
         self.inform("%d superpixels of scale %.1f px", count, sigma)
         part = label_part(self.source.first, finest.runs.relabelled(partition))

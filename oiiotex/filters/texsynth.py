@@ -86,18 +86,20 @@ class Synth(Multiscale, Structured):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The texture, and its source coordinates."""
+        resources, progress = session.resources, session.progress
         asked, wrap = self._asked_window(), (self.toroidal, self.toroidal)
-        quality = Quality(op=self, session=session, wrap=wrap, copies=self.graph is None)  # limits are looked at now
-        plane = self.opened(session)
+        # limits are looked at now
+        quality = Quality(op=self, resources=resources, progress=progress, wrap=wrap, copies=self.graph is None)
+        plane = self.opened(resources, progress)
         first = plane.root.first
         level = plane.finest + plane.graph.depth() if self.level is None else self.level
         display, window = self._windows(first.spec, asked)
         around = self._around(level, display)
         in_step = self._in_step(plane, level, around, session)
         settings = plane.settings(seed=self.seed, lock=self.lock, around=around, around_level=level, in_step=in_step)
-        maker = self.maker(plane, settings, session)
+        maker = self.maker(plane, settings, resources)
         key = plane.key(settings, level) if self.resume or self.tiles else ""
-        states = States(session, maker, level, window, display or window, key if self.resume else "")
+        states = States(resources, maker, level, window, display or window, key if self.resume else "")
         spec = texture_spec(first.spec, states.display, states.place, self.toroidal)
         spec.attribute("oiiotex:level", level)
         spec.attribute(WINDOW, str(window))
@@ -164,7 +166,7 @@ class Synth(Multiscale, Structured):
         if self.graph is not None or self.lock or self.paper:
             return None
         root = plane.exemplars[0]
-        lattice = self.lattice_of(root.values, root.opaque, session)
+        lattice = self.lattice_of(root.values, root.opaque, session.resources)
         if lattice is None or around is None:
             return self.in_step(lattice, Domain(root.side, root.side))
         zoom = 2.0 ** (level - plane.finest)  # pixels of the level in one of the square

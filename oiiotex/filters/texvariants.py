@@ -53,7 +53,7 @@ class Variants(InLab, Whole):
         for (caption, use), stage in zip(uses, session.stages(), strict=False):
             part = use.compute(stage)[use.main().name]
             step = -(-max(part.spec.width, part.spec.height) // self.thumb)
-            panels.append((caption, shown_pixels(sampled(part, step), part, session)))
+            panels.append((caption, shown_pixels(sampled(part, step), part, session.resources)))
         largest = np.max([picture.shape[:2] for _, picture in panels], axis=0)
         sheet = Sheet.of_panels([(title, _on_paper(picture, *largest)) for title, picture in panels], self.seeds)
         return {"view": sheet.image()}

@@ -49,8 +49,8 @@ class Warp(Gather):
             return SourceMap.of_coordinates(st.read(at), part.spec, self.st.source)
 
         spec = derived_spec(part.spec, st.spec.width, st.spec.height)
-        with session.stats.time("read"):
-            warped = Sources(read, spec, session.spread).copied(part, spec)
+        with session.resources.stats.time("read"):
+            warped = Sources(read, spec, session.resources.spread).copied(part, spec)
             for window in bands(warped):  # what is wrong with the map is said here, not while the result is written
                 read(window)
         return {"warped": warped}

@@ -65,10 +65,12 @@ class Zoom(Multiscale):
 
     def compute(self, session: Session) -> dict[str, Any]:
         """The frame."""
+        resources, progress = session.resources, session.progress
         if self.at is not None and len(self.at) != 2:
             raise ParameterError(f"at={self.at}: expected two numbers, X,Y")
-        quality = Quality(op=self, session=session, copies=False)  # what is wrong with its limits is said now
-        plane = self.opened(session)
+        # what is wrong with its limits is said now
+        quality = Quality(op=self, resources=resources, progress=progress, copies=False)
+        plane = self.opened(resources, progress)
         first = plane.root.first
         width, height = self.size or Size(first.spec.width, first.spec.height)
         number = self.first if self.frame is None else self.frame
@@ -80,12 +82,12 @@ class Zoom(Multiscale):
         if max(abs(x), abs(y)) * 2 ** math.ceil(farthest) > FARTHEST:
             raise ParameterError(f"at={self.at}: at {farthest:.6g} octaves it is more than 2^60 px away from 0,0")
         if self.movie and self.movie.suffix.lower() == ".gif":
-            session.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "take fewer: count=")
-        maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock), session)
+            resources.require(2 * self.count * width * height, f"a GIF of {self.count} frames", "take fewer: count=")
+        maker = self.maker(plane, plane.settings(seed=self.seed, lock=self.lock), resources)
         whole = Window(0, 0, width, height)
 
         def frame_at(zoom: float) -> Part:
-            shown = Zoomed(session, plane, maker, views(zoom, (x, y), width, height), width, height)
+            shown = Zoomed(resources, plane, maker, views(zoom, (x, y), width, height), width, height)
             spec = texture_spec(first.spec, whole, whole)
             spec.attribute("oiiotex:zoom", zoom)
             return Part(first.name, spec, shown.pixels, first.stored)
@@ -93,8 +95,8 @@ class Zoom(Multiscale):
         def frames() -> Iterator[np.ndarray]:
             for n in range(self.count):
                 part = frame_at(self._zoom(plane, number + n))
-                yield np.rint(255 * shown_pixels(part.pixels(), part, session)).astype(np.uint8)
-                session.advance(n + 1, self.count)
+                yield np.rint(255 * shown_pixels(part.pixels(), part, resources)).astype(np.uint8)
+                progress.advance(n + 1, self.count)
 
         results = {"frame": frame_at(zoom), "movie": lambda: (frames(), self.rate)}
         return with_report(quality, plane, results)

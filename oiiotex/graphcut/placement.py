@@ -87,7 +87,6 @@ def graph_cut(
         CIE Lab: an array, or what gives rows of one for a slice.
     allowed : (height, width) bool or None
         Pixels that may be used, at least one; None: all. What the others look like is not looked at.
-    layout : Layout
     budget : int
         Bytes; what of photo and result is beyond a quarter of it lies in a file.
     progress : callable

@@ -36,7 +36,6 @@ class SeamOverlay:
         Window -> its sources.
     above : callable
         Window -> (where it is to be seen, bool; its sources).
-    whole : Window
     band : int
         px from the mask's border to which the cut may stray.
     """

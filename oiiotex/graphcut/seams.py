@@ -84,7 +84,6 @@ def seam_costs(source: Source, places: np.ndarray, filled: np.ndarray) -> tuple[
 
     Parameters
     ----------
-    source : Source
     places : (2, h, w) int
         Source (y, x) of every pixel.
     filled : (h, w) bool
@@ -105,7 +104,6 @@ def cut(source: Source, places: np.ndarray, filled: np.ndarray, patch: np.ndarra
 
     Parameters
     ----------
-    source : Source
     places : (2, h, w) int
         Source (y, x) of what is there.
     filled : (h, w) bool
@@ -164,7 +162,6 @@ def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]
 
     Parameters
     ----------
-    count : int
     arcs : list of (s, t, capacity)
         Capacities are not negative.
     lean : (count,) int64

@@ -54,7 +54,6 @@ class Search:
 
         Parameters
         ----------
-        source : Source
         places : (2, h, w) int
             Source of what is there, a pixel wider on every side than the patch.
         compared, wanted : (h, w) bool

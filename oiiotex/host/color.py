@@ -42,8 +42,9 @@ class IsColorSpace(Respec):
         """The part under its new spec."""
         if not self.space:
             return super().result(parts, session)
-        session.color.resolve(self.space)
-        return super(IsColorSpace, replace(self, space=session.color.known_name(self.space))).result(parts, session)
+        session.resources.color.resolve(self.space)
+        known = replace(self, space=session.resources.color.known_name(self.space))
+        return super(IsColorSpace, known).result(parts, session)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,13 +64,13 @@ class OnColor(HostOp, Pointwise):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed; that the conversion exists is found out now."""
-        path = session.color.path
+        path = session.resources.color.path
 
         def convert(colour: oiio.ImageBuf) -> oiio.ImageBuf:
             try:
                 return checked(self.convert(colour, path))
             except (ImageError, RuntimeError) as error:  # OpenImageIO may take braces in names for its own
-                known = ", ".join(self.known(session.color.names))
+                known = ", ".join(self.known(session.resources.color.names))
                 raise ColorError(f"{error} ({path}{f' has {known}' if known else ''})") from None
 
         return pointwise(parts, parts[0].window, lambda source: _converted(source, convert))
@@ -122,13 +123,15 @@ class Converting(OnColor):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed."""
-        names: dict[str, Any] = {n: session.color.known_name(s) for n, s in self.spaces().items() if hasattr(self, n)}
+        names: dict[str, Any] = {
+            n: session.resources.color.known_name(s) for n, s in self.spaces().items() if hasattr(self, n)
+        }
         try:
             return super(Converting, replace(self, **names)).result(parts, session)
         except ColorError as error:
             if self.strict:
                 for name in {*self.spaces().values()} - {"", "current"}:
-                    session.color.resolve(name)  # it says more
+                    session.resources.color.resolve(name)  # it says more
                 raise
             log.warning("%s: %s; the image stays as it is", self.flag(), error)
             return worked(parts[0])

@@ -74,7 +74,7 @@ class HostOp(Op):
         inputs = self.inputs()
         first = inputs[0]
         wanted = _chosen(self.subimages, first)
-        everything = self.allsubimages if self.allsubimages is not None else session.all_parts
+        everything = self.allsubimages if self.allsubimages is not None else session.settings.all_parts
         count = len(first.parts) if everything or self.subimages else 1
         if self.idle([part for n, part in enumerate(first.parts[:count]) if n in wanted]):
             return first
@@ -277,7 +277,7 @@ class AtOnce(HostOp, Whole):
 
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The computed result."""
-        session.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
+        session.resources.require(sum(map(_bytes, parts)) + self.result_bytes(parts), self.flag())
         return in_memory(parts[0].name, checked(self.called(*(part.buffer(part.window) for part in parts))))
 
 

@@ -112,7 +112,7 @@ class FixNonFinite(Area):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """The result, not yet computed; to refuse an image, its pixels are read now."""
         if self.strategy == "error":
-            near = cached(parts[0], session.cache)
+            near = cached(parts[0], session.resources.cache)
             count = sum(int((~np.isfinite(near.read(w))).any(axis=2).sum()) for w in bands(near))
             if count:
                 raise ImageError(f"{count} pixel(s) have NaN or Inf values")

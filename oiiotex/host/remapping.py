@@ -90,7 +90,7 @@ def require_kernel(width: int, height: int, session: Session) -> None:
         raise ParameterError(
             f"kernel {size}: expected at most {_MOST_NEIGHBOURS} pixels; use a smaller image or kernel"
         )
-    session.require(width * height * 4, "a kernel", "use a smaller kernel")
+    session.resources.require(width * height * 4, "a kernel", "use a smaller kernel")
 
 
 def remapped(
@@ -113,12 +113,12 @@ def remapped(
         raise ImageError(
             f"the result would be {max(0, whole.width)}x{max(0, whole.height)} pixels: it needs one at least"
         )
-    bring = functools.partial(materialized, budget=session.budget)
-    near = [once(part, bring) if scattered else cached(part, session.cache) for part in parts]
+    bring = functools.partial(materialized, budget=session.resources.budget)
+    near = [once(part, bring) if scattered else cached(part, session.resources.cache) for part in parts]
 
     def at(window: Window) -> oiio.ImageBuf:
         pieces = [(part, _seen(wanted, part)) for part, wanted in zip(near, needs(window), strict=True)]
-        session.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
+        session.resources.require(sum(w.width * w.height * part.spec.nchannels * 4 for part, w in pieces), op.flag())
         return checked(apply(window.apply_to(target), *(part.buffer(w) for part, w in pieces)))
 
     corner = Window.sized(whole.left, whole.top, 1, 1)

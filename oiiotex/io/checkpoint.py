@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Finished pieces of an image lie beside its file until that is whole, so that a run that was killed goes on.
 
-Who writes a file opens a `Checkpoint` for it (`session.Session.checkpoints`); an op that can make any window asks it
+Who writes a file opens a `Checkpoint` for it (`Resources.checkpoints`); an op that can make any window asks it
 for its pieces, whatever other ops lie between.
 """
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ..core.elementary import exponential
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 from .products import TASK, Sparse
 
 NEIGHBOURS = 256  # of a node in the graph: LSA16 section 4.1
@@ -87,7 +87,7 @@ class AffinityGraph:
         return scipy.sparse.csr_array((values, columns, starts), shape=(n, n))
 
 
-def similarity_graph(points: np.ndarray, neighbours: int, session: Session) -> AffinityGraph:
+def similarity_graph(points: np.ndarray, neighbours: int, resources: Resources) -> AffinityGraph:
     """LSA16 eq. 4 and 5 over the nearest neighbours of m points in d dimensions, (m, d) float."""
     steps, unit = on_grid(points)
     nodes, node, counts = np.unique(steps, axis=0, return_inverse=True, return_counts=True)
@@ -96,12 +96,12 @@ def similarity_graph(points: np.ndarray, neighbours: int, session: Session) -> A
     if n == 1:
         one = Sparse(np.array([0, 1], np.int32), np.zeros(1, np.int32), np.ones(1, np.float32))
         return AffinityGraph(one, counts.astype(np.float64) ** 2, node, counts, 0.0)
-    near = nearest(nodes, min(neighbours, n - 1), session, counts)
+    near = nearest(nodes, min(neighbours, n - 1), resources, counts)
     scale = np.sqrt(near.scales.astype(np.float64))
     scale = np.maximum(scale, max(_FINEST * unit, 1e-3 * float(scale.max())))
     r = _global_scale(near, scale, counts)
-    edges, squared, shares = _symmetric(near, counts, session)
-    scaled, mass = _weighted(edges, squared, shares, 1.0 / scale, r, session)
+    edges, squared, shares = _symmetric(near, counts, resources)
+    scaled, mass = _weighted(edges, squared, shares, 1.0 / scale, r, resources)
     return AffinityGraph(scaled, mass, node, counts, r)
 
 
@@ -117,7 +117,7 @@ def on_grid(points: np.ndarray) -> tuple[np.ndarray, float]:
     return np.rint(away * unit).astype(np.int16), unit
 
 
-def nearest(points: np.ndarray, count: int, session: Session, copies: np.ndarray | None = None) -> Nearest:
+def nearest(points: np.ndarray, count: int, resources: Resources, copies: np.ndarray | None = None) -> Nearest:
     """The `count` nearest others of every point; among equally far ones those of lower index.
 
     In 15 dimensions and more a tree looks at nearly all points: so does this, two coordinates to a multiplication.
@@ -128,11 +128,10 @@ def nearest(points: np.ndarray, count: int, session: Session, copies: np.ndarray
         No two of them farther apart than 46340.
     count : int
         Below n.
-    session : Session
     copies : (n,) int, optional
         How many points each stands for; 1 when left out.
     """
-    device, (n, d) = session.device, points.shape
+    device, (n, d) = resources.device, points.shape
     width, pairs = -(-n // _BLOCK) * _BLOCK, -(-d // 2)
     paired = np.zeros((pairs, width, 2), np.int16)
     even = np.pad(points, ((0, 0), (0, d % 2))).reshape(n, pairs, 2)
@@ -141,7 +140,7 @@ def nearest(points: np.ndarray, count: int, session: Session, copies: np.ndarray
     rows = min(n, max(1, _SCRATCH // width))
     layout = {"distances": 4 * rows * width, "index": 4 * n * count, "squared": 4 * n * count, "scales": 4 * n}
     run = device.program("affinity")
-    with Buffers(device, layout, session.budget, TASK, tables={"points": paired, "copies": copies}) as buffers:
+    with Buffers(device, layout, resources.budget, TASK, tables={"points": paired, "copies": copies}) as buffers:
         tables = [buffers[name] for name in ("points", "copies", *layout)]
         for first in range(0, n, rows):
             run("nearest", (rows,), *tables, n, width, pairs, count, first, rows, group=8)
@@ -179,13 +178,13 @@ def _global_scale(near: Nearest, scale: np.ndarray, counts: np.ndarray) -> float
     return min(r, _LARGEST_R)
 
 
-def _symmetric(near: Nearest, counts: np.ndarray, session: Session) -> tuple[Sparse, np.ndarray, np.ndarray]:
+def _symmetric(near: Nearest, counts: np.ndarray, resources: Resources) -> tuple[Sparse, np.ndarray, np.ndarray]:
     """Edges to whom a node is near or who is near to it, itself the first: no weights yet; squared distances, shares.
 
     A share is what an edge weighs where nothing lies between: half where only one is near to the other.
     """
     n, k = near.indices.shape
-    mutual = _mutual(near.indices, session)
+    mutual = _mutual(near.indices, resources)
     row, place = np.nonzero(~mutual)
     others = near.indices[row, place].astype(np.int64)
     order = np.argsort(others * n + row)  # all differ: any way of sorting gives the same
@@ -205,26 +204,26 @@ def _symmetric(near: Nearest, counts: np.ndarray, session: Session) -> tuple[Spa
     return Sparse(starts, columns, shares), squared, shares
 
 
-def _mutual(index: np.ndarray, session: Session) -> np.ndarray:
+def _mutual(index: np.ndarray, resources: Resources) -> np.ndarray:
     """Whether a node is among the nearest of those that are nearest to it, (n, k) bool."""
-    device, (n, k) = session.device, index.shape
-    with Buffers(device, {"mutual": n * k}, session.budget, TASK, tables={"index": index}) as buffers:
+    device, (n, k) = resources.device, index.shape
+    with Buffers(device, {"mutual": n * k}, resources.budget, TASK, tables={"index": index}) as buffers:
         device.program("affinity")("mutual", (k, n), buffers["index"], buffers["mutual"], n, k)
         return device.read(buffers["mutual"], (n, k), np.uint8).astype(bool)
 
 
 def _weighted(
-    edges: Sparse, squared: np.ndarray, shares: np.ndarray, near: np.ndarray, r: float, session: Session
+    edges: Sparse, squared: np.ndarray, shares: np.ndarray, near: np.ndarray, r: float, resources: Resources
 ) -> tuple[Sparse, np.ndarray]:
     """LSA16 eq. 4 for all edges, made symmetric by the sums of its columns; and these sums."""
-    device, n = session.device, edges.rows
+    device, n = resources.device, edges.rows
     run = device.program("affinity")
     tables = {
         "starts": edges.starts, "columns": edges.columns, "squared": squared, "shares": shares,
         "near": near.astype(np.float32),
     }  # fmt: skip
     layout = {"weights": shares.nbytes, "mass": 4 * n}
-    with Buffers(device, layout, session.budget, TASK, tables=tables) as buffers:
+    with Buffers(device, layout, resources.budget, TASK, tables=tables) as buffers:
         sharpness = float(exponential(np.array(-r)))
         run("similar", (n,), *(buffers[name] for name in (*tables, *layout)), n, sharpness)
         mass = device.read(buffers["mass"], (n,), np.float32).astype(np.float64)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from ..core.demand import BAND_BYTES, cached, stream
 from ..core.image import Part
 from ..core.label_map import LabelMap
-from ..core.machine import usable_threads
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
 from ..io.row_store import RowStore
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .content_table import window_keys
 
 _STEP = 256  # columns of windows that a thread looks at, at least
@@ -62,25 +62,25 @@ def _add_areas(areas: dict[int, int], ids: np.ndarray) -> None:
         areas[label] = areas.get(label, 0) + count
 
 
-def scan_bytes(width: int, height: int, side: int, session: Session) -> int:
+def scan_bytes(width: int, height: int, side: int, resources: Resources) -> int:
     """Memory of `_key_strips`, whatever the map's height."""
     across = _columns(side) + side
-    pieces = (session.threads or usable_threads()) * min(width, across) * min(height, across)
+    pieces = resources.thread_count * min(width, across) * min(height, across)
     rows = min(height, _rows(width, side))
     strip = _ID_BYTES * min(height, rows + side) + _KEY_BYTES * rows
     return strip * width + _PIECE_BYTES * pieces
 
 
-def _key_strips(labels: Part, side: int, session: Session, advance: Callable[[], object]) -> Iterator[_Strip]:
+def _key_strips(labels: Part, side: int, resources: Resources, advance: Callable[[], object]) -> Iterator[_Strip]:
     """All windows of side x side px of a map of ids (0 is no label), from the top down; `advance` after each strip."""
-    whole, part = labels.window, cached(labels, session.cache)
+    whole, part = labels.window, cached(labels, resources.cache)
     bands = list(Window(0, 0, whole.width, whole.height - side + 1).cells(whole.width, _rows(whole.width, side)))
     pieces = list(Window(0, 0, whole.width - side + 1, 1).cells(_columns(side), 1))
     wanted = (Window(whole.left, whole.top + b.top, whole.right, whole.top + b.bottom + side - 1) for b in bands)
     for band, (_, pixels) in zip(bands, stream(part, wanted), strict=True):
         ids = pixels[..., 0]
         given = [ids[:, p.left : p.right + side - 1] for p in pieces]
-        keyed = list(session.spread(lambda seen: _keyed(seen, side), given))
+        keyed = list(resources.spread(lambda seen: _keyed(seen, side), given))
         counts: dict[int, int] = {}
         for _, found in keyed:
             for code, count in found.items():
@@ -126,13 +126,15 @@ class Contents:
     `passes` is how often the map will be looked through: 2 where `middles` are asked for.
     """
 
-    def __init__(self, labels: Part, side: int, session: Session, key: tuple[int, int], passes: int):
+    def __init__(
+        self, labels: Part, side: int, resources: Resources, progress: Progress, key: tuple[int, int], passes: int
+    ):
         self.side, self.key, self.areas = side, key, dict[int, int]()
-        self._labels, self._session, self._half = labels, session, side // 2
+        self._labels, self._resources, self._progress, self._half = labels, resources, progress, side // 2
         self._done, self._total = 0, passes * _strip_count(labels, side)
         width, height = labels.spec.width, labels.spec.height
         size = height, -(-width // 8)  # a bit for each pixel
-        self._marks = RowStore(size, np.uint8, in_memory=size[0] * size[1] <= session.budget // 4)
+        self._marks = RowStore(size, np.uint8, in_memory=size[0] * size[1] <= resources.budget // 4)
         self._rows = range(self._half, self._half + height - side + 1)
         found: Counter[int] = Counter()
         for strip in self._strips():
@@ -148,11 +150,11 @@ class Contents:
         self.counts = {_key_pair(code): found[code] for code in sorted(found)}
 
     def _strips(self) -> Iterator[_Strip]:
-        return _key_strips(self._labels, self.side, self._session, self._advance)
+        return _key_strips(self._labels, self.side, self._resources, self._advance)
 
     def _advance(self) -> None:
         self._done += 1
-        self._session.advance(self._done, self._total)
+        self._progress.advance(self._done, self._total)
 
     def centres(self, rows: range) -> np.ndarray:
         """Where in rows of the data window a window of the key has its centre: (rows, width) bool."""

@@ -19,7 +19,7 @@ from ..core.elementary import root
 from ..core.window import Window
 from ..errors import present
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 from ..superpixels.superpixels import Superpixels
 from .filter_bank import WAVES, Texture, gabor_responses, texton_map, texture_of
 
@@ -34,17 +34,15 @@ Features = Callable[[np.ndarray], np.ndarray]
 """(n,) int: the group of every finest superpixel, 0 .. m - 1 -> (m, d) float64: the groups' features."""
 
 
-def features_of(kind: str, superpixels: Superpixels, small: SmallLab, session: Session) -> Features:
+def features_of(kind: str, superpixels: Superpixels, small: SmallLab, resources: Resources) -> Features:
     """The features of that kind, of any level of a hierarchy.
 
     Parameters
     ----------
     kind : str
         One of `KINDS`.
-    superpixels : Superpixels
     small : SmallLab
         As `small_lab` makes it of them.
-    session : Session
     """
     if kind == "moments":
         return lambda groups: moments(present(superpixels.power_sums), superpixels.sizes, groups)
@@ -52,7 +50,7 @@ def features_of(kind: str, superpixels: Superpixels, small: SmallLab, session: S
         return _quadtree(small, superpixels)
     if kind == "gabor":
         return _gabor(small)
-    return _texton_histograms(small, superpixels, session)
+    return _texton_histograms(small, superpixels, resources)
 
 
 def grouped(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
@@ -94,10 +92,10 @@ class SmallLab:
     count: int
     _texture: list[Texture] = field(default_factory=list, repr=False)
 
-    def texture(self, session: Session) -> Texture:
+    def texture(self, resources: Resources) -> Texture:
         """What textons are made of, where there are superpixels; looked at once."""
         if not self._texture:
-            self._texture.append(texture_of(self.lab, self.ids > 0, session))
+            self._texture.append(texture_of(self.lab, self.ids > 0, resources))
         return self._texture[0]
 
     def sums(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +179,7 @@ def _quadtree(small: SmallLab, superpixels: Superpixels) -> Features:
     return features
 
 
-def _texton_histograms(small: SmallLab, superpixels: Superpixels, session: Session) -> Features:
+def _texton_histograms(small: SmallLab, superpixels: Superpixels, resources: Resources) -> Features:
     """Square roots of texton histograms, (m, TEXTONS): Euclidean distances of them are Hellinger's.
 
     Textons are clusters of 18 Gabor energies (three octaves, six directions), three Laplacians of L, and colour. A
@@ -189,14 +187,14 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, session: Sessi
     pixels to tell what it is a part of. Not in the paper; better than its features on the ground truth
     (benchmarks/results/labels.md).
     """
-    textons = texton_map(small.texture(session), session)
+    textons = texton_map(small.texture(resources), resources)
     count = int(textons.max()) + 1
     ids = small.ids.ravel().astype(np.int64)
     table = np.bincount(ids * count + textons.ravel(), minlength=(small.count + 1) * count)
     counts = table.reshape(small.count + 1, count)[1:]
     missed = np.flatnonzero(counts.sum(1) == 0)
     counts[missed, textons[small.places[missed, 0], small.places[missed, 1]]] = 1
-    counts = pooled(counts, superpixels.positions, _POOLED * superpixels.sigma, session)
+    counts = pooled(counts, superpixels.positions, _POOLED * superpixels.sigma, resources)
 
     def features(groups: np.ndarray) -> np.ndarray:
         sums = grouped(counts, groups)
@@ -205,7 +203,7 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, session: Sessi
     return features
 
 
-def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, session: Session) -> np.ndarray:
+def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, resources: Resources) -> np.ndarray:
     """Counts with those of what is near, by Gaussian weights in steps of 1/4096, of itself 1.
 
     Parameters
@@ -215,7 +213,6 @@ def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, session: Ses
         px.
     sigma : float
         px.
-    session : Session
 
     Returns
     -------
@@ -235,9 +232,9 @@ def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, session: Ses
         "counts": np.pad(counts[order].astype(np.int32), ((0, 0), (0, -counts.shape[1] % 4))),
     }
     n, width = tables["counts"].shape
-    with Buffers(session.device, {"pooled": 4 * n * width}, session.budget, "features", tables=tables) as buffers:
+    with Buffers(resources.device, {"pooled": 4 * n * width}, resources.budget, "features", tables=tables) as buffers:
         arguments = [buffers[name] for name in (*tables, "pooled")]
-        session.device.program("features")("pool", (n,), *arguments, n, width, reach, 0.5 / _PLACE_STEPS**2)
+        resources.device.program("features")("pool", (n,), *arguments, n, width, reach, 0.5 / _PLACE_STEPS**2)
         made = np.empty((n, counts.shape[1]), np.int64)
-        made[order] = session.device.read(buffers["pooled"], (n, width), np.int32)[:, : counts.shape[1]]
+        made[order] = resources.device.read(buffers["pooled"], (n, width), np.int32)[:, : counts.shape[1]]
     return made

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.elementary import exponential, gaussian_taps
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 
 TEXTONS = 60
 WAVES = (4.0, 8.0, 16.0)  # px
@@ -81,7 +81,7 @@ class Texture:
     colours: np.ndarray
 
 
-def texture_of(lab: np.ndarray, seen: np.ndarray, session: Session) -> Texture:
+def texture_of(lab: np.ndarray, seen: np.ndarray, resources: Resources) -> Texture:
     """The texture of (h, w, 3) float32 Lab, (h, w) bool of which counts."""
     layers, known = np.ascontiguousarray(np.moveaxis(lab, -1, 0)), np.flatnonzero(seen.ravel())
     light = layers[:1]
@@ -91,17 +91,17 @@ def texture_of(lab: np.ndarray, seen: np.ndarray, session: Session) -> Texture:
         for n, look in enumerate(looks, first):
             responses[n] = _whole(_standard(look.ravel(), known))
 
-    octaves = session.spread(lambda wave: np.stack(gabor_responses(layers[0], (wave,), _TURNS)), WAVES)
+    octaves = resources.spread(lambda wave: np.stack(gabor_responses(layers[0], (wave,), _TURNS)), WAVES)
     for n, (wave, energies) in enumerate(zip(WAVES, octaves, strict=True)):
-        keep(_TURNS * n, blurred_layers(energies, 0.35 * wave, 2.5, session))
+        keep(_TURNS * n, blurred_layers(energies, 0.35 * wave, 2.5, resources))
     for n, sigma in enumerate((1.4, 2.8, 5.6)):  # a difference of Gaussians is a Laplacian
-        wide, narrow = (blurred_layers(light, times * sigma, 3.0, session) for times in (1.6, 1.0))
+        wide, narrow = (blurred_layers(light, times * sigma, 3.0, resources) for times in (1.6, 1.0))
         keep(_TURNS * len(WAVES) + n, narrow - wide)
-    colours = blurred_layers(layers, 1.0, 4.0, session).reshape(3, -1)
+    colours = blurred_layers(layers, 1.0, 4.0, resources).reshape(3, -1)
     return Texture(seen, responses, np.stack([_standard(colour, known) for colour in colours]))
 
 
-def blurred_layers(layers: np.ndarray, sigma: float, reach: float, session: Session) -> np.ndarray:
+def blurred_layers(layers: np.ndarray, sigma: float, reach: float, resources: Resources) -> np.ndarray:
     """(k, h, w) float32 by a Gaussian, on the device; what lies beyond a border is its mirror image.
 
     Parameters
@@ -111,9 +111,8 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, session: Sess
         px.
     reach : float
         Where the Gaussian ends, in sigmas.
-    session : Session
     """
-    device, (count, height, width) = session.device, layers.shape
+    device, (count, height, width) = resources.device, layers.shape
     taps = gaussian_taps(sigma, reach)
     radius = len(taps) // 2
     looks = np.pad(layers, ((0, 0), (0, 0), (radius, radius)), "symmetric")
@@ -121,7 +120,7 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, session: Sess
     weights = device.upload(taps[radius:].astype(np.float32))
     run = device.program("filter_bank", PLANES=PLANES)
     layout = {"across": layers.nbytes, "down": layers.nbytes}
-    with Buffers(device, layout, session.budget, "the filter bank", tables={"looks": looks}) as buffers:
+    with Buffers(device, layout, resources.budget, "the filter bank", tables={"looks": looks}) as buffers:
         numbers = radius, width, count * height
         run("across", (width, count * height), buffers["looks"], buffers["across"], weights, *numbers)
         rows, sizes = device.upload(mirrored), (radius, width, height, count)
@@ -130,14 +129,12 @@ def blurred_layers(layers: np.ndarray, sigma: float, reach: float, session: Sess
 
 
 def texton_map(
-    texture: Texture, session: Session, most: int = TEXTONS, colour: float = math.sqrt(3.0), samples: int = _SAMPLES
+    texture: Texture, resources: Resources, most: int = TEXTONS, colour: float = math.sqrt(3.0), samples: int = _SAMPLES
 ) -> np.ndarray:
     """The texton of every pixel, (h, w) uint8, from 0 on.
 
     Parameters
     ----------
-    texture : Texture
-    session : Session
     most : int
         Textons, 256 at most.
     colour : float
@@ -150,10 +147,10 @@ def texton_map(
     if len(known) > samples:
         known = known[np.random.default_rng(0).choice(len(known), samples, replace=False)]
     centres = codebook(planes[:, known].T, most)
-    return nearest_centres(planes, centres, session).reshape(texture.seen.shape)
+    return nearest_centres(planes, centres, resources).reshape(texture.seen.shape)
 
 
-def nearest_centres(planes: np.ndarray, centres: np.ndarray, session: Session) -> np.ndarray:
+def nearest_centres(planes: np.ndarray, centres: np.ndarray, resources: Resources) -> np.ndarray:
     """The centre nearest to every pixel, the first of equal ones, (n,) uint8.
 
     Parameters
@@ -161,12 +158,11 @@ def nearest_centres(planes: np.ndarray, centres: np.ndarray, session: Session) -
     planes : (24, n) int16
     centres : (k, 24) int32
         256 at most; both below 2048, so that a distance fits 32 bits.
-    session : Session
     """
-    device, pixels = session.device, planes.shape[1]
+    device, pixels = resources.device, planes.shape[1]
     tables = device.upload(2 * centres), device.upload((centres**2).sum(1, dtype=np.int32))
     run = device.program("filter_bank", PLANES=PLANES)
-    with Buffers(device, {"nearest": pixels}, session.budget, "textons", tables={"planes": planes}) as buffers:
+    with Buffers(device, {"nearest": pixels}, resources.budget, "textons", tables={"planes": planes}) as buffers:
         run("nearest", (pixels,), buffers["planes"], *tables, buffers["nearest"], pixels, len(centres))
         return device.read(buffers["nearest"], (pixels,), np.uint8)
 

@@ -7,14 +7,14 @@ import numpy as np
 
 from ..core.elementary import logarithm
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 from .products import TASK
 
 _COUPLING, _UPDATES = 4.0, 6  # of a superpixel with its neighbours, nats; and how often
 UNLIKELY = 1e-3  # of a label that a superpixel does not belong to at all
 
 
-def settled(likely: np.ndarray, edges: np.ndarray, session: Session) -> np.ndarray:
+def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.ndarray:
     """Labels of superpixels that mind their neighbours.
 
     Parameters
@@ -23,7 +23,6 @@ def settled(likely: np.ndarray, edges: np.ndarray, session: Session) -> np.ndarr
         How likely each is of a label by itself.
     edges : (m, 2) int
         Pairs of neighbours.
-    session : Session
 
     Returns
     -------
@@ -38,18 +37,20 @@ def settled(likely: np.ndarray, edges: np.ndarray, session: Session) -> np.ndarr
         "alone": logarithm(likely + UNLIKELY).astype(np.float32), "seen": np.ones(places, np.uint8),
     }  # fmt: skip
     layout = {"member": 4 * likely.size, "around": 4 * likely.size}
-    run = session.device.program("potts")
-    with Buffers(session.device, layout, session.budget, TASK, tables=tables) as buffers:
-        session.device.write(buffers["member"], likely.astype(np.float32))
+    run = resources.device.program("potts")
+    with Buffers(resources.device, layout, resources.budget, TASK, tables=tables) as buffers:
+        resources.device.write(buffers["member"], likely.astype(np.float32))
         among = [buffers[name] for name in ("starts", "neighbours", "member", "around")]
         become = [buffers[name] for name in ("alone", "around", "seen", "member")]
         for _ in range(_UPDATES):
             run("around", (places, labels), *among, places, labels)
             run("members", (places,), *become, places, labels, _COUPLING)
-        return session.device.read(buffers["member"], likely.shape, np.float32).argmax(0)
+        return resources.device.read(buffers["member"], likely.shape, np.float32).argmax(0)
 
 
-def members(alone: np.ndarray, around: np.ndarray, seen: np.ndarray, coupling: float, session: Session) -> np.ndarray:
+def members(
+    alone: np.ndarray, around: np.ndarray, seen: np.ndarray, coupling: float, resources: Resources
+) -> np.ndarray:
     """Shares of labels, proportional to e^(alone + coupling around), that add up to 1 where something is seen.
 
     Parameters
@@ -58,20 +59,19 @@ def members(alone: np.ndarray, around: np.ndarray, seen: np.ndarray, coupling: f
     seen : (n,) bool
     coupling : float
         Nats.
-    session : Session
 
     Returns
     -------
     (r, n) float32
     """
     tables = {"alone": alone, "around": around, "seen": seen.astype(np.uint8)}
-    with Buffers(session.device, {"member": alone.nbytes}, session.budget, TASK, tables=tables) as buffers:
+    with Buffers(resources.device, {"member": alone.nbytes}, resources.budget, TASK, tables=tables) as buffers:
         arguments = [buffers[name] for name in (*tables, "member")]
-        session.device.program("potts")("members", (alone.shape[1],), *arguments, *alone.shape[::-1], coupling)
-        return session.device.read(buffers["member"], alone.shape, np.float32)
+        resources.device.program("potts")("members", (alone.shape[1],), *arguments, *alone.shape[::-1], coupling)
+        return resources.device.read(buffers["member"], alone.shape, np.float32)
 
 
-def winners(votes: np.ndarray, side: int, shape: tuple[int, int], session: Session) -> np.ndarray:
+def winners(votes: np.ndarray, side: int, shape: tuple[int, int], resources: Resources) -> np.ndarray:
     """The label of most votes at every pixel, the first of equal ones, (h, w) uint8.
 
     Parameters
@@ -82,7 +82,6 @@ def winners(votes: np.ndarray, side: int, shape: tuple[int, int], session: Sessi
         Of a cell, px.
     shape : (int, int)
         h and w.
-    session : Session
     """
     labels, down, across = votes.shape
     tables = {"votes": np.ascontiguousarray(votes)}
@@ -93,8 +92,8 @@ def winners(votes: np.ndarray, side: int, shape: tuple[int, int], session: Sessi
         shares.append((at - lows[-1]).astype(np.float32))
     tables |= {"rows": lows[0], "columns": lows[1], "below": shares[0], "right": shares[1]}
     height, width = shape
-    with Buffers(session.device, {"winners": height * width}, session.budget, TASK, tables=tables) as buffers:
+    with Buffers(resources.device, {"winners": height * width}, resources.budget, TASK, tables=tables) as buffers:
         arguments = [buffers[name] for name in (*tables, "winners")]
-        run = session.device.program("potts")
+        run = resources.device.program("potts")
         run("winners", (width, height), *arguments, width, height, across, down, labels)
-        return session.device.read(buffers["winners"], shape, np.uint8)
+        return resources.device.read(buffers["winners"], shape, np.uint8)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 
 LANES = 8  # to which rows are padded: columns that kernels add up at once
 TASK = "labels"  # in errors of memory
@@ -37,39 +37,39 @@ def padded(matrix: np.ndarray, value: float = 0.0) -> np.ndarray:
     return wide
 
 
-def product(a: np.ndarray, b: np.ndarray, session: Session) -> np.ndarray:
+def product(a: np.ndarray, b: np.ndarray, resources: Resources) -> np.ndarray:
     """a b, (n, k) by (k, m) float32."""
     right = padded(b)
     (rows, inner), width = a.shape, right.shape[1]
-    return _made("product", a, right, (width, rows), (rows, width), (rows, inner, inner, width), session)[
+    return _made("product", a, right, (width, rows), (rows, width), (rows, inner, inner, width), resources)[
         :, : b.shape[1]
     ]
 
 
-def gram(a: np.ndarray, b: np.ndarray, session: Session) -> np.ndarray:
+def gram(a: np.ndarray, b: np.ndarray, resources: Resources) -> np.ndarray:
     """a^T b, (n, k) and (n, m) float32."""
     left, right = padded(a), padded(b)
     tall, width = left.shape[1], right.shape[1]
-    made = _made("gram", left, right, (width, -tall), (tall, width), (len(a), tall, width), session)
+    made = _made("gram", left, right, (width, -tall), (tall, width), (len(a), tall, width), resources)
     return made[: a.shape[1], : b.shape[1]]
 
 
 def _made(
     kernel: str, a: np.ndarray, b: np.ndarray, items: tuple[int, int], shape: tuple[int, int],
-    numbers: tuple[int, ...], session: Session,
+    numbers: tuple[int, ...], resources: Resources,
 ) -> np.ndarray:  # fmt: skip
-    device = session.device
-    wide = wide_of(session)
+    device = resources.device
+    wide = wide_of(resources)
     across, down = -(-items[0] // wide), items[1] if items[1] > 0 else -(items[1] // wide)
     tables = {"a": np.ascontiguousarray(a, np.float32), "b": b}
-    with Buffers(device, {"out": 4 * math.prod(shape)}, session.budget, TASK, tables=tables) as buffers:
+    with Buffers(device, {"out": 4 * math.prod(shape)}, resources.budget, TASK, tables=tables) as buffers:
         device.program("factorization")(kernel, (across, down), buffers["a"], buffers["b"], buffers["out"], *numbers)
         return device.read(buffers["out"], shape, np.float32)
 
 
-def wide_of(session: Session) -> int:
+def wide_of(resources: Resources) -> int:
     """Columns that an item makes: cl/factorization.cl."""
-    return LANES if session.device.lanes > 1 else 1
+    return LANES if resources.device.lanes > 1 else 1
 
 
 class Spread:
@@ -77,20 +77,18 @@ class Spread:
 
     Parameters
     ----------
-    matrix : Sparse
     width : int
         Columns of what it is multiplied with, a multiple of `LANES`.
-    session : Session
     """
 
-    def __init__(self, matrix: Sparse, width: int, session: Session):
-        self._session, self._shape = session, (matrix.rows, width)
+    def __init__(self, matrix: Sparse, width: int, resources: Resources):
+        self._resources, self._shape = resources, (matrix.rows, width)
         size = 4 * matrix.rows * width
         tables = {"starts": matrix.starts, "columns": matrix.columns, "weights": matrix.weights}
         self._buffers = Buffers(
-            session.device, {"x": size, "before": size, "out": size}, session.budget, TASK, tables=tables
+            resources.device, {"x": size, "before": size, "out": size}, resources.budget, TASK, tables=tables
         )
-        session.device.fill(self._buffers["before"], np.float32(0), matrix.rows * width)  # 0 times NaN is none
+        resources.device.fill(self._buffers["before"], np.float32(0), matrix.rows * width)  # 0 times NaN is none
 
     def __enter__(self) -> Spread:
         return self
@@ -100,21 +98,21 @@ class Spread:
 
     def start(self, x: np.ndarray) -> None:
         """What is multiplied, (n, width) float32."""
-        self._session.device.write(self._buffers["x"], x)
+        self._resources.device.write(self._buffers["x"], x)
 
     def step(self, alpha: float, beta: float, gamma: float) -> None:
         """x and the one before become alpha S x + beta x + gamma before, and x."""
         rows, width = self._shape
         names = ("starts", "columns", "weights", "x", "before", "out")
-        items = width // wide_of(self._session), rows
-        run = self._session.device.program("factorization")
+        items = width // wide_of(self._resources), rows
+        run = self._resources.device.program("factorization")
         run("spread", items, *(self._buffers[name] for name in names), rows, width, alpha, beta, gamma)
         self._buffers.swap("before", "out")
         self._buffers.swap("x", "before")
 
     def once(self, vector: np.ndarray) -> np.ndarray:
         """S times a vector, (n,) float32; what `step` works on is lost."""
-        device, rows = self._session.device, self._shape[0]
+        device, rows = self._resources.device, self._shape[0]
         device.write(self._buffers["x"], vector)
         tables = [self._buffers[name] for name in ("starts", "columns", "weights", "x", "out")]
         device.program("factorization")("step", (rows,), *tables, rows)
@@ -122,4 +120,4 @@ class Spread:
 
     def now(self) -> np.ndarray:
         """X."""
-        return self._session.device.read(self._buffers["x"], self._shape, np.float32)
+        return self._resources.device.read(self._buffers["x"], self._shape, np.float32)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.elementary import logarithm
 from ..errors import present
-from ..session import Session
+from ..session.resources import Resources
 from .affinity_graph import AffinityGraph
 from .products import Spread, gram, product
 
@@ -47,15 +47,15 @@ class Walk:
         |D^s|^2, Frobenius.
     """
 
-    def __init__(self, graph: AffinityGraph, session: Session, persistence: float, slowest: float = SLOWEST):
+    def __init__(self, graph: AffinityGraph, resources: Resources, persistence: float, slowest: float = SLOWEST):
         self.mass, self.n = graph.mass, len(graph.mass)
         self._root = np.sqrt(self.mass).astype(np.float32)
-        self._spread = Spread(graph.scaled, DIMENSIONS, session)
-        basis, inside = _subspace(self._spread, self._root, session)
+        self._spread = Spread(graph.scaled, DIMENSIONS, resources)
+        basis, inside = _subspace(self._spread, self._root, resources)
         self.steps = steps_of(_largest_below_one(inside, slowest), persistence, slowest)
-        self.left = self._root[:, None] * product(basis, _power(inside, self.steps).astype(np.float32), session)
+        self.left = self._root[:, None] * product(basis, _power(inside, self.steps).astype(np.float32), resources)
         self.right = basis / self._root[:, None]
-        squares = gram(self.left, self.left, session).astype(np.float64) * gram(self.right, self.right, session)
+        squares = gram(self.left, self.left, resources).astype(np.float64) * gram(self.right, self.right, resources)
         self.norm = float(squares.sum())
 
     def step(self, start: np.ndarray) -> np.ndarray:
@@ -84,7 +84,7 @@ def steps_of(largest: float, persistence: float, slowest: float) -> int:
     return int(min(max(math.floor(share), 1), _MOST_STEPS))
 
 
-def _subspace(spread: Spread, root: np.ndarray, session: Session) -> tuple[np.ndarray, np.ndarray]:
+def _subspace(spread: Spread, root: np.ndarray, resources: Resources) -> tuple[np.ndarray, np.ndarray]:
     """Of S's largest eigenvalues: V (n, 48) float32, orthonormal, and V^T S V (48, 48) float64."""
     n = len(root)
     bits = np.random.Philox(key=0).random_raw(n)[:, None] >> np.arange(DIMENSIONS, dtype=np.uint64)
@@ -95,17 +95,17 @@ def _subspace(spread: Spread, root: np.ndarray, session: Session) -> tuple[np.nd
     def inside(basis: np.ndarray) -> np.ndarray:
         spread.start(basis)
         spread.step(1.0, 0.0, 0.0)
-        return _symmetric(gram(basis, spread.now(), session))
+        return _symmetric(gram(basis, spread.now(), resources))
 
     spread.start(start.astype(np.float32))
     for _ in range(_POWERS):
         spread.step(1.0, 0.0, 0.0)
-    basis = _orthonormal(spread.now(), session)
+    basis = _orthonormal(spread.now(), resources)
     for degree in _DEGREES:
         edge = float(np.diagonal(inside(basis)).min())  # some eigenvalues lie below
         spread.start(basis)
         _filtered(spread, degree, min(max(edge, -0.5), 0.9))
-        basis = _orthonormal(spread.now(), session)
+        basis = _orthonormal(spread.now(), resources)
     return basis, inside(basis)
 
 
@@ -120,17 +120,17 @@ def _filtered(spread: Spread, degree: int, edge: float) -> None:
         sigma = following
 
 
-def _orthonormal(columns: np.ndarray, session: Session) -> np.ndarray:
+def _orthonormal(columns: np.ndarray, resources: Resources) -> np.ndarray:
     """An orthonormal basis of what columns span, (n, k) float32; 0 for columns that others make.
 
     By Cholesky's factor of their products, twice, as the first is of single precision.
     """
     for _ in range(2):
-        products = _symmetric(gram(columns, columns, session))
+        products = _symmetric(gram(columns, columns, resources))
         length = np.sqrt(np.maximum(np.diagonal(products), 0.0))
         inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0)
         turned = _inverse_of_factor(products * inverse[:, None] * inverse) * inverse[:, None]
-        columns = product(columns, turned, session)
+        columns = product(columns, turned, resources)
     return columns
 
 

@@ -33,7 +33,8 @@ from ..color.lab import Lens
 from ..core.image import Image
 from ..core.window import Window
 from ..errors import ImageError
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..superpixels.hierarchy import Hierarchy, hierarchy
 from ..superpixels.slic import SeedGrid
 from ..superpixels.superpixels import COMPACTNESS, Superpixels, finest_scale, superpixels
@@ -75,7 +76,6 @@ class LabelLevel:
         The level's superpixel of every finest superpixel, 0 .. m - 1.
     labels : (n,) int64
         The label of every finest superpixel, 1 .. count; none of them is empty.
-    count : int
     parents : (count,) int64
         The label of the next coarser level that holds label i + 1; 0 at the coarsest.
     features : (m, d)
@@ -114,22 +114,22 @@ class LabelMaps:
 def label_maps(
     image: Image,
     lens: Lens,
-    session: Session,
+    resources: Resources,
+    progress: Progress,
     features: str = "textons",
     settings: LabelSettings | None = None,
     *,
     runs: int = 1,
     minsize: int | None = None,
-    coarsest: Callable[[Superpixels, SmallLab, Session], np.ndarray] | None = None,
+    coarsest: Callable[[Superpixels, SmallLab, Resources], np.ndarray] | None = None,
 ) -> LabelMaps:
     """Label maps of the image's first part.
 
     Parameters
     ----------
-    image, lens, session
+    image, lens
     features : str
         One of `features.KINDS`.
-    settings : LabelSettings, optional
     runs, minsize
         As `superpixels` takes them.
     coarsest : callable, optional
@@ -143,42 +143,45 @@ def label_maps(
     settings = settings or LabelSettings()
     window = image.first.window
     seeds = SeedGrid.of(window.width, window.height, finest_scale(window), COMPACTNESS).count
-    _require(session, window, seeds, settings)  # there will hardly be fewer superpixels: it is said before the work
+    _require(resources, window, seeds, settings)  # there will hardly be fewer superpixels: it is said before the work
     total = 2 * runs + 3
 
     def advance(done: int, _: int) -> None:
-        session.advance(done, total)
+        progress.advance(done, total)
 
-    with session.beside(_import_scipy), session.stats.time("superpixels"):
-        finest = superpixels(image, lens, session, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
+    with resources.beside(_import_scipy), resources.stats.time("superpixels"):
+        finest = superpixels(image, lens, resources, runs=runs, minsize=minsize, seed=settings.seed, advance=advance,
                              literal=settings.literal, powers=features == "moments")  # fmt: skip
         if not finest.count:
             raise ImageError(f"{image.source}: alpha is 0 everywhere: there is nothing to label")
-    _require(session, finest.window, finest.count, settings)
+    _require(resources, finest.window, finest.count, settings)
     small = small_lab(finest)
     # One BLAS thread: the products are thin, waiting threads would spin, and sums must not depend on their number.
     with threadpool_limits(1, "blas"):
-        with session.beside(functools.partial(hierarchy, finest)) as tree, session.stats.time("describe superpixels"):
-            described = features_of(features, finest, small, session)
-        session.advance(total - 1, total)
-        top = (lambda _: None) if coarsest is None else functools.partial(coarsest, finest, small)
-        with session.beside(top) as coarse, session.stats.time("label superpixels"):
-            levels = label_levels(tree(), described, settings, finest.edges, session, coarse)
-    session.advance(total, total)
+        with (
+            resources.beside(functools.partial(hierarchy, finest, resources)) as tree,
+            resources.stats.time("describe superpixels"),
+        ):
+            described = features_of(features, finest, small, resources)
+        progress.advance(total - 1, total)
+        top = (lambda: None) if coarsest is None else functools.partial(coarsest, finest, small, resources)
+        with resources.beside(top) as coarse, resources.stats.time("label superpixels"):
+            levels = label_levels(tree(), described, settings, finest.edges, resources, coarse)
+    progress.advance(total, total)
     return LabelMaps(finest, levels)
 
 
-def _import_scipy(_: Session) -> None:
+def _import_scipy() -> None:
     """What superpixels look for later: it takes a fifth of a second, in which kernels can be at work."""
     import scipy.ndimage
     import scipy.sparse.csgraph  # noqa: F401
 
 
-def _require(session: Session, window: Window, count: int, settings: LabelSettings) -> None:
+def _require(resources: Resources, window: Window, count: int, settings: LabelSettings) -> None:
     """Refuse what `count` superpixels of a window need, where it does not fit."""
     pixels = min(window.width * window.height, WORKING_PIXELS)
     need = pixels * _PIXEL_BYTES + min(count, MOST) * settings.neighbours * _EDGE_BYTES
-    session.require(need, "labelling", "take fewer :neighbours=")
+    resources.require(need, "labelling", "take fewer :neighbours=")
 
 
 def label_levels(
@@ -186,7 +189,7 @@ def label_levels(
     features: Features,
     settings: LabelSettings,
     edges: np.ndarray,
-    session: Session,
+    resources: Resources,
     coarsest: Callable[[], np.ndarray | None] = lambda: None,
 ) -> tuple[LabelLevel, ...]:
     """The levels of labels, finest first, as a tree.
@@ -195,15 +198,12 @@ def label_levels(
     ----------
     hierarchy : Hierarchy
         Of n finest superpixels.
-    features : Features
-    settings : LabelSettings
     edges : (m, 2) int
         Pairs of finest superpixels that touch.
-    session : Session
     coarsest : callable
         Gives a level above all when the others are there: (n,) int64, labels from 0 on; or None.
     """
-    levels = _bottom_up(hierarchy, features, settings, edges, session)
+    levels = _bottom_up(hierarchy, features, settings, edges, resources)
     top = coarsest()
     if top is not None:
         levels.append(_given(hierarchy, features, top))
@@ -213,7 +213,7 @@ def label_levels(
 # --- one scale ---
 
 
-def labelled(points: np.ndarray, settings: LabelSettings, level: int, session: Session) -> Factors:
+def labelled(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
     """Labels of m points, (m, d), found at that level (0: the finest). Every label has a point.
 
     Raises
@@ -223,16 +223,16 @@ def labelled(points: np.ndarray, settings: LabelSettings, level: int, session: S
     """
     m = len(points)
     if m > MOST:
-        return _labelled_by_sample(points, settings, level, session)
+        return _labelled_by_sample(points, settings, level, resources)
     neighbours, persistence, slowest = settings.neighbours, settings.persistence, SLOWEST
     if settings.literal:
         slowest = 0.0
     else:
         neighbours = min(neighbours, max(_FEWEST_NEIGHBOURS, m // _NODES_PER_NEIGHBOUR))
         persistence = persistence ** (level + 1)
-    graph = similarity_graph(points, neighbours, session)
-    walk = Walk(graph, session, persistence=persistence, slowest=slowest)
-    factors = factored(walk, session, settings.seed, settings.tries)
+    graph = similarity_graph(points, neighbours, resources)
+    walk = Walk(graph, resources, persistence=persistence, slowest=slowest)
+    factors = factored(walk, resources, settings.seed, settings.tries)
     F, G = factors.F[graph.node] / graph.counts[graph.node, None], factors.G[:, graph.node]
     if settings.cluster != "nmf" and F.shape[1] > 1:
         labels = _by_scikit_learn(settings, points, graph, F.shape[1])
@@ -265,12 +265,12 @@ def _by_scikit_learn(settings: LabelSettings, points: np.ndarray, graph: Affinit
     return np.unique(model.fit(graph.weights()).labels_, return_inverse=True)[1][graph.node]
 
 
-def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, session: Session) -> Factors:
+def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
     from scipy.spatial import cKDTree  # of very long images alone
 
     random = np.random.default_rng(settings.seed)
     chosen = np.sort(random.choice(len(points), MOST, replace=False))
-    small = labelled(points[chosen], settings, level, session)
+    small = labelled(points[chosen], settings, level, resources)
     _, near = cKDTree(points[chosen]).query(points, _NEAREST)
     G = small.G[:, near].mean(2)
     F = small.F[near].mean(1)
@@ -282,13 +282,13 @@ def _labelled_by_sample(points: np.ndarray, settings: LabelSettings, level: int,
 
 
 def _bottom_up(
-    hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, session: Session
+    hierarchy: Hierarchy, features: Features, settings: LabelSettings, edges: np.ndarray, resources: Resources
 ) -> list[LabelLevel]:
     """Levels labelled each for itself, finest first; neither parents nor intersections yet."""
     levels: list[LabelLevel] = []
     at = 0
     while True:
-        levels.append(_level(hierarchy, features, settings, edges, at, len(levels), session))
+        levels.append(_level(hierarchy, features, settings, edges, at, len(levels), resources))
         following = _next_scale(hierarchy, levels[-1].labels, at, settings.share)
         if following is None:
             return levels
@@ -302,13 +302,13 @@ def _level(
     edges: np.ndarray,
     at: int,
     level: int,
-    session: Session,
+    resources: Resources,
 ) -> LabelLevel:
     groups = hierarchy.partition(at)
     values = features(groups)
-    factors = labelled(values, settings, level, session)
+    factors = labelled(values, settings, level, resources)
     count, likely = len(factors.G), factors.G[:, groups]
-    labels = likely.argmax(0) if settings.literal else settled(likely, edges, session)
+    labels = likely.argmax(0) if settings.literal else settled(likely, edges, resources)
     scale, parents = float(hierarchy.sigmas[at]), np.zeros(count, np.int64)
     return LabelLevel(scale, groups, labels + 1, count, parents, values, factors.F, factors.G)
 

@@ -23,7 +23,7 @@ from typing import Protocol
 import numpy as np
 
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 from .products import TASK, gram, padded, product, wide_of
 
 _ROUNDS = 30  # of F and G in turn
@@ -68,29 +68,29 @@ class Factors:
     error: float
 
 
-def factored(walk: Power, session: Session, seed: int = 0, tries: int = 0) -> Factors:
+def factored(walk: Power, resources: Resources, seed: int = 0, tries: int = 0) -> Factors:
     """The stochastic factorization of LSA16 eq. 8.
 
     Parameters
     ----------
-    walk : Power
-    session : Session
     seed : int
         Of the random starts.
     tries : int
         0: one deterministic start; else so many random ones, joined by boosting.
     """
-    factors = _descended(walk, session, probe_cover(walk))
+    factors = _descended(walk, resources, probe_cover(walk))
     if tries == 0:
         return factors
     random = np.random.default_rng(seed)
-    runs = [factors] + [_descended(walk, session, probe_cover(walk, random)) for _ in range(tries)]
+    runs = [factors] + [_descended(walk, resources, probe_cover(walk, random)) for _ in range(tries)]
     stacked_F = np.concatenate([run.F for run in runs], axis=1)
     stacked_G = np.concatenate([run.G for run in runs]) / len(runs)
-    between = _Dense(product(stacked_G, stacked_F, session), session)
-    joined = min((_descended(between, session, probe_cover(between, random)) for _ in range(5)), key=lambda f: f.error)
-    F, G = product(stacked_F, joined.F, session), product(joined.G, stacked_G, session)
-    return _descended(walk, session, F, G)
+    between = _Dense(product(stacked_G, stacked_F, resources), resources)
+    joined = min(
+        (_descended(between, resources, probe_cover(between, random)) for _ in range(5)), key=lambda f: f.error
+    )
+    F, G = product(stacked_F, joined.F, resources), product(joined.G, stacked_G, resources)
+    return _descended(walk, resources, F, G)
 
 
 def probe_cover(walk: Power, random: np.random.Generator | None = None) -> np.ndarray:
@@ -113,26 +113,26 @@ def probe_cover(walk: Power, random: np.random.Generator | None = None) -> np.nd
     return np.stack(columns, axis=1)
 
 
-def _descended(walk: Power, session: Session, F: np.ndarray, G: np.ndarray | None = None) -> Factors:
+def _descended(walk: Power, resources: Resources, F: np.ndarray, G: np.ndarray | None = None) -> Factors:
     """Both in turn, until the error falls no more."""
     r = F.shape[1]
     F = np.asarray(F, np.float32)
     memberships = np.full((walk.n, r), 1.0 / r, np.float32) if G is None else np.ascontiguousarray(G.T, np.float32)
     right = np.ascontiguousarray(walk.left.T)
     inverse = (1.0 / np.maximum(np.arange(max(walk.n, r) + 8), 1)).astype(np.float32)
-    from_labels, overlap = gram(walk.left, F, session), gram(F, F, session)
+    from_labels, overlap = gram(walk.left, F, resources), gram(F, F, resources)
     previous, steps = np.inf, _FIRST
     for _ in range(_ROUNDS):
-        linear = product(walk.right, from_labels, session)  # (D^s)^T F
-        memberships = memberships_of(memberships, overlap, linear, inverse, steps, session)
-        to_labels, shared = gram(walk.right, memberships, session), gram(memberships, memberships, session)
+        linear = product(walk.right, from_labels, resources)  # (D^s)^T F
+        memberships = memberships_of(memberships, overlap, linear, inverse, steps, resources)
+        to_labels, shared = gram(walk.right, memberships, resources), gram(memberships, memberships, resources)
         error = _error(walk, from_labels, to_labels, overlap, shared)
         if previous - error < _GAIN * previous:
             break
         previous, steps = error, _INNER
-        linear = product(np.ascontiguousarray(to_labels.T), right, session)  # (D^s G^T)^T
-        F = distributions(F, shared, linear, inverse, session)
-        from_labels, overlap = gram(walk.left, F, session), gram(F, F, session)
+        linear = product(np.ascontiguousarray(to_labels.T), right, resources)  # (D^s G^T)^T
+        F = distributions(F, shared, linear, inverse, resources)
+        from_labels, overlap = gram(walk.left, F, resources), gram(F, F, resources)
     wide_F, wide_G = F.astype(np.float64), memberships.T.astype(np.float64)
     return Factors(wide_F / wide_F.sum(0), wide_G / wide_G.sum(0), error)
 
@@ -146,7 +146,7 @@ def _error(
 
 
 def memberships_of(
-    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, steps: int, session: Session
+    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, steps: int, resources: Resources
 ) -> np.ndarray:
     """Rows x on the simplex that minimise x Q x^T / 2 - x c^T, (n, r) float32.
 
@@ -162,13 +162,12 @@ def memberships_of(
         1 / 0 (any number), 1 / 1, 1 / 2, ...
     steps : int
         At most.
-    session : Session
     """
-    device, (n, r) = session.device, start.shape
+    device, (n, r) = resources.device, start.shape
     at, tables = padded(start), {"quadratic": padded(quadratic), "linear": padded(linear, _FAR)}
     tables |= {"inverse": inverse, "momentum": _momentum(steps)}
     width = at.shape[1]
-    with Buffers(device, {"at": at.nbytes, "ahead": 2 * at.nbytes}, session.budget, TASK, tables=tables) as buffers:
+    with Buffers(device, {"at": at.nbytes, "ahead": 2 * at.nbytes}, resources.budget, TASK, tables=tables) as buffers:
         device.write(buffers["at"], at)
         arguments = [buffers[name] for name in (*tables, "at", "ahead")]
         numbers = n, r, width, steps, 1.0 / _largest(quadratic), _SETTLED
@@ -177,7 +176,7 @@ def memberships_of(
 
 
 def distributions(
-    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, session: Session
+    start: np.ndarray, quadratic: np.ndarray, linear: np.ndarray, inverse: np.ndarray, resources: Resources
 ) -> np.ndarray:
     """Columns on the simplex, F (n, r) float32, that minimise tr(F Q F^T) / 2 - tr(F C), by a few steps.
 
@@ -190,21 +189,20 @@ def distributions(
         C.
     inverse : (n + 8,) float32
         1 / 0 (any number), 1 / 1, 1 / 2, ...
-    session : Session
     """
-    device, (n, r) = session.device, start.shape
+    device, (n, r) = resources.device, start.shape
     at = padded(start.T)
     tables = {"quadratic": padded(quadratic), "linear": padded(linear, _FAR), "inverse": inverse}
     width, run = at.shape[1], device.program("factorization")
     layout = {"at": at.nbytes, "ahead": at.nbytes, "trial": at.nbytes}
     step, momentum = 1.0 / _largest(quadratic), _momentum(_INNER).tolist()
-    with Buffers(device, layout, session.budget, TASK, tables=tables) as buffers:
+    with Buffers(device, layout, resources.budget, TASK, tables=tables) as buffers:
         for name in ("at", "ahead"):
             device.write(buffers[name], at)
         down = [buffers[name] for name in ("quadratic", "linear", "ahead", "trial")]
         onto = [buffers[name] for name in ("trial", "inverse", "at", "ahead")]
         for ahead in momentum[1:]:
-            run("advance", (-(-width // wide_of(session)), r), *down, r, tables["quadratic"].shape[1], width, step)
+            run("advance", (-(-width // wide_of(resources)), r), *down, r, tables["quadratic"].shape[1], width, step)
             run("project", (r,), *onto, r, width, ahead, group=1)
         return np.ascontiguousarray(device.read(buffers["at"], at.shape, np.float32)[:, :n].T)
 
@@ -232,20 +230,20 @@ def _largest(matrix: np.ndarray) -> float:
 class _Dense:
     """The second power of a small left-stochastic matrix."""
 
-    def __init__(self, matrix: np.ndarray, session: Session):
+    def __init__(self, matrix: np.ndarray, resources: Resources):
         positive = np.maximum(matrix, 0.0).astype(np.float64)
-        self._once, self._session = (positive / positive.sum(0)).astype(np.float32), session
+        self._once, self._resources = (positive / positive.sum(0)).astype(np.float32), resources
         self.n = len(matrix)
-        self.left = product(self._once, self._once, session)
+        self.left = product(self._once, self._once, resources)
         self.right = np.eye(self.n, dtype=np.float32)
         self.norm = float((self.left.astype(np.float64) ** 2).sum())
         far = self.left
         for _ in range(7):  # 2^7 times 2 steps
-            far = product(far, far, session)
+            far = product(far, far, resources)
         self.mass = far.mean(1, dtype=np.float64)
 
     def step(self, start: np.ndarray) -> np.ndarray:
-        return product(self._once, start[:, None], self._session)[:, 0]
+        return product(self._once, start[:, None], self._resources)[:, 0]
 
     def column(self, node: int) -> np.ndarray:
         return self.left[:, node]

@@ -201,7 +201,7 @@ class _Making:
             measures["labels"] = len(labels)
         metres = self._metres_a_pixel(tile, steps)
         hand, lattice = self._hand(), bool(steps_px)
-        looks = materials.Looks.of(maps, _session(job), hand)
+        looks = materials.Looks.of(maps, _session(job).resources, hand)
         for name, picture in looks.pictures(recipe.deliver.shape, lattice).items():
             materials.save(picture, self.folder / name)
         if recipe.deliver.tx:
@@ -316,7 +316,7 @@ class _Making:
         """The labels of the first product that has label maps, by name, share and colour."""
         for step in steps:
             for path in sorted((self.folder / step.product).glob("*.exr")):
-                labels = label_colours(read(path), colour, _session(self.job))
+                labels = label_colours(read(path), colour, _session(self.job).resources)
                 if labels:
                     return labels
         return []

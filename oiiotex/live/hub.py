@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ..api.files import require_plain
 from ..api.images import Image, Part, Session, Shown, Window, channels_of, shown_by, views, write
-from ..api.service import BRUSH, EXPORT, Client, LinkError, Settings, connect, spec_of
+from ..api.service import BRUSH, EXPORT, Client, LinkError, ResidentSettings, connect, spec_of
 from ..deferred import np, oiio
 from ..errors import Error, ParameterError
 from .document import Document
@@ -128,7 +128,7 @@ class Hub:
         """The resident process; started anew where it has ended, and what rooms had there is forgotten."""
         async with self._connecting:
             if self._client is None or self._client.ended:
-                self._client = await asyncio.to_thread(connect, Settings.of(self.session))
+                self._client = await asyncio.to_thread(connect, ResidentSettings.of(self.session))
                 self._photo = None
                 self._made.clear()
                 for room in self.rooms.values():
@@ -312,7 +312,7 @@ class Hub:
         return {
             "source": self.source.stem,
             "photo": None if spec is None else [spec.width, spec.height],
-            "views": views(self.session.color),
+            "views": views(self.session.resources.color),
             "document": self.document.path.name,
             "unsaved": self.unsaved,
         }
@@ -323,7 +323,7 @@ class Hub:
         """How pixels look with the document's display and view."""
         view = self.document.state["view"]
         space = self.source.space if space == "" else space
-        return shown_by(self.session.color, space, view["display"], view["view"], view["exposure"])
+        return shown_by(self.session.resources.color, space, view["display"], view["view"], view["exposure"])
 
     def picture(self, pixels: np.ndarray, shown: Shown) -> np.ndarray:
         """(height, width, channels) float32 of the photo's channels -> (height, width, 3) uint8 for the page."""

@@ -189,7 +189,7 @@ class PaintRoom:
         try:
             before = None
             if seed == self._seed:
-                budget = self._hub.session.budget
+                budget = self._hub.session.resources.budget
                 before = await asyncio.to_thread(self._steps.resized, self._step, size, budget)
             await self._add(extended(self._layers, *size), ", ".join(changes).capitalize(), before, seed)
         except Error:
@@ -209,7 +209,7 @@ class PaintRoom:
         paths = self._paintings()
         if name not in paths:
             raise ParameterError(f"{name[:200]}: no painting beside the photo or the document has this name")
-        palette, cache = await self._opened_palette(), self._hub.session.cache
+        palette, cache = await self._opened_palette(), self._hub.session.resources.cache
         layers = await asyncio.to_thread(palette.read_layers, {COARSE: paths[name], FINE: fine_of(paths[name])}, cache)
         self._wanted = set()
         same = self._layers is not None and layers[COARSE].shape == self._layers[COARSE].shape
@@ -292,7 +292,7 @@ class PaintRoom:
     async def _show(self, step: int) -> None:
         """That step's painting, made with that step's patches."""
         assert self._palette is not None
-        self._going, cache = None, self._hub.session.cache
+        self._going, cache = None, self._hub.session.resources.cache
         layers = await asyncio.to_thread(self._palette.read_layers, self._steps.layers(step), cache)
         facts = await asyncio.to_thread(step_facts, self._steps.picture(step), cache)
         await self._make(layers, step, facts["seed"], self._steps.plan(step))
@@ -319,7 +319,7 @@ class PaintRoom:
         window = None
         if self._layers is not None and self._steps.plan(self._step).exists():
             layers = self._layers[FINE], fine
-            budget = self._hub.session.budget
+            budget = self._hub.session.resources.budget
             plans = self._steps.plan(self._step), self._steps.plan(step)
             window = await asyncio.to_thread(changed_box, *plans, layers, budget)
         if window is not None and window.empty:
@@ -369,7 +369,7 @@ class PaintRoom:
             return self._hub.save(self._made, self._name())
         width, height = self._whole.size
         size = times * width, times * height
-        before = await asyncio.to_thread(self._steps.enlarged, self._step, times, self._hub.session.budget)
+        before = await asyncio.to_thread(self._steps.enlarged, self._step, times, self._hub.session.resources.budget)
         return await self._sewing.saving(self._step, self._seed, before, size, self._name())
 
     def _name(self) -> str:

@@ -110,18 +110,18 @@ def _hub(
     first = image
     if graph is not None:
         described = read_graph(graph)
-        first = read(described.files[described.root], session.cache)
+        first = read(described.files[described.root], session.resources.cache)
     assert first is not None
     tag = first.first.spec.get_string_attribute(TAG)
-    space = session.color.resolve(tag) if tag else None
+    space = session.resources.color.resolve(tag) if tag else None
     name = str(graph) if graph is not None else first.source
     stem = Path(name).stem
     side = min(256, 1 << min(first.first.spec.width, first.first.spec.height).bit_length() - 1)
-    state = default_state(*usual_view(session.color, space), side)
+    state = default_state(*usual_view(session.resources.color, space), side)
     state["zoom"]["zoom"] = float(side.bit_length() - 1)
     path = document or Path(f"{stem}.texlive.json")
     spare = reserved_folder(path)
-    opened = Document(path, state, name, views(session.color), spare / "document.json")
+    opened = Document(path, state, name, views(session.resources.color), spare / "document.json")
     source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
     hub = Hub(source, opened, session, spare)
     hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}

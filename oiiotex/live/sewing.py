@@ -95,7 +95,7 @@ class Sewing:
 
     async def _images(self, client: Client, step: int) -> tuple[int, dict[str, int]]:
         """Numbers of the labelled photo and of the step's layers in the resident process."""
-        labelled, cache = (await self._hub.made("label"))["number"], self._hub.session.cache
+        labelled, cache = (await self._hub.made("label"))["number"], self._hub.session.resources.cache
         there = {layer: path for layer, path in self._steps.layers(step).items() if path.exists()}
         return labelled, {
             layer: await asyncio.to_thread(client.put, read(path, cache)) for layer, path in there.items()

@@ -186,7 +186,7 @@ class TileRoom:
             if not path.exists():
                 raise Error(f"nothing is painted into the {name} yet: choose the brush and paint on the photo")
             client = await self._hub.client()
-            image = read(path, self._hub.session.cache)
+            image = read(path, self._hub.session.resources.cache)
             self._numbers[name] = await asyncio.to_thread(client.put, image)
         return self._numbers[name]
 
@@ -255,7 +255,7 @@ class TileRoom:
     def _show_brush(self, name: str, page: Page | None = None) -> None:
         path = self._hub.document.beside(_BRUSHES[name])
         if path.exists():
-            pixels = _reduced(as_float(read(path, self._hub.session.cache).first.pixels()))
+            pixels = _reduced(as_float(read(path, self._hub.session.resources.cache).first.pixels()))
             marked = np.where(pixels[..., :1] > 0.5, 255, 0).astype(np.uint8)
             self._hub.show({"room": "tile", "kind": "brush", "name": name}, marked, page)
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 from ..core.image import Image
 from ..core.label_map import holds_ids, label_maps
 from ..deferred import np
-from ..session import Session
+from ..session.resources import Resources
 from .preview import lab_of, linear_of
 
 
-def label_colours(labels: Image, colour: Image, session: Session) -> list[tuple[str, float, list[float]]]:
+def label_colours(labels: Image, colour: Image, resources: Resources) -> list[tuple[str, float, list[float]]]:
     """The labels of an image, the largest first; none where it has no label maps.
 
     Parameters
@@ -19,7 +19,6 @@ def label_colours(labels: Image, colour: Image, session: Session) -> list[tuple[
         With parts label.N; where its first part is the photo (`--texlabel:keep=1`), colours are that one's.
     colour : Image
         Whose colours they are else; of another size it says nothing, and there are none.
-    session : Session
 
     Returns
     -------
@@ -33,7 +32,7 @@ def label_colours(labels: Image, colour: Image, session: Session) -> list[tuple[
     ids = coarsest.ids.astype(np.int64)
     if ids.shape != (photo.spec.height, photo.spec.width):
         return []
-    linear = linear_of(photo, session).reshape(-1, 3)
+    linear = linear_of(photo, resources).reshape(-1, 3)
     areas = np.bincount(ids.ravel())
     sums = np.stack([np.bincount(ids.ravel(), linear[:, channel]) for channel in range(3)], -1)
     lab = lab_of(sums / np.maximum(areas, 1)[:, None])

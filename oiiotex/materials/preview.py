@@ -16,7 +16,7 @@ from ..color.config import as_float
 from ..core.image import Image, Part, channels_of
 from ..deferred import np, oiio
 from ..errors import Error
-from ..session import Session
+from ..session.resources import Resources
 
 CARD = 160  # px: height of a card, which the report shows
 _MOST = 512  # px of a map that is looked at
@@ -48,10 +48,10 @@ class Looks:
     ao: np.ndarray
 
     @classmethod
-    def of(cls, maps: Mapping[str, Image], session: Session, hand: str) -> Looks:
+    def of(cls, maps: Mapping[str, Image], resources: Resources, hand: str) -> Looks:
         """Of delivered maps; what there is none of is plain. `hand`: of their normals, 'opengl' or 'directx'."""
         part = maps["color"].first
-        colour = _reduced(linear_of(part, session))
+        colour = _reduced(linear_of(part, resources))
         size = colour.shape[:2]
 
         def scalar(role: str, plain: float) -> np.ndarray:
@@ -204,9 +204,9 @@ def vectors(normals: Image) -> np.ndarray:
     return decoded if decoded.min() < 0 else 2 * decoded - 1
 
 
-def linear_of(part: Part, session: Session) -> np.ndarray:
+def linear_of(part: Part, resources: Resources) -> np.ndarray:
     """The colours of a part as linear Rec. 709, (h, w, 3), 0 to 1."""
-    return _linear(shown_pixels(part.pixels(), part, session))
+    return _linear(shown_pixels(part.pixels(), part, resources))
 
 
 def lab_of(linear: np.ndarray) -> np.ndarray:

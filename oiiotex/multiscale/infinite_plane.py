@@ -25,7 +25,8 @@ from ..deferred import np
 from ..io.disk_cache import hash_of
 from ..io.reading import read
 from ..regularity.offset_prices import InStep
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .candidate_sets import Analysis, analyse
 from .coverage import MUCH, RARE, shares, unmatched
 from .graph import Graph, read_graph
@@ -138,24 +139,24 @@ class Plane:
         return self._planes[number]
 
 
-def graph_images(path: str | Path, session: Session) -> tuple[Graph, tuple[Image, ...]]:
+def graph_images(path: str | Path, resources: Resources) -> tuple[Graph, tuple[Image, ...]]:
     """The graph of a document, and its exemplars' files, opened."""
     graph = read_graph(path)
-    return graph, tuple(read(file, session.cache) for file in graph.files)
+    return graph, tuple(read(file, resources.cache) for file in graph.files)
 
 
 def opened(
-    session: Session, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int, correct: bool,
-    literal: bool, space: Space,
+    resources: Resources, progress: Progress, graph: Graph, images: Sequence[Image], name: str, *, side: int, dims: int,
+    correct: bool, literal: bool, space: Space,
 ) -> Plane:  # fmt: skip
     """Read and analyse the exemplars of a graph, which messages call `name`; the rest as of --texsynth."""
-    with session.stats.time("read and colour"):
-        exemplars, lens = load_exemplars(images, graph, session, space, side)
+    with resources.stats.time("read and colour"):
+        exemplars, lens = load_exemplars(images, graph, resources, space, side)
     finest = exemplars[0].side.bit_length() - 1
     graph.require_levels(finest, name)
     looks = [array for exemplar in exemplars for array in (exemplar.values, exemplar.opaque)]
     key = hash_of(graph, dims, correct, literal, *looks)
-    analysis = session.resources.once(key, lambda: _analysed(session, graph, exemplars, dims, correct, literal))
+    analysis = resources.once(key, lambda: _analysed(resources, progress, graph, exemplars, dims, correct, literal))
     return Plane(graph, tuple(images), exemplars, lens, analysis, finest)
 
 
@@ -167,11 +168,12 @@ def analysis_folder() -> Path:
 
 
 def _analysed(
-    session: Session, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool, literal: bool
-) -> Analysis:
-    with session.stats.time("Gaussian stacks"):
+    resources: Resources, progress: Progress, graph: Graph, exemplars: tuple[Exemplar, ...], dims: int, correct: bool,
+    literal: bool,
+) -> Analysis:  # fmt: skip
+    with resources.stats.time("Gaussian stacks"):
         stacks = stacks_of(graph, exemplars, literal)
-    analysis = analyse(session.device, stacks, dims, correct, session.budget, session.advance, analysis_folder())
+    analysis = analyse(resources.device, stacks, dims, correct, resources.budget, progress.advance, analysis_folder())
     _report(graph, exemplars, analysis)
     return analysis
 
@@ -205,20 +207,20 @@ class States:
     """
 
     def __init__(
-        self, session: Session, maker: Synthesizer, level: int, window: Window, display: Window, key: str = ""
+        self, resources: Resources, maker: Synthesizer, level: int, window: Window, display: Window, key: str = ""
     ):
-        self._session, self._maker, self._level, self._key = session, maker, level, key
+        self._resources, self._maker, self._level, self._key = resources, maker, level, key
         near = max(map(abs, display)) < _FARTHEST
         self._shift = (0, 0) if near else (display.left, display.top)
         self.place, self.display = (w.shifted(-self._shift[0], -self._shift[1]) for w in (window, display))
         row = _STATE_BYTES * self.place.width
-        height = max(32, min(512, session.cache.limit // 3 // row))
+        height = max(32, min(512, resources.cache.limit // 3 // row))
         self._cell = max(32, _CELL // height), height
         self._ahead: dict[Window, Callable[[], State]] = {}
 
     def read(self, window: Window) -> State:
         """The pixels of a window."""
-        cache, cells = self._session.cache, cells_of(window, self._cell, self.place)
+        cache, cells = self._resources.cache, cells_of(window, self._cell, self.place)
         following = dict(itertools.pairwise(cells))
 
         def piece(at: Window) -> np.ndarray:
@@ -229,7 +231,7 @@ class States:
 
     def _kept(self, place: Window, following: Window | None) -> np.ndarray:
         """(height, width, 1 or 3) uint32: a texel number, and where there are such the four halves of an offset."""
-        keeper = self._session.resources.keeper
+        keeper = self._resources.keeper
         if keeper is None or not self._key:
             return self._made(place, following)
         return keeper.piece(self._key, place.shifted(*self._shift), lambda: self._made(place, None))
@@ -237,10 +239,11 @@ class States:
     def _made(self, place: Window, following: Window | None) -> np.ndarray:
         """The cell, while the device goes on with the one after it."""
         begun = self._ahead.pop(place, None) or self._begun(place)
-        if following is not None and not self._session.cache.holds((self, following)):
+        if following is not None and not self._resources.cache.holds((self, following)):
             self._ahead[following] = self._begun(following)
         texel, offset = begun()
-        self._session.device.collect(self._session.stats, wait=False)  # a stream would hold the events of all its cells
+        # a stream would hold the events of all its cells
+        self._resources.device.collect(self._resources.stats, wait=False)
         if offset is None:
             return texel[..., None]
         packed = np.empty((*texel.shape, 3), np.uint32)

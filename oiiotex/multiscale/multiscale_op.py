@@ -20,7 +20,8 @@ from ..deferred import np, oiio
 from ..errors import ParameterError
 from ..quality.report import Look, Quality
 from ..quality.reported_op import Reported
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .graph import Graph
 from .infinite_plane import Plane, analysis_folder, graph_images, opened
 from .synthesizer import MOST_LEVEL, PlaneSettings, Synthesizer
@@ -67,10 +68,10 @@ class Multiscale(InLab, Reported, AnyWindow):
         """What it is made from, for messages and as the result's name."""
         return str(self.graph) if self.graph else self.exemplar.source if self.exemplar else ""
 
-    def opened(self, session: Session) -> Plane:
+    def opened(self, resources: Resources, progress: Progress) -> Plane:
         """The plane, its exemplars read and analysed."""
         if self.graph is not None:
-            graph, images = graph_images(self.graph, session)
+            graph, images = graph_images(self.graph, resources)
         elif self.exemplar is not None:
             graph, images = self.single(self.exemplar.source), (self.exemplar,)
         else:
@@ -83,31 +84,31 @@ class Multiscale(InLab, Reported, AnyWindow):
         how: dict[str, Any] = {"side": self.side, "dims": self.dims, "correct": self.correct, "literal": self.paper}
         parts = tuple(image.first for image in images)
         read = tuple(map(_changed, graph.files)) if self.graph else tuple(map(id, parts))
-        return session.resources.remembered(
+        return resources.remembered(
             ("plane", graph, read, *how.values(), self.working_space),
-            lambda: opened(session, graph, images, self.source, space=self.working_space, **how),
+            lambda: opened(resources, progress, graph, images, self.source, space=self.working_space, **how),
             parts,
         )
 
-    def maker(self, plane: Plane, settings: PlaneSettings, session: Session) -> Synthesizer:
+    def maker(self, plane: Plane, settings: PlaneSettings, resources: Resources) -> Synthesizer:
         """What makes windows of the plane."""
-        maker = session.resources.remembered(
+        maker = resources.remembered(
             ("maker", id(plane.analysis), settings),
-            lambda: _made(plane, settings, session),
+            lambda: _made(plane, settings, resources),
             plane.analysis,
         )
-        session.device.collect(session.stats)
+        resources.device.collect(resources.stats)
         return maker
 
 
-def _made(plane: Plane, settings: PlaneSettings, session: Session) -> Synthesizer:
-    maker = Synthesizer(session.device, plane.analysis, settings, session.budget)
+def _made(plane: Plane, settings: PlaneSettings, resources: Resources) -> Synthesizer:
+    maker = Synthesizer(resources.device, plane.analysis, settings, resources.budget)
     if settings.kept == 1.0:
         return maker
     from .contrast import with_contrast  # not loaded where nothing is zoomed into without end
 
     plain = replace(settings, seed=0, around=None)
-    with session.stats.time("contrast"):
+    with resources.stats.time("contrast"):
         return with_contrast(maker, plane.analysis, analysis_folder(), plane.key(plain, 0))
 
 

@@ -23,7 +23,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
 from ..quality.seam_measures import seam_ratio, wrap_percentile
-from ..session import Session
+from ..session.resources import Resources
 from .graph import Graph
 
 LEAST, MOST = 16, 1024  # px; sides of exemplars
@@ -52,7 +52,7 @@ class Exemplar:
 
 
 def load_exemplars(
-    images: Sequence[Image], graph: Graph, session: Session, space: Space, most: int
+    images: Sequence[Image], graph: Graph, resources: Resources, space: Space, most: int
 ) -> tuple[tuple[Exemplar, ...], Lens]:
     """All exemplars, of one size, at most `most` px, and in the root's colour space, and how the root is seen.
 
@@ -68,11 +68,11 @@ def load_exemplars(
         raise ImageError(f"{small.source} is {shortest} px wide or high: an exemplar has {LEAST} or more")
     side = 1 << (min(shortest, most).bit_length() - 1)
     need = _TEXEL_BYTES * side * side * side.bit_length()  # of the root's levels; those of others come on top
-    session.require(need, "the analysed exemplars", "take a smaller side")
-    lens = lens_of(images[root], session, space)
+    resources.require(need, "the analysed exemplars", "take a smaller side")
+    lens = lens_of(images[root], resources, space)
     exemplars = []
     for image, factor, wrap in zip(images, factors, graph.wraps, strict=True):
-        own = lens if image is images[root] else _fitting(image, images[root], lens, session, space)
+        own = lens if image is images[root] else _fitting(image, images[root], lens, resources, space)
         exemplars.append(_cut(image, factor, side, wrap, own, lens, np.dtype(dtype_of(images[root].first.spec))))
     return tuple(exemplars), lens
 
@@ -82,7 +82,7 @@ def _scaled_size(image: Image, factor: float) -> tuple[int, int]:
     return round(spec.width * factor), round(spec.height * factor)
 
 
-def _fitting(image: Image, root: Image, lens: Lens, session: Session, space: Space) -> Lens:
+def _fitting(image: Image, root: Image, lens: Lens, resources: Resources, space: Space) -> Lens:
     """How an exemplar beside the root is seen."""
     mine, wanted = image.first.spec.channelnames, root.first.spec.channelnames
     if mine != wanted:
@@ -90,7 +90,7 @@ def _fitting(image: Image, root: Image, lens: Lens, session: Session, space: Spa
             f"{image.source} has channels {','.join(mine)}, the root {root.source} has {','.join(wanted)}:"
             " exemplars of one graph are alike"
         )
-    own = lens_of(image, session, space)
+    own = lens_of(image, resources, space)
     if (own.space is None) != (lens.space is None):
         raise ImageError(f"{image.source} and the root {root.source}: one is colour, the other is data")
     if own.space is None:  # data of all exemplars mean the same

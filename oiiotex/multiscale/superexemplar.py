@@ -55,7 +55,6 @@ def unrolled(graph: Graph, finest: int, early: Collection[int] = (), literal: bo
 
     Parameters
     ----------
-    graph : Graph
     finest : int
         L.
     early : collection of int

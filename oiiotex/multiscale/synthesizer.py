@@ -125,7 +125,6 @@ class PlaneSettings:
 
     Attributes
     ----------
-    seed : int
     jitter : tuple of float
         rho by level, 0 to 1; the last holds for all finer levels.
     passes : int
@@ -136,7 +135,6 @@ class PlaneSettings:
         How much of its parents' transfer function a pixel inherits.
     around : (int, int) or None
         Width and height, on `around_level`, after which the plane repeats.
-    around_level : int
     steps : LatticeSteps or None
         Of the one exemplar, where the plane keeps its lattice.
     """
@@ -204,9 +202,6 @@ class Synthesizer:
 
     Parameters
     ----------
-    device : Device
-    analysis : Analysis
-    settings : PlaneSettings
     budget : int
         Bytes of memory that there are.
     """

@@ -20,7 +20,6 @@ def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], literal: bool = False
 
     Parameters
     ----------
-    graph : Graph
     exemplars : sequence of Exemplar
         All of one side.
     literal : bool
@@ -82,7 +81,6 @@ def lively_texels(levels: Levels, planes: np.ndarray, periodic: Sequence[bool], 
 
     Parameters
     ----------
-    levels : Levels
     planes : (levels, side, side, 4) int16
         As by `stacks.grid_stack`.
     periodic : sequence of bool

@@ -18,7 +18,7 @@ from ..color.config import as_float
 from ..color.lab import in_type
 from ..core.window import Window
 from ..deferred import np
-from ..session import Session
+from ..session.resources import Resources
 from .infinite_plane import Plane, States
 from .synthesizer import Synthesizer
 
@@ -45,7 +45,6 @@ def views(zoom: float, at: tuple[Fraction, Fraction], width: int, height: int) -
 
     Parameters
     ----------
-    zoom : float
     at : (Fraction, Fraction)
         x and y in pixels of level 0: exact, because a place is aimed at through sixty octaves.
     width, height : int
@@ -142,18 +141,14 @@ class Zoomed:
 
     Parameters
     ----------
-    session : Session
-    plane : Plane
-    maker : Synthesizer
-    seen : tuple of View
     width, height : int
     """
 
     def __init__(
-        self, session: Session, plane: Plane, maker: Synthesizer, seen: tuple[View, ...], width: int, height: int
+        self, resources: Resources, plane: Plane, maker: Synthesizer, seen: tuple[View, ...], width: int, height: int
     ):
         self._plane = plane
-        self._layers = tuple(_layer(session, maker, view, width, height) for view in seen)
+        self._layers = tuple(_layer(resources, maker, view, width, height) for view in seen)
 
     def pixels(self, window: Window) -> np.ndarray:
         """(height, width, channels) of the root's pixel type; the view's corner is at (0, 0)."""
@@ -173,11 +168,11 @@ class Zoomed:
             yield layer, rows, taps(window.left, window.right, view.left, view.step)
 
 
-def _layer(session: Session, maker: Synthesizer, view: View, width: int, height: int) -> Layer:
+def _layer(resources: Resources, maker: Synthesizer, view: View, width: int, height: int) -> Layer:
     (left, right), (top, bottom) = (
         (math.floor(corner) + taps(0, 1, corner, view.step).span[0],
          math.floor(corner) + taps(n - 1, n, corner, view.step).span[1])
         for corner, n in ((view.left, width), (view.top, height))
     )  # fmt: skip
     window = Window(left, top, right, bottom)
-    return Layer(view, States(session, maker, view.level, window, window), window)
+    return Layer(view, States(resources, maker, view.level, window, window), window)

@@ -72,7 +72,6 @@ class Constraints:
 
     Attributes
     ----------
-    fixed : FixedPixels or None
     weight : (height, width) float32 or None
         Of the exemplar: how often a pixel is to be used beside others, 0 never.
     sigmas : (height, width) float32 or None
@@ -123,7 +122,6 @@ class VaryingProjection:
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         With the memory of all projections, and `layout()`.
     projections : list of Projecting

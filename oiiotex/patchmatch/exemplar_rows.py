@@ -34,10 +34,8 @@ class ExemplarRows:
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         `Geometry.layout()`; a level with no more rows than they take is held whole.
-    geometry : Geometry
     image : (exemplar_height, exemplar_width, channels) int16
     allowed : (exemplar_rows, exemplar_columns) bool
         Patches that may be matched.

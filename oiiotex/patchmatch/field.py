@@ -135,10 +135,8 @@ def random_field(
 
     Parameters
     ----------
-    geometry : Geometry
     allowed : (exemplar_rows, exemplar_columns) bool
         Patches that may be named, at least one.
-    seed : int
     weights : (exemplar_rows, exemplar_columns) float32 or None
         Places are drawn as often as they weigh; None: all alike.
     out : (rows, columns) uint32 or None
@@ -298,7 +296,6 @@ def upsample_field(
         Of one patch size.
     allowed : (fine.exemplar_rows, fine.exemplar_columns) bool
         Matches elsewhere are replaced by random ones.
-    seed : int
     out : (fine.rows, fine.columns) uint32 or None
         As of `random_field`.
     in_step : Prices or None

@@ -29,7 +29,6 @@ class LevelCheckpoint:
 
     Parameters
     ----------
-    keeper : Checkpoint
     exemplar, allowed, recipe, constraints
         As of `optimization.synthesize`; another synthesis finds nothing of this one.
     """

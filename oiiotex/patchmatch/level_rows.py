@@ -30,10 +30,8 @@ class LevelRows:
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         `Geometry.layout()`; a level of less rows than they take is held whole.
-    geometry : Geometry
     memory : int
         Bytes of the host's memory for planes that the buffers do not hold; what is beyond goes to a file.
     """

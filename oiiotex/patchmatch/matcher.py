@@ -59,10 +59,8 @@ class Matcher:
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         At least `geometry.layout()`.
-    geometry : Geometry
     exemplar : (exemplar_height, exemplar_width, 3) int16
     allowed : (exemplar_rows, exemplar_columns) bool
         Exemplar patches that may be matched.
@@ -70,7 +68,6 @@ class Matcher:
         (rows, columns): where to start.
     uniformity : float
         Weight lambda of the spatial uniformity term, in units of the exemplar's variance.
-    seed : int
     searches : int
         How many of the `SEARCHES` windows are searched, the narrowest ones.
     usable : (exemplar_height, exemplar_width) bool or None
@@ -318,7 +315,6 @@ def match_patches(
 
     Parameters
     ----------
-    device : Device
     lab, exemplar : (height, width, 3) float32
         CIE Lab. An exemplar that does not fit passes through the device in pieces.
     field : SourceMap
@@ -327,7 +323,6 @@ def match_patches(
         Side of a patch.
     domain : Domain
         Of the image.
-    seed : int
     budget : int
         Bytes for everything that is used at a time.
 

@@ -92,16 +92,12 @@ def plan_memory(
 
     Parameters
     ----------
-    device : Device
     shape : (int, int, int)
         Of the exemplar: height, width, channels.
-    recipe : Recipe
     geometries, scales : list
         Of the levels.
-    constraints : Constraints
     budget : int
         Bytes.
-    held : ExemplarHeld
     """
     grids = grids_of(recipe, geometries, scales, constraints)
 
@@ -199,11 +195,9 @@ def layout(
 
     Parameters
     ----------
-    recipe : Recipe
     geometries : list of Geometry
     grids : list of Grids
         Of the levels.
-    constraints : Constraints
     rows : int or None
         Of the finest level that are held; None: all.
     cell_rows : int or None

@@ -97,13 +97,11 @@ def synthesize(
 
     Parameters
     ----------
-    device : Device
     exemplar : (height, width, channels) float32
         CIE Lab, and three more channels on its scale for each further map of the material. Where it is no array, what
         is as large does not come to memory either.
     allowed : (height, width) bool or None
         Pixels that may be used; None: all.
-    recipe : Recipe
     budget : int
         Bytes for everything that is held at a time.
     progress : callable
@@ -213,14 +211,12 @@ def require_memory(device: Device, recipe: Recipe, shape: tuple[int, ...], budge
 
     Parameters
     ----------
-    device : Device
     recipe : Recipe
         With a sigma of None where it is not known yet.
     shape : (height, width, channels)
         Of the exemplar.
     budget : int
         As of `synthesize`.
-    held : ExemplarHeld
 
     Raises
     ------

@@ -32,7 +32,6 @@ class Recipe(Domain):
         Side of a patch, odd.
     iterations : int
         On the coarsest level.
-    seed : int
     uniformity : float
         Weight of the spatial uniformity term, in units of the exemplar's variance.
     contrast : float
@@ -92,7 +91,6 @@ def level_scales(recipe: Recipe, shape: tuple[int, ...]) -> list[float]:
 
     Parameters
     ----------
-    recipe : Recipe
     shape : (height, width, ...)
         Of the exemplar.
     """

@@ -173,7 +173,6 @@ def lost_texture(source: SourceMap, exemplar: SomeRows, allowed: np.ndarray, geo
         (height, width): where the tile's pixels come from.
     exemplar : (exemplar_height, exemplar_width, channels) int16
     allowed : (exemplar_rows, exemplar_columns) bool
-    geometry : Geometry
     """
     side = geometry.patch
     own = empty_rows(allowed.shape, np.float32, isinstance(exemplar, np.ndarray))
@@ -200,10 +199,8 @@ class UsePrices:
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         At least `layout()`; the prices of constraints go from one level to the next in them.
-    geometry : Geometry
     exemplar : (exemplar_height, exemplar_width, channels) int16
         Where it is no array, what is as large does not come to memory either.
     allowed : (exemplar_rows, exemplar_columns) bool

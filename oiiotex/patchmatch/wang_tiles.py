@@ -62,7 +62,6 @@ def wang_tiles(make: Make, count: int, width: int, height: int, strip: int) -> l
     ----------
     make : callable
         Called first for textures that tile, one for each colour of edge, then for the tiles.
-    count : int
     width, height : int
         Of a tile, px.
     strip : int

@@ -22,8 +22,6 @@ def cell_rows_held(grid: CellGrid, cell_rows: int | None, beyond: int = 0) -> in
 
     Parameters
     ----------
-    grid : CellGrid
-    cell_rows : int or None
     beyond : int
         Rows of pixels above and below those that are made, which are matched as well.
     """
@@ -56,7 +54,6 @@ class HeldCells:
     ----------
     device, buffers, grid, name
         As of `histograms.Projection`.
-    channels : int
     held : int
         Rows of cells that there is room for.
     """

@@ -80,12 +80,10 @@ class ValueCounts:
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         At least `layout()`.
     first, entries : int
         Entry i is for value first + i; no image has others.
-    channels : int
     """
 
     def __init__(self, device: Device, buffers: Buffers, first: int, entries: int, channels: int):
@@ -134,8 +132,6 @@ def apply_table(
 
     Parameters
     ----------
-    device : Device
-    buffers : Buffers
     image, matched : str
         Buffers of `size` (width, height).
     size : (int, int)
@@ -154,8 +150,6 @@ def layout(
 
     Parameters
     ----------
-    grid : CellGrid
-    channels : int
     cell_rows : int or None
         How many rows of cells are held, unless one row of pixels needs more; None: all.
     name : str
@@ -174,7 +168,6 @@ class Projection(HeldCells):
 
     Parameters
     ----------
-    device : Device
     buffers : Buffers
         At least `layout()`, and as many rows of `matched` as of the image.
     grid : CellGrid
@@ -217,13 +210,11 @@ class Projection(HeldCells):
 
         Parameters
         ----------
-        image : Source
         top, bottom : int
             Counted on beyond the border where the image wraps. They are loaded.
         matched : str
             Buffer of the same rows as the image's: what lies `strength` times the way from it to its projection. Pixels
             of value `OUTSIDE` belong to no histogram; what is written for them means nothing.
-        strength : float
         """
         if not self.whole:
             self._gather_around(image, top, bottom)

@@ -41,11 +41,8 @@ def projected(
 
     Parameters
     ----------
-    projection : Projecting
-    image : Rows
     matched : str
         What lies `strength` times the way from the image to its projection.
-    strength : float
     most : int or None
         Rows at once, where the buffer does not hold all of them.
     """
@@ -75,10 +72,8 @@ def projection(
         histogram, moments or steerable.
     order : int
         Of moments, 2 to 4.
-    device : Device
     buffers : Buffers
         At least `layout()`.
-    grid : CellGrid
     low, high : (channels,) int
         Range of values, in grid steps.
     number : int
@@ -107,8 +102,6 @@ def layout(
     ----------
     measure, number
         As of `projection`.
-    grid : CellGrid
-    channels : int
     rows : int
         Of the image, that are held.
     cell_rows : int or None

@@ -10,7 +10,8 @@ from ..deferred import np
 from ..patchmatch.exemplar_rows import LEAST_ROWS, piece_halo
 from ..patchmatch.field import Geometry
 from ..patchmatch.matcher import match_patches
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..stationarity.costs import PATCHES, PATCHES_AT_ONCE, texture_cost
 from ..stationarity.row_bands import row_bands
 
@@ -20,13 +21,20 @@ _PATCH_BYTES = 160  # of a patch that is compared
 
 
 def texture_of(
-    session: Session, lab: SomeRows, source: SourceMap, exemplar: SomeRows, patch: int, wraps: tuple[bool, bool]
+    resources: Resources,
+    progress: Progress,
+    lab: SomeRows,
+    source: SourceMap,
+    exemplar: SomeRows,
+    patch: int,
+    wraps: tuple[bool, bool],
 ) -> float | None:
     """The cost; None of an image, or an exemplar, with no room for a patch.
 
     Parameters
     ----------
-    session : Session
+    resources : Resources
+    progress : Progress
     lab : (height, width, 3) float32
     source : SourceMap
         Of every pixel.
@@ -48,9 +56,9 @@ def texture_of(
         rows, columns = window.inside(Window(0, 0, width, height))
         start = _patches(source[rows], columns, domain, exemplar.shape, patch)
         here = lab[rows][:, columns]
-        matches = match_patches(session.device, here, exemplar, start, patch, domain, 0, session.budget)
+        matches = match_patches(resources.device, here, exemplar, start, patch, domain, 0, resources.budget)
         costs.append(texture_cost(here, exemplar, matches, patch, most))
-        session.advance(1, 1)  # who does not want to know any more is let go
+        progress.advance(1, 1)  # who does not want to know any more is let go
     return float(np.mean(costs))
 
 

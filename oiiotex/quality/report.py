@@ -25,7 +25,8 @@ from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError, ParameterError, present
 from ..io.row_store import empty_rows
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from ..stationarity.costs import stationarity_cost
 from ..stationarity.measures import cost_text
 from ..stationarity.row_bands import PIXELS, channel, row_bands
@@ -94,7 +95,6 @@ class Quality:
     ----------
     op : Op
         With the parameters `report` and `fail`.
-    session : Session
     wrap : (bool, bool)
         The results tile along x, along y.
     sizes : ((int, int), (int, int))
@@ -118,7 +118,8 @@ class Quality:
     """
 
     op: Any  # with parameters that not every Op has
-    session: Session
+    resources: Resources
+    progress: Progress
     wrap: tuple[bool, bool] = (False, False)
     sizes: tuple[tuple[int, int], tuple[int, int]] = ((1, 1), (1, 1))
     copies: bool = True
@@ -135,7 +136,13 @@ class Quality:
 
     @classmethod
     def of_copies(
-        cls, op: Any, session: Session, size: tuple[int, int], tile: str | None = None, **more: Any
+        cls,
+        op: Any,
+        resources: Resources,
+        progress: Progress,
+        size: tuple[int, int],
+        tile: str | None = None,
+        **more: Any,
     ) -> Quality:
         """Of results whose pixels are copied from the op's exemplar.
 
@@ -143,7 +150,6 @@ class Quality:
         ----------
         op : Op
             With the parameters `exemplar`, `report` and `fail`.
-        session : Session
         size : (int, int)
             Width and height of a result, px.
         tile : str, optional
@@ -151,12 +157,12 @@ class Quality:
         """
         spec, tile = op.exemplar.first.spec, tile or op.tile
         sizes = (spec.width, spec.height), (size[0], size[1])
-        return cls(op=op, session=session, wrap=("x" in tile, "y" in tile), sizes=sizes, **more)
+        return cls(op=op, resources=resources, progress=progress, wrap=("x" in tile, "y" in tile), sizes=sizes, **more)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "limits", tuple(map(self._limit, self.op.fail or ())))
         if self.op.report or self.limits:
-            self.session.require(self._memory(), "measuring the result", "leave out report and fail")
+            self.resources.require(self._memory(), "measuring the result", "leave out report and fail")
 
     def add_to(
         self, results: dict[str, Any], seen: Callable[[], tuple[SomeRows, Iterable[Look]]], **more: float
@@ -174,13 +180,13 @@ class Quality:
 
         @functools.cache
         def report() -> dict[str, Any]:
-            with self.session.stats.time("measure"):
+            with self.resources.stats.time("measure"):
                 photo, looks = seen()
                 return self._document([self._entry(look, self._measures(photo, look) | more) for look in looks])
 
-        if self.session.measure:
+        if self.progress.measure:
             need = self._memory()
-            if need > self.session.budget:
+            if need > self.resources.budget:
                 log.info("%s: not measured: that would need %d MB of memory", self.op.flag(), -(-need >> 20))
             else:
                 for line in self._lines(report()):
@@ -193,7 +199,7 @@ class Quality:
 
         def seen() -> tuple[SomeRows, list[Look]]:
             in_memory = self._fits(12 * self.sizes[0][0] * self.sizes[0][1])
-            photo = working_values(exemplar, self.session, self.op.working_space, in_memory)[0]
+            photo = working_values(exemplar, self.resources, self.op.working_space, in_memory)[0]
             spec, st = exemplar.first.spec, rows_of(results["st"])
 
             def places(first: int, last: int) -> SourceMap:
@@ -210,7 +216,7 @@ class Quality:
         """A result that is made of those pixels of the exemplar."""
         shape = *source.packed.shape, *exemplar.shape[2:]
         lab = MadeRows(shape, exemplar.dtype, lambda first, last: source[first:last].gather(exemplar))
-        at_once = PIXELS if isinstance(exemplar, np.ndarray) else max(PIXELS, self.session.budget // _GATHERED)
+        at_once = PIXELS if isinstance(exemplar, np.ndarray) else max(PIXELS, self.resources.budget // _GATHERED)
         return Look(name, self.kept(lab, at_once), source, exemplar, labels)
 
     def kept(self, rows: MadeRows, at_once: int = PIXELS) -> SomeRows:
@@ -222,12 +228,12 @@ class Quality:
         return store
 
     def _fits(self, size: int) -> bool:
-        return size <= self.session.budget * _HELD_SHARE
+        return size <= self.resources.budget * _HELD_SHARE
 
     @property
     def is_asked_for(self) -> bool:
         """By -v, report or fail."""
-        fits = self.session.measure and self._memory() <= self.session.budget  # else the others have been refused
+        fits = self.progress.measure and self._memory() <= self.resources.budget  # else the others have been refused
         return bool(fits or self.op.report or self.limits)
 
     def _memory(self) -> int:
@@ -278,7 +284,7 @@ class Quality:
             "cost": cost(look.lab, domain=Domain(width, height, *self.wrap), like=photo),
         }
         light, before = channel(look.lab, 0), channel(photo, 0)
-        self.session.advance(1, 1)  # who does not want to know any more is let go
+        self.progress.advance(1, 1)  # who does not want to know any more is let go
         for axis, letter, wraps, cycles in zip((1, 0), "xy", self.wrap, self.cycles, strict=True):
             if wraps:
                 measures[f"seam_{letter}_photo"] = seam_ratio(before, axis, cycles)
@@ -293,7 +299,7 @@ class Quality:
         kept = fidelity(exemplar, None, look.lab, self.wrap[::-1])
         measures |= {} if kept is None else kept.measures()
         if look.source is not None:
-            self.session.advance(1, 1)
+            self.progress.advance(1, 1)
             measures |= self._of_copies(exemplar, look)
         return measures
 
@@ -302,7 +308,7 @@ class Quality:
         from .patch_texture import texture_of
 
         source = present(look.source)
-        texture = texture_of(self.session, look.lab, source, photo, self.patch, self.wrap)
+        texture = texture_of(self.resources, self.progress, look.lab, source, photo, self.patch, self.wrap)
         measures = {} if texture is None else {"texture": texture}
         copies = copies_by_source(source, (photo.shape[0], photo.shape[1]))
         measures["copied"] = copies.exact

@@ -18,7 +18,7 @@ from ..errors import ImageError, ParameterError, texture_filter
 from ..io.documents import read_document
 from ..labels.content_table import ContentTable
 from ..labels.legend import code_of, codes_in, colour_of, oklab_of
-from ..session import Session
+from ..session.resources import Resources
 from .quilt_plan import Grid
 from .quilter import GUIDE
 
@@ -46,7 +46,6 @@ class Meaning:
         (k1, k2) of each.
     pure : (n,) bool
         It names one label, and so also says where in a cell it is wanted.
-    colours : bool
     soft : float
         How far a colour may be from one of `codes` to be taken for it, in Oklab.
     """
@@ -214,7 +213,7 @@ class Wishes:
     wanted: np.ndarray  # (rows, columns, GUIDE, GUIDE) uint16: labels at the middles of its pieces; 0: no single one
 
 
-def wishes_of(guide: Part, meaning: Meaning, grid: Grid, session: Session) -> Wishes:
+def wishes_of(guide: Part, meaning: Meaning, grid: Grid, resources: Resources) -> Wishes:
     """One look through the guide, row of cells by row of cells; it is scaled to the output by the nearest pixel.
 
     Raises ImageError where it has ids or colours that mean nothing: named, with how many of them were met.
@@ -223,7 +222,7 @@ def wishes_of(guide: Part, meaning: Meaning, grid: Grid, session: Session) -> Wi
     keys = np.zeros((rows, columns, 2), np.int32)
     wanted = np.zeros((rows, columns, GUIDE, GUIDE), np.uint16)
     unknown, blended = Strays(), 0
-    kept = cached(guide, session.cache)
+    kept = cached(guide, resources.cache)
     along_x = _samples(grid.xs, grid.patch, grid.width) * guide.spec.width // grid.width
     every = SAMPLES // GUIDE
     single = np.where(meaning.pure, meaning.keys[:, 0], 0).astype(np.uint16)

@@ -26,7 +26,6 @@ def regridded(path: Path, budget: int, times: int = 1, size: tuple[int, int] | N
         Of the painting's plan.
     budget : int
         Bytes that may be held.
-    times : int
     size : (int, int), optional
         Width and height, px; by default those of the painting, so many times larger.
 

@@ -34,7 +34,8 @@ from ..labels.content_table import (
 )
 from ..opencl.buffers import require_room
 from ..regularity.lattice import Lattice
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .guide_map import Meaning, keys_in, labels_met, meaning_of, wishes_of
 from .label_painting import Begun
 from .quilt_plan import AT_ONCE, MOST_PATCH, Grid, plan_bytes
@@ -75,29 +76,29 @@ class Quilted(LabelledExemplar, Gather):
     guidance: float = param(1.0, ge=0, le=100, help="weight of the guide's labels inside a patch, beside colour")
     keep: bool = param(False, help="label parts of the exemplar follow, made from the same sources")
 
-    def read(self, session: Session, *also: np.ndarray | None) -> ExemplarPixels:
+    def read(self, resources: Resources, *also: np.ndarray | None) -> ExemplarPixels:
         """As `LabelledExemplar.read`, where the table of its contents fits the memory, too."""
         spec = self.exemplar.first.spec
         require_addressable((spec.height, spec.width))
-        session.require(
-            (TABLE_BYTES + _LAB_BYTES + self.photo_bytes(session)) * spec.width * spec.height,
+        resources.require(
+            (TABLE_BYTES + _LAB_BYTES + self.photo_bytes(resources)) * spec.width * spec.height,
             f"the content table of {spec.width}x{spec.height}",
             "make the exemplar smaller",
         )
-        return super().read(session, *also)
+        return super().read(resources, *also)
 
-    def holds_photo(self, session: Session) -> bool:
+    def holds_photo(self, resources: Resources) -> bool:
         """Whether its values lie in memory."""
-        return self.holds(session, _VALUE_BYTES)
+        return self.holds(resources, _VALUE_BYTES)
 
-    def photo_bytes(self, session: Session) -> int:
+    def photo_bytes(self, resources: Resources) -> int:
         """Memory of a pixel of the photo for its own values and those that it is seen by: where both fit easily."""
         own = self.exemplar.first.pixel_bytes
-        return sum(size for size in (own, _VALUE_BYTES) if self.holds(session, size))
+        return sum(size for size in (own, _VALUE_BYTES) if self.holds(resources, size))
 
-    def copied_by_rows(self, session: Session) -> bool:
+    def copied_by_rows(self, resources: Resources) -> bool:
         """Whether its own pixels are read by rows, in the order of the result, and not held."""
-        return not self.holds(session, self.exemplar.first.pixel_bytes)
+        return not self.holds(resources, self.exemplar.first.pixel_bytes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,34 +115,34 @@ class Sewing:
     meaning: Callable[[np.ndarray], Meaning] | None = None  # None: ids mean themselves
     begun: Begun | None = None  # a painting whose patches stay where the same is asked for
 
-    def quilt(self, seen: ExemplarPixels, session: Session) -> Quilt:
+    def quilt(self, seen: ExemplarPixels, resources: Resources, progress: Progress) -> Quilt:
         """The quilt, of which nothing is made yet: its sources, its grid, what it is asked for, its plan at the end."""
         source = self.op.exemplar.first
         width, height = source.spec.width, source.spec.height
         lab, allowed = np.empty((height, width, 3), np.int16), seen.usable
         for top in range(0, height, _GRID_ROWS):
             lab[top : top + _GRID_ROWS] = to_grid(seen.values[top : top + _GRID_ROWS], COARSE_STEPS)
-        lattice = None if self.structured is None else self.structured.lattice_of(seen.values, seen.usable, session)
-        with session.stats.time("content"):
+        lattice = None if self.structured is None else self.structured.lattice_of(seen.values, seen.usable, resources)
+        with resources.stats.time("content"):
             labels = self._label_map()
             ids = None if labels is None else labels.ids
             grid = self._grid(labels, ids, allowed, lattice)
             rows, columns = grid.shape
-            session.require(cell_memory(grid, self.guide is not None), _task(grid))
+            resources.require(cell_memory(grid, self.guide is not None), _task(grid))
             keyed = np.ones((height, width), np.uint8) if self.guide is None else present(ids)
             table = content_table(*window_keys(keyed, grid.patch, allowed), grid.patch)
-            demand = self._demand(grid, keyed, table, session)
+            demand = self._demand(grid, keyed, table, resources)
         exemplar = QuiltExemplar(lab, table, self._finer(labels), keyed if demand.guide is not None else None)
         self.op.inform("%d x %d patches of %d px that overlap by %d", columns, rows, grid.patch, grid.overlap)
         return Quilt(
-            session.device, exemplar, grid, demand, self._rules(grid.patch), session.budget,
-            held=width * height * self.op.photo_bytes(session),
+            resources.device, exemplar, grid, demand, self._rules(grid.patch), resources.budget,
+            held=width * height * self.op.photo_bytes(resources),
             plan=None if self.begun is None else self.begun.kept(grid, demand, self.op.flag()),
             in_step=None if self.structured is None else self.structured.in_step(lattice, grid, self.op.seed),
-            report=session.advance,
+            report=progress.advance,
         )  # fmt: skip
 
-    def require_memory(self, session: Session) -> None:
+    def require_memory(self, resources: Resources) -> None:
         """Refuse what sizes alone show not to fit: before anything is read, on a device not opened.
 
         What there is of labels can only make patches smaller, and their number larger.
@@ -155,13 +156,13 @@ class Sewing:
         if self.structured is not None and self.structured.structure > 0 and not given:
             size = Size(*(max(n, patch) for n in least_size(size, self._wraps)))
         grid = Grid.tiling(*size, self.op.tile, patch=patch, overlap=min(self._overlap(patch), patch // 3))
-        session.require(cell_memory(grid, self.guide is not None), _task(grid))
-        held = source.spec.width * source.spec.height * self.op.photo_bytes(session)
+        resources.require(cell_memory(grid, self.guide is not None), _task(grid))
+        held = source.spec.width * source.spec.height * self.op.photo_bytes(resources)
         if self.structured is not None:
-            self.structured.require_lattice(source.spec.height, source.spec.width, session, held)
+            self.structured.require_lattice(source.spec.height, source.spec.width, resources, held)
         windows = (source.spec.width - patch + 1) * (source.spec.height - patch + 1)
         photo = {"exemplar": 6 * source.spec.width * source.spec.height, "key_map": 4 * windows}  # what is certain
-        require_room(session.device, photo | plan_bytes(grid, AT_ONCE), session.budget, _task(grid), held)
+        require_room(resources.device, photo | plan_bytes(grid, AT_ONCE), resources.budget, _task(grid), held)
 
     def _label_map(self) -> LabelMap | None:
         """The label map of the level, where anything speaks of labels."""
@@ -235,12 +236,12 @@ class Sewing:
             patch //= 2
         return patch
 
-    def _demand(self, grid: Grid, ids: np.ndarray, table: ContentTable, session: Session) -> Demand:
+    def _demand(self, grid: Grid, ids: np.ndarray, table: ContentTable, resources: Resources) -> Demand:
         """The key of every cell."""
         if self.guide is None:
             return Demand(np.zeros(grid.shape, np.int32))
         meaning = self._meant(ids)
-        wishes = wishes_of(self.guide.first, meaning, grid, session)
+        wishes = wishes_of(self.guide.first, meaning, grid, resources)
         keys, replaced = keys_in(table, wishes.keys)
         if replaced:
             named = ", ".join(f"{a} by {b}" for a, b in list(replaced.items())[:5])
@@ -270,13 +271,13 @@ def _task(grid: Grid) -> str:
 # --- the result ---
 
 
-def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, session: Session) -> dict[str, Any]:
+def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, resources: Resources) -> dict[str, Any]:
     """The op's image by the sources that `read` gives of a window, these as 'st', and the exemplar's label parts."""
     source, size = op.exemplar.first, (grid.width, grid.height)
     # all parts are asked for the same windows
     spec = tile_spec(source.spec, "x" * grid.wrap_x + "y" * grid.wrap_y, size)
-    by_rows = op.copied_by_rows(session)
-    sources = Sources(functools.lru_cache(1)(read), spec, session.spread, by_rows=by_rows)
+    by_rows = op.copied_by_rows(resources)
+    sources = Sources(functools.lru_cache(1)(read), spec, resources.spread, by_rows=by_rows)
 
     sewn: dict[str, Any] = sources.parts(op.main().name, op.in_any_order(source, not by_rows))
     labels = {one.part.name for one in label_maps(op.exemplar).values()}
@@ -294,8 +295,8 @@ def sewn_parts(op: Quilted, read: Callable[[Window], SourceMap], grid: Grid, ses
     return sewn
 
 
-def sewn_whole(sewing: Sewing, seen: ExemplarPixels, session: Session) -> dict[str, Any]:
+def sewn_whole(sewing: Sewing, seen: ExemplarPixels, resources: Resources, progress: Progress) -> dict[str, Any]:
     """The result of one sewing; where its plan is asked for, it is sewn to the end."""
-    quilt, spec = sewing.quilt(seen, session), sewing.op.exemplar.first.spec
+    quilt, spec = sewing.quilt(seen, resources, progress), sewing.op.exemplar.first.spec
     plan = {"plan": lambda: quilt.finished().arrays((spec.width, spec.height))}
-    return sewn_parts(sewing.op, quilt.sources, quilt.grid, session) | plan
+    return sewn_parts(sewing.op, quilt.sources, quilt.grid, resources) | plan

@@ -161,10 +161,8 @@ class Renderer:
 
     Parameters
     ----------
-    device : Device
     buffers : mapping
         At least `plan_bytes`.
-    grid : Grid
     facts : sequence of int
         What the kernels want to know beside the grid.
     pixels : int

@@ -105,9 +105,6 @@ def layout(exemplar: QuiltExemplar, grid: Grid, rules: Rules, guided: bool, pixe
 
     Parameters
     ----------
-    exemplar : QuiltExemplar
-    grid : Grid
-    rules : Rules
     guided : bool
         Cells ask for labels.
     pixels : int
@@ -146,12 +143,6 @@ class Quilt:
 
     Parameters
     ----------
-    device : Device
-    exemplar : QuiltExemplar
-    grid : Grid
-    demand : Demand
-    rules : Rules
-    budget : int
     held : int
         Bytes that the caller holds beside it.
     pixels : int

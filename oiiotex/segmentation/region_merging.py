@@ -16,7 +16,7 @@ import numpy as np
 from ..core.elementary import logarithm
 from ..labels.filter_bank import blurred_layers, codebook
 from ..labels.products import gram
-from ..session import Session
+from ..session.resources import Resources
 
 _MOST = 20  # regions before any are merged
 _ROOM = 32.0**2  # px: of each, at least, in the mean
@@ -33,7 +33,7 @@ _WIDE = 512.0**2  # px: the unit of areas
 _LEAST = 1e-3  # of a distance between distributions
 
 
-def fine_regions(values: np.ndarray, side: int, session: Session, least: int = 1) -> np.ndarray:
+def fine_regions(values: np.ndarray, side: int, resources: Resources, least: int = 1) -> np.ndarray:
     """A segmentation by k-means over roots of pooled textons, which is meant to be too fine.
 
     Parameters
@@ -42,7 +42,6 @@ def fine_regions(values: np.ndarray, side: int, session: Session, least: int = 1
         Shares of textons in cells, 0 where nothing is seen.
     side : int
         Of a cell, px.
-    session : Session
     least : int
         So many regions at least, if there are so many kinds of places.
 
@@ -53,7 +52,7 @@ def fine_regions(values: np.ndarray, side: int, session: Session, least: int = 1
     """
     height, width = values.shape[:2]
     sigma = min(_POOLED, min(height, width) * side / _POOLED_PART) / side
-    shares = blurred_layers(np.ascontiguousarray(np.moveaxis(values, -1, 0)), sigma, _REACH, session)
+    shares = blurred_layers(np.ascontiguousarray(np.moveaxis(values, -1, 0)), sigma, _REACH, resources)
     points = np.rint(np.sqrt(shares.reshape(len(shares), -1).T) * np.float32(_ROOTS)).astype(np.int16)
     seen = np.flatnonzero(values.any(-1))
     count = max(least, min(_MOST, int(len(seen) * side**2 / _ROOM)))
@@ -63,7 +62,7 @@ def fine_regions(values: np.ndarray, side: int, session: Session, least: int = 1
 
 
 def merged(
-    values: np.ndarray, labels: np.ndarray, side: int, threshold: float, session: Session, count: int | None = None
+    values: np.ndarray, labels: np.ndarray, side: int, threshold: float, resources: Resources, count: int | None = None
 ) -> np.ndarray:
     """The likeliest pair becomes one, again and again.
 
@@ -77,7 +76,6 @@ def merged(
         Of a cell, px.
     threshold : float
         Probability, 0 to 1, that two regions are one texture above which they become one.
-    session : Session
     count : int, optional
         Go on until so many are left, whatever the probability.
 
@@ -90,7 +88,7 @@ def merged(
     names, inverse = np.unique(labels[seen], return_inverse=True)
     regions = np.full(labels.shape, -1)
     regions[seen] = inverse
-    state = _Regions(values, regions, len(names), side, session)
+    state = _Regions(values, regions, len(names), side, resources)
     odds = math.inf if threshold <= 0 else -math.inf if threshold >= 1 else math.log((1 - threshold) / threshold)
     joined = np.arange(len(names))
     pairs = {(a, b): state.evidence(a, b) for b in range(len(names)) for a in range(b)}
@@ -111,16 +109,16 @@ def merged(
 class _Regions:
     """What is known of every region: sums, so that of two regions they add up."""
 
-    def __init__(self, values: np.ndarray, regions: np.ndarray, count: int, side: int, session: Session):
+    def __init__(self, values: np.ndarray, regions: np.ndarray, count: int, side: int, resources: Resources):
         self.side = side
         height, width = regions.shape
         among = max(1.0, min(_AMONG, min(height, width) * side / _AMONG_PART) / side)
         inside = regions == np.arange(count)[:, None, None]
         self.areas = inside.sum((1, 2)).tolist()
         self.textons = [values[i].sum(0, dtype=np.float64) for i in inside]
-        around = blurred_layers(inside.astype(np.float32), among, _REACH, session).reshape(count, -1).T
+        around = blurred_layers(inside.astype(np.float32), among, _REACH, resources).reshape(count, -1).T
         around = np.ascontiguousarray(around)
-        self.among = gram(around, around, session).astype(np.float64)
+        self.among = gram(around, around, resources).astype(np.float64)
 
     def evidence(self, a: int, b: int) -> float:
         """That two regions are two textures: the logarithm of the odds, nats."""

@@ -24,7 +24,7 @@ from ..core.label_map import LabelMap
 from ..labels.filter_bank import Texture, blurred_layers, texture_of
 from ..labels.potts import members, winners
 from ..labels.products import gram, product
-from ..session import Session
+from ..session.resources import Resources
 from ..superpixels.superpixels import label_spec
 from .region_merging import fine_regions, merged
 from .textons import (
@@ -102,7 +102,6 @@ class Decomposition:
     ----------
     labels : (h, w) int32
         Of the reduced image, 1 .. count by first pixel; 0 where nothing is seen.
-    count : int
     samples : int
         Regions, or vertices of the clique partition, that were grouped.
     groups : int
@@ -118,17 +117,14 @@ class Decomposition:
 def decomposed(
     pixels: LabPixels,
     settings: DecompositionSettings,
-    session: Session,
+    resources: Resources,
     advance: Callable[[int, int], None] = lambda done, total: None,
-    texture: Callable[[Session], Texture] | None = None,
+    texture: Callable[[Resources], Texture] | None = None,
 ) -> Decomposition:
     """The subtextures of an image.
 
     Parameters
     ----------
-    pixels : LabPixels
-    settings : DecompositionSettings
-    session : Session
     advance : callable
         Called with (done, total).
     texture : callable, optional
@@ -139,23 +135,23 @@ def decomposed(
         advance(3, 4)
         return Decomposition(np.zeros(pixels.seen.shape, np.int32), 0, 0, 0)
     with threadpool_limits(1, "blas"):
-        with session.stats.time("textons"):
+        with resources.stats.time("textons"):
             if settings.features == "haar":
-                counts = weighted_counts(pixels, session, settings.bins)
+                counts = weighted_counts(pixels, resources, settings.bins)
             else:
-                looks = texture(session) if texture else texture_of(pixels.lab, pixels.seen, session)
-                counts = bank_counts(looks, session, settings.bins, _CELL)
+                looks = texture(resources) if texture else texture_of(pixels.lab, pixels.seen, resources)
+                counts = bank_counts(looks, resources, settings.bins, _CELL)
         advance(2, 4)
-        with session.stats.time("groups"):
+        with resources.stats.time("groups"):
             group = _cliques if settings.group == "cliques" else _merged_regions
-            labels, samples = group(counts, settings, session)
+            labels, samples = group(counts, settings, resources)
             groups = len(np.unique(labels))
         advance(3, 4)
         height, width = pixels.seen.shape
-        with session.stats.time("pixels of subtextures"):
+        with resources.stats.time("pixels of subtextures"):
             if settings.assign == "competition":
                 labels = _competed(
-                    _gathered(counts, _CELL // counts.side), labels, settings.radius, (height, width), session
+                    _gathered(counts, _CELL // counts.side), labels, settings.radius, (height, width), resources
                 )
             else:
                 side = -(-height // labels.shape[0])
@@ -164,29 +160,29 @@ def decomposed(
     return Decomposition(labels, count, samples, groups)
 
 
-def _merged_regions(counts: Counts, settings: DecompositionSettings, session: Session) -> tuple[np.ndarray, int]:
+def _merged_regions(counts: Counts, settings: DecompositionSettings, resources: Resources) -> tuple[np.ndarray, int]:
     """Labels (h, w) of cells by merging of regions that have competed, and how many there were."""
     cells = _gathered(counts, _CELL // counts.side)
     values = cells.values.astype(np.float32) / (FULL * cells.side**2)
-    start = fine_regions(values, cells.side, session, 2 * (settings.count or 1))
-    regions = _members(values, start, cells.side, settings.radius, session).argmax(0)
-    return merged(values, regions, cells.side, settings.threshold, session, settings.count), len(np.unique(regions))
+    start = fine_regions(values, cells.side, resources, 2 * (settings.count or 1))
+    regions = _members(values, start, cells.side, settings.radius, resources).argmax(0)
+    return merged(values, regions, cells.side, settings.threshold, resources, settings.count), len(np.unique(regions))
 
 
-def _cliques(counts: Counts, settings: DecompositionSettings, session: Session) -> tuple[np.ndarray, int]:
+def _cliques(counts: Counts, settings: DecompositionSettings, resources: Resources) -> tuple[np.ndarray, int]:
     """Labels (h, w) of cells by clique partitioning (CZF02 sections II B and III), and how many samples there are."""
     from .clique_partition import joined_to, partition  # scipy is not loaded before it is needed
 
     side = counts.side
     scales = tuple(settings.radius / side * 2 ** (s / 2) for s in _octaves(settings.scales))
-    roots = [histogram_roots(disc_sums(counts.values, r, session)) for r in scales]
+    roots = [histogram_roots(disc_sums(counts.values, r, resources)) for r in scales]
     seen = np.logical_or.reduce(counts.values, -1)
     samples = sample_grid(seen, max(1, round(settings.step / side)))
     if not len(samples.places):  # islands between the samples
         samples = Samples(np.arange(seen.shape[0]), np.arange(seen.shape[1]), np.flatnonzero(seen)[:1])
     shift = settings.shift / side
     if settings.search == "meanshift" and shift > 0:
-        likeness = mean_shift_similarities(counts, scales, samples, shift, session)
+        likeness = mean_shift_similarities(counts, scales, samples, shift, resources)
     else:
         likeness = similarities(roots[0], samples, shift, tuple(roots[1:]))
     weights = likeness.astype(np.float64) - settings.threshold
@@ -242,18 +238,18 @@ def _gathered(counts: Counts, times: int) -> Counts:
 
 
 def _competed(
-    counts: Counts, labels: np.ndarray, radius: float, shape: tuple[int, int], session: Session
+    counts: Counts, labels: np.ndarray, radius: float, shape: tuple[int, int], resources: Resources
 ) -> np.ndarray:
     """Subtextures compete for cells: (h, w) labels of pixels."""
     values = counts.values.astype(np.float32) / (FULL * counts.side**2)
     height, width = values.shape[:2]
     if labels.shape != (height, width):
         labels = labels[:: labels.shape[0] // height or 1, :: labels.shape[1] // width or 1][:height, :width]
-    member = _members(values, labels, counts.side, radius, session)
-    return winners(blurred_layers(member, _SMOOTH, _REACH, session), counts.side, shape, session)
+    member = _members(values, labels, counts.side, radius, resources)
+    return winners(blurred_layers(member, _SMOOTH, _REACH, resources), counts.side, shape, resources)
 
 
-def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, session: Session) -> np.ndarray:
+def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, resources: Resources) -> np.ndarray:
     """Shares (n, h, w) that cells have in subtextures, the largest first at the start; small ones are gone.
 
     In every round a subtexture has the texton distribution of its cells. A cell is a member of each by a share: the
@@ -270,14 +266,16 @@ def _members(values: np.ndarray, labels: np.ndarray, side: int, radius: float, s
     for coupling in _COUPLINGS:
         areas = member.sum(1, dtype=np.float64)
         member = member[areas >= min(_LEAST * areas.sum(), areas.max())]
-        sums = gram(np.ascontiguousarray(member.T), cells, session).astype(np.float64)
+        sums = gram(np.ascontiguousarray(member.T), cells, resources).astype(np.float64)
         chances = sums + _PRIOR / side**2
-        likely = product(logarithm(chances / chances.sum(1, keepdims=True)).astype(np.float32), layers, session)
+        likely = product(logarithm(chances / chances.sum(1, keepdims=True)).astype(np.float32), layers, resources)
         shape = len(member), height, width
-        likely = blurred_layers((likely - likely.max(0)).reshape(shape), 1.0, _REACH, session).reshape(len(member), -1)
+        likely = blurred_layers((likely - likely.max(0)).reshape(shape), 1.0, _REACH, resources).reshape(
+            len(member), -1
+        )
         for _ in range(_UPDATES):
-            around = blurred_layers(member.reshape(shape), sigma, _REACH, session).reshape(len(member), -1)
-            member = members(likely, around, seen, float(coupling), session)
+            around = blurred_layers(member.reshape(shape), sigma, _REACH, resources).reshape(len(member), -1)
+            member = members(likely, around, seen, float(coupling), resources)
     return member.reshape(-1, height, width)
 
 

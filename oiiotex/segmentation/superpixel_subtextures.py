@@ -7,28 +7,26 @@ import numpy as np
 
 from ..color.lab_reduced import LabPixels
 from ..labels.features import SmallLab
-from ..session import Session
+from ..session.resources import Resources
 from ..superpixels.superpixels import Superpixels
 from .subtextures import DecompositionSettings, decomposed
 
 
 def superpixel_subtextures(
-    superpixels: Superpixels, small: SmallLab, session: Session, count: int | None = None
+    superpixels: Superpixels, small: SmallLab, resources: Resources, count: int | None = None
 ) -> np.ndarray:
     """The subtexture of every superpixel, (n,) int64 from 0 on.
 
     Parameters
     ----------
-    superpixels : Superpixels
     small : SmallLab
         The squares that they are described by: the image is not looked at again.
-    session : Session
     count : int, optional
         So many, if there are so many.
     """
     height, width = small.ids.shape
     pixels = LabPixels(small.lab, small.ids > 0, small.factor, None, width, height)
-    labels = decomposed(pixels, DecompositionSettings(count=count), session, texture=small.texture).labels.astype(
+    labels = decomposed(pixels, DecompositionSettings(count=count), resources, texture=small.texture).labels.astype(
         np.int64
     )
     table = np.zeros((superpixels.count + 1, int(labels.max()) + 1), np.int64)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..color.lab_reduced import LabPixels
 from ..labels.filter_bank import Texture, texton_map
-from ..session import Session
+from ..session.resources import Resources
 
 UNIT = 4000  # steps of a root of a histogram: the product of two fits the 24 bits of a float32
 BINS = 8  # of colour, and as many of structure: CZF02 section II A
@@ -51,26 +51,24 @@ class Counts:
 # --- textons ---
 
 
-def weighted_counts(pixels: LabPixels, session: Session, bins: int = BINS) -> Counts:
+def weighted_counts(pixels: LabPixels, resources: Resources, bins: int = BINS) -> Counts:
     """CZF02 section II A: weights (eq. 1) of colour bins, then of Haar bins, of every pixel."""
     groups = [pixels.lab, haar_details(pixels.lab[..., 0])]
-    values = np.concatenate([_weights(group, pixels.seen, bins, session) for group in groups], axis=-1)
+    values = np.concatenate([_weights(group, pixels.seen, bins, resources) for group in groups], axis=-1)
     return Counts(values * pixels.seen[..., None], 1)
 
 
-def bank_counts(texture: Texture, session: Session, bins: int, side: int) -> Counts:
+def bank_counts(texture: Texture, resources: Resources, bins: int, side: int) -> Counts:
     """Counts of filter bank textons in cells; a departure from the paper that costs a pixel its softness.
 
     Parameters
     ----------
-    texture : Texture
-    session : Session
     bins : int
         Textons.
     side : int
         Of a cell, px.
     """
-    textons = texton_map(texture, session, bins, _COLOUR, _LEARNED)
+    textons = texton_map(texture, resources, bins, _COLOUR, _LEARNED)
     height, width = textons.shape
     across, down = -(-width // side), -(-height // side)
     cell = (np.arange(height) // side)[:, None] * across + np.arange(width) // side
@@ -119,7 +117,7 @@ def _halves(points: np.ndarray) -> list[np.ndarray]:
     return [points[~upper], points[upper]]
 
 
-def _weights(values: np.ndarray, seen: np.ndarray, bins: int, session: Session) -> np.ndarray:
+def _weights(values: np.ndarray, seen: np.ndarray, bins: int, resources: Resources) -> np.ndarray:
     """CZF02 eq. 1, (h, w, bins) int32 in steps of 1 / 255.
 
     sigma, which the paper leaves open, is the root of the mean squared distance to the nearest centre. The weights of
@@ -140,14 +138,14 @@ def _weights(values: np.ndarray, seen: np.ndarray, bins: int, session: Session) 
         weight = np.exp(away / np.float32(-2 * variance))
         return np.rint(weight * (FULL / weight.sum(1, keepdims=True))).astype(np.int32)
 
-    weights = np.concatenate(list(session.spread(weigh, range(0, len(points), _BLOCK))))
+    weights = np.concatenate(list(resources.spread(weigh, range(0, len(points), _BLOCK))))
     return np.pad(weights, ((0, 0), (0, bins - weights.shape[1]))).reshape(*values.shape[:2], bins)
 
 
 # --- histograms ---
 
 
-def disc_sums(values: np.ndarray, radius: float, session: Session) -> np.ndarray:
+def disc_sums(values: np.ndarray, radius: float, resources: Resources) -> np.ndarray:
     """CZF02 eq. 2 but for the division: (h, w, k) int32 -> sums over discs, (h, w, k) int32; discs end at borders."""
     height, width = values.shape[:2]
     reach = int(radius)
@@ -164,7 +162,7 @@ def disc_sums(values: np.ndarray, radius: float, session: Session) -> np.ndarray
             out[max(-dy, 0) : height - max(dy, 0)] += from_rows[:, right] - from_rows[:, left]
         return out
 
-    return np.stack(list(session.spread(summed, range(values.shape[2]))), axis=-1)
+    return np.stack(list(resources.spread(summed, range(values.shape[2]))), axis=-1)
 
 
 def histogram_roots(sums: np.ndarray) -> np.ndarray:
@@ -217,7 +215,6 @@ def similarities(
     ----------
     roots : (h, w, k) int16
         Of histograms, 0 where nothing is seen.
-    samples : Samples
     shift : float
         How far to look, cells; 0: no further than j itself.
     others : tuple of (h, w, k) int16
@@ -246,7 +243,7 @@ def similarities(
 
 
 def mean_shift_similarities(
-    counts: Counts, radii: tuple[float, ...], samples: Samples, shift: float, session: Session
+    counts: Counts, radii: tuple[float, ...], samples: Samples, shift: float, resources: Resources
 ) -> np.ndarray:
     """As `similarities`, but by mean shift (CZF02 section II B, after Comaniciu, Ramesh, Meer, CVPR 2000).
 
@@ -256,13 +253,10 @@ def mean_shift_similarities(
 
     Parameters
     ----------
-    counts : Counts
     radii : tuple of float
         Of the discs, cells: at i, and of each scale at which j is looked at.
-    samples : Samples
     shift : float
         How far a window may move from j, cells.
-    session : Session
 
     Returns
     -------
@@ -273,12 +267,12 @@ def mean_shift_similarities(
     n = len(rows)
     height, width = counts.values.shape[:2]
     best = None
-    queries = histogram_roots(disc_sums(counts.values, radii[0], session))[rows, columns].astype(np.float32)
+    queries = histogram_roots(disc_sums(counts.values, radii[0], resources))[rows, columns].astype(np.float32)
     y, x = np.mgrid[0:height, 0:width]
     for radius in radii:
-        mass = disc_sums(counts.values, radius, session)
+        mass = disc_sums(counts.values, radius, resources)
         roots = histogram_roots(mass).reshape(height * width, -1).astype(np.float32)
-        moments = [_disc_moments(counts.values, axis, radius, session).reshape(height * width, -1) for axis in (y, x)]
+        moments = [_disc_moments(counts.values, axis, radius, resources).reshape(height * width, -1) for axis in (y, x)]
         mass = mass.reshape(height * width, -1).astype(np.float32)
         products = np.zeros((n, n), np.float32)
         for j in range(n):
@@ -303,13 +297,13 @@ def mean_shift_similarities(
     return _symmetric(best)
 
 
-def _disc_moments(values: np.ndarray, coordinate: np.ndarray, radius: float, session: Session) -> np.ndarray:
+def _disc_moments(values: np.ndarray, coordinate: np.ndarray, radius: float, resources: Resources) -> np.ndarray:
     """Sums over discs of weights times a coordinate, float32."""
     middle = int(coordinate.max()) // 2  # keeps the sums within 32 bits
     moved = values * (coordinate - middle)[..., None].astype(np.int32)
-    return (disc_sums(moved, radius, session) + middle * disc_sums(values, radius, session).astype(np.float64)).astype(
-        np.float32
-    )
+    return (
+        disc_sums(moved, radius, resources) + middle * disc_sums(values, radius, resources).astype(np.float64)
+    ).astype(np.float32)
 
 
 def _symmetric(products: np.ndarray) -> np.ndarray:

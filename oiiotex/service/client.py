@@ -20,7 +20,7 @@ from ..deferred import np
 from ..errors import Error, of_facts
 from .messages import Link, LinkError
 from .pictures import image_facts
-from .settings import Settings
+from .settings import ResidentSettings
 
 if TYPE_CHECKING:
     from subprocess import Popen
@@ -204,7 +204,7 @@ class Client:
             request.set_exception(of_facts(facts))
 
 
-def connect(settings: Settings) -> Client:
+def connect(settings: ResidentSettings) -> Client:
     """A client of the process of these settings, started where there is none.
 
     Raises
@@ -233,12 +233,12 @@ def connect(settings: Settings) -> Client:
         time.sleep(0.02)
 
 
-def _started(settings: Settings) -> Popen[Any]:
+def _started(settings: ResidentSettings) -> Popen[Any]:
     with open(_log_of(settings), "wb") as log:
         return start_python(
             "oiiotex.service", settings.text(), stdin=DEVNULL, stdout=log, stderr=log, start_new_session=True
         )
 
 
-def _log_of(settings: Settings) -> Path:
+def _log_of(settings: ResidentSettings) -> Path:
     return settings.socket().with_suffix(".log")

@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import Error
 from ..session import Session
 from .client import connect
-from .settings import Settings
+from .settings import ResidentSettings
 from .texture_file import TextureFile, read_texture_file
 
 
@@ -30,7 +30,7 @@ def answer(word: str) -> dict[str, Any]:
     try:
         asked = json.loads(word)
         if "device" in asked:
-            settings = Settings.of(Session(device_name=asked["device"]))
+            settings = ResidentSettings.of(Session(device_name=asked["device"]))
             connect(settings).close()
             return {"socket": str(settings.socket())}
         file = TextureFile.of_text(asked["texture"]) if "texture" in asked else read_texture_file(asked["name"])

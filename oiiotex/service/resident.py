@@ -26,10 +26,12 @@ from ..deferred import oiio
 from ..errors import Error
 from ..io.atomic import discard_all
 from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .jobs import Job, Jobs
 from .messages import Link, LinkError
 from .pictures import image_of
-from .settings import Settings
+from .settings import ResidentSettings
 from .work import Bench
 
 MOST_JOBS = 256  # of a client, that wait or run
@@ -45,19 +47,12 @@ class Resident:
 
     Parameters
     ----------
-    settings : Settings
+    settings : ResidentSettings
     """
 
-    def __init__(self, settings: Settings):
+    def __init__(self, settings: ResidentSettings):
         self._settings = settings
-        self._session = Session(
-            device_name=settings.device,
-            threads=settings.threads,
-            budget=settings.budget,
-            colorconfig=settings.colorconfig,
-            interchange=settings.interchange,
-            autocc=settings.autocc,
-        )
+        self._session = Session.of(Resources(settings), Progress())
         self._session.resources.memory = settings.budget // MEMORY_SHARE
         self.jobs = Jobs()
         self._clients: set[_Client] = set()
@@ -118,7 +113,7 @@ class Resident:
 
     def facts(self) -> dict[str, Any]:
         """What it is, and what it does."""
-        device = self._session.device.info.name if self._session.resources.has_device else None
+        device = self._session.resources.device.info.name if self._session.resources.has_device else None
         return {
             "version": __version__, "pid": os.getpid(), "device": device,
             "clients": len(self._clients), "jobs": self.jobs.count,
@@ -236,7 +231,7 @@ def _user_of(connection: socket.socket) -> int:
 
 def main(text: str) -> None:
     """Be the resident process that settings, as JSON, ask for."""
-    settings = Settings(**json.loads(text))
+    settings = ResidentSettings(**json.loads(text))
     for name in ("threads", "exr_threads"):  # OpenImageIO counts the machine's, not those that the process may use
         oiio.attribute(name, settings.threads or usable_threads())
     os.environ["OIIOTEX_RESIDENT"] = "1"  # the plugin of hosts/openimageio asks this process, which must not ask itself

@@ -8,50 +8,38 @@ import hashlib
 import json
 import os
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from .. import __version__
 from ..errors import Error
 from ..opencl.cache_folders import require_private
 from ..session import Session
+from ..session.settings import Settings
 
 IDLE = 600.0  # s without a client after which it ends
 
 
-@dataclass(frozen=True)
-class Settings:
+@dataclass(frozen=True, kw_only=True)
+class ResidentSettings(Settings):
     """Those of a run that outlast it.
 
     Attributes
     ----------
-    device : str or None
-    threads, budget : int
-    colorconfig : str or None
-    interchange : (str, str) or None
-    autocc : bool
-        As of `session.Session`.
     idle : float
         Seconds without a client after which it ends.
     """
 
-    device: str | None = None
-    threads: int = 0
-    budget: int = 0
-    colorconfig: str | None = None
-    interchange: tuple[str, str] | None = None
-    autocc: bool = False
     idle: float = IDLE
 
     @classmethod
-    def of(cls, session: Session, idle: float = IDLE) -> Settings:
-        """Those of a session; the environment's device and colour config become words."""
-        config = session.colorconfig or os.environ.get("OCIO")
+    def of(cls, session: Session) -> ResidentSettings:
+        """Those of a session, but for what belongs to one line; the environment's colour config becomes a word."""
+        config = session.settings.colorconfig or os.environ.get("OCIO")
         if config and os.path.exists(config):
             config = os.path.abspath(config)
-        return cls(
-            session.device_name, session.threads, session.budget, config, session.interchange, session.autocc, idle
-        )
+        of_all = replace(session.settings, colorconfig=config, all_parts=False, profile=False, words=())
+        return cls(**asdict(of_all))
 
     def text(self) -> str:
         """As JSON."""

@@ -29,7 +29,7 @@ from ..io.documents import read_document
 from ..multiscale.graph import read_graph
 from ..multiscale.synthesizer import MOST_LEVEL
 from ..session import Session
-from .settings import Settings
+from .settings import ResidentSettings
 
 SUFFIX = ".oiiotex"
 FOLDERS = "OIIOTEX_TEXTURE_PATH"
@@ -101,9 +101,9 @@ class TextureFile:
         facts = json.loads(text)
         return cls(**facts | {"stamp": tuple(facts["stamp"])})
 
-    def settings(self) -> Settings:
+    def settings(self) -> ResidentSettings:
         """Those of the resident process that makes it."""
-        return Settings.of(Session(device_name=self.device, autocc=self.autocc))
+        return ResidentSettings.of(Session(device_name=self.device, autocc=self.autocc))
 
     def require_unchanged(self) -> None:
         """Refuse to go on with other pixels than those that a host has seen.

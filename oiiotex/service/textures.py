@@ -9,7 +9,6 @@ levels costs more than a small window itself.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from ..errors import ImageError
 from ..filters import op_named
 from ..io.reading import read
 from ..session import Session
+from ..session.progress import Progress
 from .texture_file import TextureFile, tile_side
 from .tile_plane import TilePlane
 
@@ -38,7 +38,6 @@ class Texture:
     ----------
     text : str
         As by `TextureFile.text`.
-    session : Session
 
     Attributes
     ----------
@@ -77,7 +76,7 @@ class Texture:
 
         def block(place: Window) -> np.ndarray:
             made = self._made
-            return session.cache.get((self._text, level, place), lambda: made.pixels(level, place, session))
+            return session.resources.cache.get((self._text, level, place), lambda: made.pixels(level, place, session))
 
         return assembled(window, (self._side, self._side), _PLANE, block)
 
@@ -114,8 +113,7 @@ class _Quilt:
     levels = 1
 
     def __init__(self, file: TextureFile, session: Session):
-        quiet = copy.copy(session)  # outlives the job that opens it
-        quiet.progress = None
+        quiet = session.telling(Progress())  # outlives the job that opens it
         exemplar = _opened(file.photo or "", file, session)
         op = _use("quilt", exemplar=exemplar, plan=Path(file.plan or ""), render=True)
         self._part: Part = op.compute(quiet)["quilt"]
@@ -172,10 +170,10 @@ def _opened(path: str, file: TextureFile, session: Session) -> Image:
     """An image of the file's, one for all textures of it, so that it is analysed once."""
 
     def read_and_tagged() -> Image:
-        image = read(path, session.cache)
+        image = read(path, session.resources.cache)
         if not file.colorspace:
             return image
-        session.color.resolve(file.colorspace)
-        return tagged(image, TAG, session.color.known_name(file.colorspace))
+        session.resources.color.resolve(file.colorspace)
+        return tagged(image, TAG, session.resources.color.known_name(file.colorspace))
 
     return session.resources.remembered(("photo", path, file.stamp, file.colorspace), read_and_tagged)

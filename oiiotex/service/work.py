@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
 import logging
 from typing import Any
@@ -17,7 +16,7 @@ from ..deferred import np
 from ..errors import ImageError, Interrupted, ParameterError
 from ..run import run
 from ..session import Session
-from ..stats import Stats
+from ..session.progress import Progress
 from .jobs import Job
 from .pictures import image_facts, window_of
 from .textures import opened
@@ -78,7 +77,7 @@ class Bench:
             until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once;
             keep, False where its images will not be asked for again.
         look : callable
-            Called with (pixels, whole), as `Session.look`; None: nobody looks.
+            Called with (pixels, whole), as `Progress.look`; None: nobody looks.
 
         Returns
         -------
@@ -89,8 +88,7 @@ class Bench:
         Error
             As by the op; Interrupted where the job is cancelled.
         """
-        session, said = self._session_of(job), list[str]()
-        session.say, session.measure = said.append, bool(asked.get("measure"))
+        said = list[str]()
         only_look = asked.get("until") == "look"
         seen: list[np.ndarray] = []
 
@@ -100,11 +98,12 @@ class Bench:
                 raise Interrupted("seen")
             look(pixels, whole)
 
-        if look is not None or only_look:
-            session.look = looked
+        looks = look is not None or only_look
+        progress = Progress(job.advance, looked if looks else None, said.append, bool(asked.get("measure")))
+        session = self._session.telling(progress)
         op = self._bound(asked)
         try:
-            results = session.on_a_device(lambda: run(op, session))
+            results = session.resources.on_a_device(lambda: run(op, session))
         except Interrupted:
             if not seen:
                 raise
@@ -135,8 +134,8 @@ class Bench:
         Error
             It cannot be opened.
         """
-        session = self._session_of(job)
-        texture = session.on_a_device(lambda: opened(asked["texture"], session))
+        session = self._session.telling(Progress(job.advance))
+        texture = session.resources.on_a_device(lambda: opened(asked["texture"], session))
         return {"spec": texture.spec.to_xml(), "levels": texture.levels}, []
 
     def tile(self, job: Job, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
@@ -147,17 +146,12 @@ class Bench:
         Error
             As by `textures.Texture.tile`.
         """
-        session, window = self._session_of(job), Window(*map(int, asked["window"]))
+        session, window = self._session.telling(Progress(job.advance)), Window(*map(int, asked["window"]))
 
         def made() -> np.ndarray:
             return opened(asked["texture"], session).tile(int(asked["level"]), window, session)
 
-        return {}, [session.on_a_device(made)]
-
-    def _session_of(self, job: Job) -> Session:
-        session = copy.copy(self._session)
-        session.progress, session.stats = job.advance, Stats()
-        return session
+        return {}, [session.resources.on_a_device(made)]
 
     def _bound(self, asked: dict[str, Any]) -> Op:
         op, texts = op_named(asked["op"]), {key: str(text) for key, text in asked.get("values", {}).items()}

@@ -59,12 +59,10 @@ class Cells:
 
         Parameters
         ----------
-        window : Window
         sigma : float
             px.
         largest : int
             px.
-        per_sigma : float
         wraps : (bool, bool)
             As of the cells.
         """
@@ -247,7 +245,6 @@ class Surface:
     ----------
     grid : (down + 2 MARGIN, across + 2 MARGIN, fields) float
         Values at the cells' centres, with the margin.
-    cells : Cells
     """
 
     _KEPT = 16  # rows of the grid, spread to full width

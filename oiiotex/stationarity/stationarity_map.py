@@ -20,7 +20,8 @@ from ..core.image import Image
 from ..core.window import Window
 from ..deferred import np
 from ..scan import scan
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 from .costs import BINS, FLAT, POWER_VARIANCES, RANGES, RESPONSE_RANGES
 from .grid_statistics import MARGIN, Cells, correlated, padded, smoothing_taps
 from .steerable import ORIENTATIONS, RADIUS, responses_in
@@ -36,7 +37,6 @@ class Deviation:
 
     Attributes
     ----------
-    cells : Cells
     local : (down + 4, across + 4) float
         At the cells' centres, and `grid_statistics.MARGIN` beyond: the mean difference between what is seen there and
         what is seen from all cells, summed over channels, in Lab units; of moments in squared ones.
@@ -50,17 +50,15 @@ class Deviation:
 
 
 def deviation_of(
-    image: Image, lens: Lens, sigma: float, session: Session, measure: str = "histogram", order: int = 2
-) -> Deviation:
+    image: Image, lens: Lens, sigma: float, resources: Resources, progress: Progress, measure: str = "histogram",
+    order: int = 2,
+) -> Deviation:  # fmt: skip
     """The local deviation from stationarity of an image's first part, from one look at its pixels.
 
     Parameters
     ----------
-    image : Image
-    lens : Lens
     sigma : float
         Of the Gaussian window w_d of MJH17 eq. 2 to 4, px.
-    session : Session
     measure : str
         histogram, moments or steerable, as `costs.stationarity_cost` has them.
     order : int
@@ -90,7 +88,7 @@ def deviation_of(
     band = min(cells.down, rows_for(image.first) // cells.side + 2)
     beside += np.dtype(dtype).itemsize * math.prod(shape[1:]) * band
     layout = {"sums": (shape, dtype)}
-    sums = session.scratch(layout, f"sigma {sigma:g} px", "take a larger sigma", beside)["sums"]
+    sums = resources.scratch(layout, f"sigma {sigma:g} px", "take a larger sigma", beside)["sums"]
 
     def look_at_responses(values: np.ndarray, opaque: np.ndarray | None, piece: Window) -> list[np.ndarray]:
         filtered, clear = responses_in(values[..., :count], opaque, piece, cells.window)
@@ -99,11 +97,11 @@ def deviation_of(
 
     keep = functools.partial(cells.add, sums)
     if measure == "steerable":
-        scan(image.first, lens, session, look_at_responses, keep, halo=RADIUS, larger=4,
-             progress=session.advance)  # fmt: skip
+        scan(image.first, lens, resources, look_at_responses, keep, halo=RADIUS, larger=4,
+             advance=progress.advance)  # fmt: skip
     else:
-        scan(image.first, lens, session, lambda values, opaque, _: [look(values, opaque)], keep,
-             cell=cells.side, larger=2, progress=session.advance)  # fmt: skip
+        scan(image.first, lens, resources, lambda values, opaque, _: [look(values, opaque)], keep,
+             cell=cells.side, larger=2, advance=progress.advance)  # fmt: skip
     if measure == "moments":
         return _moment_deviation(cells, sums, sigma, ranges)
     return _deviation(cells, sums, sigma, ranges)

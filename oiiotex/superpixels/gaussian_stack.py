@@ -17,7 +17,7 @@ from ..color.lab_grid import FINE_STEPS
 from ..core.elementary import gaussian_taps
 from ..deferred import np
 from ..opencl.buffers import Buffers, Download, offset_table
-from ..session import Session
+from ..session.resources import Resources
 from .refinement import WIDEST
 from .run_length import OUTSIDE
 from .superpixels import Superpixels
@@ -27,15 +27,13 @@ _AHEAD = 4  # levels on which the device works while the host merges by one
 _BLUR_IN_SQUARES = 3.0  # a blur that wide allows squares of twice the side
 
 
-def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], session: Session) -> Iterator[np.ndarray]:
+def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], resources: Resources) -> Iterator[np.ndarray]:
     """Sums of L, a, b over each superpixel in the blurred image, for every level after the first.
 
     Parameters
     ----------
-    superpixels : Superpixels
     sigmas : sequence of float
         Scales of the levels, px, rising.
-    session : Session
 
     Yields
     ------
@@ -46,7 +44,7 @@ def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], session: Ses
     reduced = superpixels.reduced
     planes = reduced.sums.transpose(2, 0, 1).astype(np.float32)  # L, a, b, number x rows x columns of squares
     planes[:3] /= FINE_STEPS
-    stack = _Stack(superpixels, planes, session)
+    stack = _Stack(superpixels, planes, resources)
     with stack.buffers:
         wanted, coming = 0.0, deque[Download]()
         for number, (before, sigma) in enumerate(itertools.pairwise(sigmas)):
@@ -65,8 +63,8 @@ def _lab(sums: Download) -> np.ndarray:
 class _Stack:
     """The image at one blur after another, on the device."""
 
-    def __init__(self, superpixels: Superpixels, planes: np.ndarray, session: Session):
-        self._device, self._superpixels = session.device, superpixels
+    def __init__(self, superpixels: Superpixels, planes: np.ndarray, resources: Resources):
+        self._device, self._superpixels = resources.device, superpixels
         self._run = self._device.program("superpixels")
         self._side = superpixels.reduced.side
         self._variance = (self._side**2 - 1) / 12  # of the blur that there is, px^2
@@ -88,7 +86,7 @@ class _Stack:
         size = self._plane * 4 * 4
         layout = {"image": size, "other": size, "shares": 2 * int(boxes[-1, 3])}
         layout |= {f"sums{n}": 16 * superpixels.count for n in range(_AHEAD)}
-        self.buffers = Buffers(self._device, layout, session.budget, "the Gaussian stack")
+        self.buffers = Buffers(self._device, layout, resources.budget, "the Gaussian stack")
         padded = np.zeros((4, self.height + 2 * _MARGIN, self._stride), np.float32)  # planes x rows x columns
         padded[:, _MARGIN:-_MARGIN, _MARGIN : _MARGIN + self.width] = planes
         self._clear()

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..deferred import np
-from ..session import Session
+from ..session.resources import Resources
 from .gaussian_stack import blurred_sums
 from .superpixels import Superpixels
 
@@ -74,19 +74,19 @@ def scales(finest: float, shorter_side: int) -> np.ndarray:
     return finest * (coarsest / finest) ** (np.arange(MOST_LEVELS) / (MOST_LEVELS - 1))
 
 
-def hierarchy(superpixels: Superpixels, session: Session, sigmas: np.ndarray | None = None) -> Hierarchy:
+def hierarchy(superpixels: Superpixels, resources: Resources, sigmas: np.ndarray | None = None) -> Hierarchy:
     """Merge superpixels by eq. 2, guided by the Gaussian stack.
 
     Parameters
     ----------
-    superpixels, session
+    superpixels
     sigmas : (levels,) float, optional
         Scales, px, rising from that of the superpixels; `scales` when left out.
     """
     window = superpixels.window
     if sigmas is None:
         sigmas = scales(superpixels.sigma, min(window.width, window.height))
-    levels = blurred_sums(superpixels, sigmas.tolist(), session)
+    levels = blurred_sums(superpixels, sigmas.tolist(), resources)
     return merged(superpixels.sizes, superpixels.positions, superpixels.edges, sigmas, levels)
 
 

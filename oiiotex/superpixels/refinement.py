@@ -17,7 +17,7 @@ from typing import Any
 from ..color.lab_on_device import Band, LabGrid
 from ..deferred import np
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 from .slic import SeedGrid, Slic, candidates
 
 WIDEST = 128  # px, of a square: its pixels are counted in 16 bits
@@ -50,20 +50,19 @@ class Squares:
         Of the image, px.
     side : int
         Of a square, px; bands begin at multiples of it.
-    session : Session
     means : bool
         They are wanted as well as sums.
     """
 
-    def __init__(self, width: int, height: int, side: int, session: Session, means: bool):
-        self._device, self._image = session.device, (width, height)
+    def __init__(self, width: int, height: int, side: int, resources: Resources, means: bool):
+        self._device, self._image = resources.device, (width, height)
         self.width, self.height = -(-width // side), -(-height // side)
         self.band_rows = self.height
         self._rows = max(1, min(self.height, _AT_ONCE // (16 * self.width)))
         asker, self._means = "the image in squares", means
         size = 8 * self.width * self.height + _PADDING if means else 0
-        self._buffers = Buffers(self._device, {"lab": size}, session.budget, asker)
-        self._sums = Buffers(self._device, {"sums": 16 * self.width * self._rows}, session.budget, asker)
+        self._buffers = Buffers(self._device, {"lab": size}, resources.budget, asker)
+        self._sums = Buffers(self._device, {"sums": 16 * self.width * self._rows}, resources.budget, asker)
         self.reduced = Reduced(side, np.zeros((self.height, self.width, 4), np.int32))
 
     def __enter__(self) -> Squares:
@@ -94,7 +93,7 @@ class Squares:
 
 
 def refined_slots(
-    lab: LabGrid, grid: SeedGrid, squares: Squares, settled: Slic, centres: np.ndarray, session: Session
+    lab: LabGrid, grid: SeedGrid, squares: Squares, settled: Slic, centres: np.ndarray, resources: Resources
 ) -> Iterator[tuple[Band, Any]]:
     """As `Slic.slots` of the image: which of nine seeds a pixel chooses, band by band.
 
@@ -104,18 +103,16 @@ def refined_slots(
         The image.
     grid : SeedGrid
         Its cells, cut along squares.
-    squares : Squares
     settled : Slic
         Of the squares.
     centres : (down, across, 5) float64
         Its seeds: L, a, b in steps, x, y in squares.
-    session : Session
     """
-    device, side, strips = session.device, squares.reduced.side, grid.strips(lab.band_rows)
+    device, side, strips = resources.device, squares.reduced.side, grid.strips(lab.band_rows)
     run = device.program("superpixels")
     layout = {"seeds": 2 * squares.width * squares.height, "candidates": 16 * 9 * grid.count}
     layout["slots"] = lab.band_rows * lab.width
-    with Buffers(device, layout, session.budget, f"{grid.count} superpixels") as buffers:
+    with Buffers(device, layout, resources.budget, f"{grid.count} superpixels") as buffers:
         cells = [device.upload(grid.of_squares.cells(axis)) for axis in (0, 1)]
         for band, slots in settled.slots(centres):
             shape = squares.width, squares.height

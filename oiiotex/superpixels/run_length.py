@@ -128,7 +128,6 @@ class Borders:
             Pairs of labels, 0 .. count - 1.
         length : (m,)
             Pixel sides that they share.
-        count : int
         """
         apart = a != b
         a, b, length = a[apart].astype(np.int64), b[apart].astype(np.int64), length[apart]
@@ -153,7 +152,6 @@ def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], Non
     ----------
     strips : iterable of Strip
         The label map from top to bottom; OUTSIDE belongs to no piece.
-    height : int
     require : callable, optional
         Given the bytes that this will need so far; raises where that is too much. Photos have few runs, noise has
         nearly as many as pixels.

@@ -23,7 +23,7 @@ from ..color.lab_grid import FINE_STEPS
 from ..color.lab_on_device import Band, LabGrid
 from ..deferred import np
 from ..opencl.buffers import Buffers
-from ..session import Session
+from ..session.resources import Resources
 
 if TYPE_CHECKING:
     from .refinement import Squares
@@ -205,17 +205,15 @@ class Slic:
     Parameters
     ----------
     lab : LabGrid
-    grid : SeedGrid
-    session : Session
     """
 
-    def __init__(self, lab: LabGrid | Squares, grid: SeedGrid, session: Session):
-        self._lab, self.grid, self._device = lab, grid, session.device
+    def __init__(self, lab: LabGrid | Squares, grid: SeedGrid, resources: Resources):
+        self._lab, self.grid, self._device = lab, grid, resources.device
         self._run = self._device.program("superpixels")
         self._strips = grid.strips(lab.band_rows)
         first = np.searchsorted(self._strips[:, 2], np.arange(grid.down + 1)).astype(np.int32)  # of each row of cells
         layout = _layout(grid, len(self._strips)) | {"slots": lab.band_rows * lab.width}
-        self._buffers = Buffers(self._device, layout, session.budget, f"SLIC with {grid.count} seeds")
+        self._buffers = Buffers(self._device, layout, resources.budget, f"SLIC with {grid.count} seeds")
         self._tables = [
             self._device.upload(t) for t in (self._strips, grid.edges(1), grid.cells(1), first, grid.edges(0))
         ]

@@ -24,7 +24,7 @@ from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import present
 from ..opencl.buffers import Buffers, in_smaller_pieces, offset_table
-from ..session import Session
+from ..session.resources import Resources
 from .crumbs import without_crumbs
 from .refinement import WIDEST, Reduced, Squares, refined_slots
 from .run_length import OUTSIDE, Pieces, Runs, Strip, pieces_of, without_small
@@ -61,7 +61,6 @@ class Superpixels:
         Their scale sigma_1, px.
     runs : Runs
         The label map, 0-based.
-    reduced : Reduced
     """
 
     window: Window
@@ -99,7 +98,7 @@ def finest_scale(window: Window) -> float:
 def superpixels(
     image: Image,
     lens: Lens,
-    session: Session,
+    resources: Resources,
     *,
     sigma: float | None = None,
     compactness: float = COMPACTNESS,
@@ -115,7 +114,7 @@ def superpixels(
 
     Parameters
     ----------
-    image, lens, session
+    image, lens
     sigma : float, optional
         Their scale, px; `finest_scale` when left out.
     compactness : float
@@ -150,30 +149,32 @@ def superpixels(
     least = 0.25 * grid.scale**2 if minsize is None else minsize
 
     def require(need: int) -> None:
-        session.require(need, f"{part.spec.width}x{part.spec.height} cut into so many pieces", "blur the image first")
+        resources.require(need, f"{part.spec.width}x{part.spec.height} cut into so many pieces", "blur the image first")
 
     cut = f"{window.width}x{window.height} cut into {grid.count} superpixels"
-    session.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "take larger ones")
+    resources.require(_certain(grid.of_squares if on_squares else grid, window, side), cut, "take larger ones")
 
     def within(most: int) -> Superpixels:
         """With so many bytes of the image on the device at a time."""
         best: Superpixels | None = None
-        with contextlib.ExitStack() as resources:
-            squares = resources.enter_context(Squares(window.width, window.height, side, session, on_squares))
-            lab = resources.enter_context(LabGrid(image, lens, session, side, most, squares.look))
+        with contextlib.ExitStack() as opened:
+            squares = opened.enter_context(Squares(window.width, window.height, side, resources, on_squares))
+            lab = opened.enter_context(LabGrid(image, lens, resources, side, most, squares.look))
             advance(1, 2 * runs + 1)
             settled, settling = (squares, grid.of_squares) if on_squares else (lab, grid)
-            slic = resources.enter_context(Slic(settled, settling, session))
+            slic = opened.enter_context(Slic(settled, settling, resources))
             for run in range(runs):
                 centres = slic.iterate(iterations, _jitter(settling, seed, run) if run else None)
                 advance(2 * run + 2, 2 * runs + 1)
-                slots = refined_slots(lab, grid, squares, slic, centres, session) if on_squares else slic.slots(centres)
-                strips = _strips(slots, grid, session)
+                slots = (
+                    refined_slots(lab, grid, squares, slic, centres, resources) if on_squares else slic.slots(centres)
+                )
+                strips = _strips(slots, grid, resources)
                 if on_squares:
                     strips = without_crumbs(strips, lab.height, least)
                 pieces = without_small(pieces_of(strips, lab.height, require), least)
                 wanted = powers or runs > 1
-                candidate = _described(part, lab if wanted else None, grid, pieces, squares.reduced, session)
+                candidate = _described(part, lab if wanted else None, grid, pieces, squares.reduced, resources)
                 if best is None or candidate.error(compactness) < best.error(compactness):
                     best = candidate
                 advance(2 * run + 3, 2 * runs + 1)
@@ -181,7 +182,7 @@ def superpixels(
         return best
 
     row = PIXEL_BYTES * part.window.width
-    return in_smaller_pieces(within, min(most_on_device(session), row * part.window.height), side * row)
+    return in_smaller_pieces(within, min(most_on_device(resources), row * part.window.height), side * row)
 
 
 def _certain(grid: SeedGrid, window: Window, side: int) -> int:
@@ -196,13 +197,13 @@ def _jitter(grid: SeedGrid, seed: int, run: int) -> np.ndarray:
     return share.reshape(grid.down, grid.across, 2) * [grid.width / grid.across, grid.height / grid.down]
 
 
-def _strips(bands: Iterable[tuple[Band, Any]], grid: SeedGrid, session: Session) -> Iterator[Strip]:
+def _strips(bands: Iterable[tuple[Band, Any]], grid: SeedGrid, resources: Resources) -> Iterator[Strip]:
     """The seeds that pixels choose, OUTSIDE where they are transparent, from top to bottom."""
     away = np.zeros(NONE + 1, np.int32)
     away[: len(NINE)] = [dy * grid.across + dx for dy, dx in NINE]
     rows, columns, edges = grid.cells(0) * grid.across, grid.cells(1), grid.edges(1)[:-1]
     for band, buffer in bands:
-        slots = session.device.read(buffer, (band.bottom - band.top, grid.width), np.uint8)
+        slots = resources.device.read(buffer, (band.bottom - band.top, grid.width), np.uint8)
         for top in range(0, len(slots), _BAND_ROWS):
             piece = slots[top : top + _BAND_ROWS]
             change = np.ones(piece.shape, bool)
@@ -217,14 +218,14 @@ def _strips(bands: Iterable[tuple[Band, Any]], grid: SeedGrid, session: Session)
 
 
 def _described(
-    part: Part, lab: LabGrid | None, grid: SeedGrid, pieces: Pieces, reduced: Reduced, session: Session
+    part: Part, lab: LabGrid | None, grid: SeedGrid, pieces: Pieces, reduced: Reduced, resources: Resources
 ) -> Superpixels:
     runs, sizes = pieces.runs, pieces.sizes
     inside = runs.label != OUTSIDE
     label, left, right, rows = runs.label[inside], runs.left[inside], runs.right()[inside], runs.rows()[inside]  # (n,)
     powers = None
     if lab is not None:
-        powers = _power_sums(lab, np.stack([rows, left, right], 1), label, len(sizes), session)
+        powers = _power_sums(lab, np.stack([rows, left, right], 1), label, len(sizes), resources)
     length = (right - left).astype(np.int64)
     # exact: sums of integers below 2^53
     x = np.bincount(label, (left.astype(np.int64) + right - 1) * length, len(sizes)) / 2
@@ -242,13 +243,13 @@ def _described(
     )
 
 
-def _power_sums(lab: LabGrid, runs: np.ndarray, label: np.ndarray, count: int, session: Session) -> np.ndarray:
+def _power_sums(lab: LabGrid, runs: np.ndarray, label: np.ndarray, count: int, resources: Resources) -> np.ndarray:
     """(count, 3, 5) from runs (n, 3): row, first column, column after the last, sorted by row."""
     if count == 0:
         return np.zeros((0, 3, 5))
-    device = session.device
+    device = resources.device
     run = device.program("superpixels")
-    with Buffers(device, {"powers": 8 * _SUMS * count}, session.budget, f"{count} superpixels") as buffers:
+    with Buffers(device, {"powers": 8 * _SUMS * count}, resources.budget, f"{count} superpixels") as buffers:
         device.fill(buffers["powers"], np.int64(0), _SUMS * count)
         for band in lab.bands():
             begin, end = np.searchsorted(runs[:, 0], (band.top, band.bottom))

@@ -113,21 +113,21 @@ def _write_one(chain: Chain, path: str, given: WriteModifiers) -> None:
         return
     if _either(given.autotrim, chain.settings.get("--autotrim")):
         image = _trimmed(chain, image, path)
-    if _either(given.autocc, chain.session.autocc):
+    if _either(given.autocc, chain.session.settings.autocc):
         image, how = _converted(chain, image, path, how, bool(given.unpremult))
     if not may_write(chain, image, path, how):
         return
     shares, inputs = chain.shares, sorted(chain.inputs)
     if shares is not None and shares.count:
         chain.tell(f"Computing share {shares.number}/{shares.count} of {path}")
-        with chain.session.stats.time("write"):
+        with chain.session.resources.stats.time("write"):
             shares.compute(chain.session, image, path, inputs)
         return
     if shares is not None:
         image = shares.joined(chain.session, image, inputs)
     chain.tell(f"Writing {path}")
-    with chain.session.stats.time("write"), chain.session.checkpoints(path):
-        write(_with_provenance(chain, image), path, how, chain.session.advance)
+    with chain.session.resources.stats.time("write"), chain.session.resources.checkpoints(path):
+        write(_with_provenance(chain, image), path, how, chain.session.progress.advance)
     if chain.settings.get("--adjust-time"):
         _adjust_time(path, image)
 
@@ -218,7 +218,7 @@ def software(chain: Chain) -> dict[str, Any]:
     """What a file says of the program that wrote it: a hash of the command line, or with --history the line itself."""
     if chain.settings.get("--nosoftwareattrib"):
         return {}
-    words = chain.session.words
+    words = chain.session.settings.words
     if chain.settings.get("--sansattrib"):
         words = without(words, {"attrib": 2, "sattrib": 2})
     line = shlex.join(["oiiotex", *words]).encode(errors="backslashreplace").decode()
@@ -256,7 +256,7 @@ def _converted(chain: Chain, image: Image, path: str, how: Format, unpremult: bo
     """In the colour space, and of the type, that the config finds in the file's name (--autocc)."""
     from ...host.color import ColorConvert
 
-    colors = chain.session.color
+    colors = chain.session.resources.color
     space = colors.space_of_output(path)
     if space is None:
         return image, how

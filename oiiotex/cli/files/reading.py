@@ -80,7 +80,7 @@ def _opened(chain: Chain, path: str, given: ReadModifiers) -> Image:
         image = _retyped(image, type_named(given.type))
     if given.now:
         size = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in image.parts)
-        chain.session.require(size, "now=1", "read it piece by piece, without now=1")
+        chain.session.resources.require(size, "now=1", "read it piece by piece, without now=1")
     if given.now and not chain.dry:
         parts = tuple(in_memory(part.name, part.buffer(part.window)) for part in image.parts)
         image = Image(parts, image.source)
@@ -153,7 +153,7 @@ def _prepare(chain: Chain, path: str, given: ReadModifiers) -> None:
         from ...host.spatial.placing import Reorient
 
         chain.apply(Reorient)
-    automatic = chain.session.autocc if given.autocc is None else given.autocc
+    automatic = chain.session.settings.autocc if given.autocc is None else given.autocc
     if automatic:
         _to_linear(chain, path, bool(given.unpremult))
 
@@ -162,7 +162,7 @@ def _to_linear(chain: Chain, path: str, unpremult: bool) -> None:
     """Convert to scene linear from the space that the file's name, or else its tag, says (--autocc)."""
     from ...host.color import ColorConvert
 
-    colors = chain.session.color
+    colors = chain.session.resources.color
     space = colors.space_in_name(path) or chain.top.first.spec.get_string_attribute("oiio:ColorSpace")
     linear = colors.linear
     if space and linear and not colors.same(space, linear):
@@ -207,7 +207,7 @@ def native_types(chain: Chain) -> None:
 
 def all_parts(chain: Chain) -> None:
     """Let ops work on all parts (subimages), not on the first alone."""
-    chain.session.all_parts = True
+    chain.session.change(all_parts=True)
 
 
 @dataclass(frozen=True)
@@ -219,13 +219,13 @@ class AutoccModifiers:
 
 def autocc_on(chain: Chain, given: AutoccModifiers) -> None:
     """Convert from and to the color spaces that the config's file rules find in names of files."""
-    chain.session.autocc = True
+    chain.session.change(autocc=True)
     chain.settings["--autocc unpremult"] = given.unpremult
 
 
 def autocc_off(chain: Chain) -> None:
     """End --autocc."""
-    chain.session.autocc = False
+    chain.session.change(autocc=False)
 
 
 OPTIONS = (

@@ -82,7 +82,7 @@ def write_texture(mode: str) -> Any:
         require_flat([chain.top])
         part = chain.top.first
         size = part.spec.width * part.spec.height * part.spec.nchannels * 4
-        chain.session.require(3 * size, "a MIP-mapped texture")
+        chain.session.resources.require(3 * size, "a MIP-mapped texture")
         image, how = Image((part,), chain.top.source), Format(format_name=given.fileformatname)
         if is_left(chain, path) or not may_write(chain, image, path, how):
             return
@@ -90,7 +90,7 @@ def write_texture(mode: str) -> Any:
             raise ParameterError("a MIP-mapped texture is made whole: write an image in shares, and make it of that")
         chain.tell(f"Writing {path}")
         session = chain.session
-        timed, checkpoints = session.stats.time("make texture"), session.checkpoints(path)
+        timed, checkpoints = session.resources.stats.time("make texture"), session.resources.checkpoints(path)
         with timed, checkpoints, temporary_beside(Path(checked_name(path))) as temporary:
             config = _config(chain, part.stored, given)
             out = oiio.ImageOutput.create(given.fileformatname or str(temporary))

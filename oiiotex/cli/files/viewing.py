@@ -39,7 +39,8 @@ def show(chain: Chain, given: ViewModifiers) -> None:
     with _tev(given) as viewer:
         if not chain.acts(*chain.top.parts):  # somebody listens, that is all there is to see now
             return
-        parts = tuple(cached(part, chain.session.cache) for part in chain.top.parts)  # they will be written as well
+        cache = chain.session.resources.cache  # they will be written as well
+        parts = tuple(cached(part, cache) for part in chain.top.parts)
         image = chain.stack[-1] = Image(parts, chain.top.source)
         name = given.name or image.source or "oiiotex"
         for part in _linear(chain, image).parts:
@@ -49,7 +50,7 @@ def show(chain: Chain, given: ViewModifiers) -> None:
 def _linear(chain: Chain, image: Image) -> Image:
     """As tev takes colours, in linear Rec. 709, where the image says what its own are."""
     tag = image.first.spec.get_string_attribute("oiio:ColorSpace")
-    if not tag or chain.session.color.is_data(tag):
+    if not tag or chain.session.resources.color.is_data(tag):
         return image
     return ToColorSpace(source=image, to_space=_SPACE, strict=False).compute(chain.session)
 
@@ -61,7 +62,7 @@ def _send(chain: Chain, viewer: Ipc, title: str, part: Part) -> None:
     for band, pixels in stream(part, bands(part, _BAND)):
         values = as_float(pixels) if pixels.dtype in (np.uint8, np.uint16) else pixels.astype(np.float32)
         viewer.update_image(title, values, channels, band.left - window.left, band.top - window.top)
-        chain.session.advance(band.bottom - window.top, window.height)
+        chain.session.progress.advance(band.bottom - window.top, window.height)
 
 
 @contextlib.contextmanager

@@ -118,7 +118,7 @@ def perceptual_difference(chain: Chain) -> None:
 
 def _difference(chain: Chain, perceptual: bool) -> None:
     first, second = chain.image(1), chain.image(0)
-    everything = chain.session.all_parts
+    everything = chain.session.settings.all_parts
     pairs = list(zip(first.parts, second.parts, strict=False))[: None if everything else 1]
     for a, b in pairs if perceptual else ():
         _require(chain, a, b, _YEE_BYTES, "--pdiff")
@@ -159,7 +159,7 @@ def _compared(chain: Chain, a: Part, b: Part, title: str, perceptual: bool, befo
     """Compare two parts and report, if there is something to report or was before: 0 same, 1 warning, 2 failure."""
     limits = chain.settings.get("--diff", Thresholds())
     pixels = max(1, a.spec.width * a.spec.height)
-    with chain.session.stats.time("diff"):
+    with chain.session.resources.stats.time("diff"):
         comparison = _yee(a, b) if perceptual else compare(a, b, limits)
     verdict = 0
     if comparison.failed > limits.failpercent / 100 * pixels or comparison.max_error > limits.hardfail:
@@ -206,7 +206,7 @@ def _yee(a: Part, b: Part) -> Comparison:
 def _require(chain: Chain, a: Part, b: Part, pixel_bytes: int, option: str) -> None:
     whole = a.window | b.window
     inputs = sum(part.spec.width * part.spec.height * part.spec.nchannels * 4 for part in (a, b))
-    chain.session.require(inputs + whole.width * whole.height * pixel_bytes, option)
+    chain.session.resources.require(inputs + whole.width * whole.height * pixel_bytes, option)
 
 
 # --- --flipdiff ---
@@ -232,7 +232,7 @@ def flip_difference(chain: Chain, given: FlipModifiers) -> None:
     a, b = reference.first, test.first
     _require(chain, a, b, _FLIP_BYTES, "--flipdiff")
     options = {name: getattr(given, name) for name in ("maxluminance", "medianluminance", "ppd", "tonemapper")}
-    with chain.session.stats.time("--flipdiff"):
+    with chain.session.resources.stats.time("--flipdiff"):
         error = oiio.ImageBufAlgo.FLIP_diff(a.buffer(a.window), b.buffer(b.window), hdr=int(given.hdr), **options)
     if error.has_error:
         raise ImageError(one_line(error.geterror()))

@@ -27,7 +27,7 @@ def build_info(chain: Chain) -> None:
 
 def color_config_info(chain: Chain) -> None:
     """Print the contents of the color config."""
-    path = chain.session.color.path
+    path = chain.session.resources.color.path
     _say(chain, "--colorconfig", os.path.abspath(path) if os.path.isfile(path) else path, "--colorconfiginfo")
 
 

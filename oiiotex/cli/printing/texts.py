@@ -34,7 +34,7 @@ def _asked(chain: Chain) -> Asked:
     info = settings.get("--info")
     return Asked(
         verbose=bool(settings.get("-v") or (info and info.verbose)),
-        all_parts=chain.session.all_parts,
+        all_parts=chain.session.settings.all_parts,
         match=settings.get("--metamatch", ""),
         no_match=settings.get("--no-metamatch", ""),
         hash=bool(settings.get("--hash")),
@@ -62,7 +62,7 @@ def print_input(chain: Chain, image: Image, info: int | None = None, infoformat:
 def _print(chain: Chain, image: Image, asked: Asked, filename: str = "") -> None:
     if not chain.acts(*(image.parts if asked.reads_pixels else ())):
         return
-    with chain.session.stats.time("print"):
+    with chain.session.resources.stats.time("print"):
         for text in description(image, asked, filename):
             print(text, end="")
     sys.stdout.flush()

@@ -50,7 +50,7 @@ def _on_dask(address: str, words: Sequence[str], tasks: list[Task], session: Ses
 
     line = line_of(words)
     workers = dask_cluster.local_workers(address)
-    one = Job(tasks[0], session.budget // workers if workers else 0, int(workers > 0), folder=os.getcwd())
+    one = Job(tasks[0], session.resources.budget // workers if workers else 0, int(workers > 0), folder=os.getcwd())
 
     def jobs(count: int) -> list[Job]:
         if len(tasks) > 1:
@@ -87,7 +87,7 @@ def _write_template(
     path, shares = place_of(place)
     line = list(line_of(words))
     own = {word for task in tasks for word in line_of(task.frame.words)}
-    memory = session.budget >> 20 if "--cache" in command.settings else _LEAST_MEMORY
+    memory = session.resources.budget >> 20 if "--cache" in command.settings else _LEAST_MEMORY
     if "--frames" in command.settings:
         at = line.index("--frames")
         del line[at : at + 2]

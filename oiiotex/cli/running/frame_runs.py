@@ -7,8 +7,8 @@ import contextlib
 import logging
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
-from ...core.machine import usable_threads
 from ...errors import Error
 from ...session import Session
 from ..language.parse import CommandLine, parse
@@ -28,9 +28,9 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
         log.warning("%s", warning)
     start = time.perf_counter()
     session = session_for(command, words)
-    workers = min(len(todo), session.threads or usable_threads()) if "--parallel-frames" in command.settings else 1
+    workers = min(len(todo), session.resources.thread_count) if "--parallel-frames" in command.settings else 1
     if workers > 1:
-        session.budget //= workers
+        session.change(budget=session.settings.budget // workers)
     tasks, status = _looked_through(todo, session, command)
     if "--farm" in command.settings:
         from .farming import spread
@@ -52,7 +52,7 @@ def run_frames(command: CommandLine, words: list[str]) -> int:
     if "--runstats" in command.settings:
         from ..printing.report import time_table
 
-        print(time_table(session.stats, time.perf_counter() - start))
+        print(time_table(session.resources.stats, time.perf_counter() - start))
     return status
 
 
@@ -61,13 +61,14 @@ def _progress(session: Session, command: CommandLine) -> Iterator[Display]:
     """What shows how far the session is, unless nobody wants to know."""
     display = Display()
     if "--openjd" in command.settings:
-        session.progress = _tell_runner
+        session.progress = replace(session.progress, tell=_tell_runner)
         yield display
         return
     if "-q" in command.settings or "--noprogress" in command.settings:
         yield display
         return
-    session.progress, session.say, session.stats.watch = display.advance, display.print, display.stage
+    session.progress = replace(session.progress, tell=display.advance, say=display.print)
+    session.resources.stats.watch = display.stage
     with display.shown():
         yield display
 
@@ -82,7 +83,7 @@ def _looked_through(todo: list[Frame], session: Session, command: CommandLine) -
     if "--device" in command.settings:
         from ...opencl import device
 
-        device.require_named(session.device_name, session.threads)
+        device.require_named(session.settings.device_name, session.settings.threads)
     rehearsals = Rehearsals(session)
     tasks, notes, status = [], dict[tuple[int, str], None](), 0
     for frame in todo:

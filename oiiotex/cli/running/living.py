@@ -36,7 +36,7 @@ def show(chain: Chain, given: LiveModifiers) -> None:
         image = None
     from ..vocabulary import LANGUAGE  # which has this option
 
-    words = list(chain.session.words)
+    words = list(chain.session.settings.words)
     end = next(n for n, word in enumerate(words) if word.lstrip("-").split(":")[0] == "texlive")
     for step in parse(words[end + 1 :], LANGUAGE).steps:
         if step.option is None or not (step.option.throughout or step.option.control):

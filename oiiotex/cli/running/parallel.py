@@ -41,9 +41,9 @@ class WorkerDied(Error):
 
 def run_in_parallel(tasks: list[Task], workers: int, session: Session, display: Display, command: CommandLine) -> int:
     """Each frame in a process of its own, with its share of the memory; what they print comes in order."""
-    jobs = [Job(task, budget=session.budget, threads=1) for task in tasks]
+    jobs = [Job(task, budget=session.resources.budget, threads=1) for task in tasks]
     status = 0
-    with worker_processes(workers, "--debug" in command.settings) as pool, session.stats.time("frames"):
+    with worker_processes(workers, "--debug" in command.settings) as pool, session.resources.stats.time("frames"):
         for count, future in enumerate([pool.submit(work, job) for job in jobs], 1):
             printed, error, own = future.result()
             display.advance(count, len(jobs))

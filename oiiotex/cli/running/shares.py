@@ -63,12 +63,12 @@ class Shares:
                 mine = cells[len(cells) * (self.number - 1) // self.count : len(cells) * self.number // self.count]
                 for cell, pixels in stream(part, [c for c in mine if not session.resources.keeper.holds(key, c)]):
                     session.resources.keeper.piece(key, cell, lambda: pixels)  # noqa: B023 - called at once
-                    session.advance(mine.index(cell) + 1, len(mine))
+                    session.progress.advance(mine.index(cell) + 1, len(mine))
         finally:
             session.resources.keeper = keeper
 
     def joined(self, session: Session, image: Image, inputs: Sequence[str]) -> Image:
-        """The image, read from what is kept of it; for who writes it, with `session.checkpoints`."""
+        """The image, read from what is kept of it; for who writes it, with `session.resources.checkpoints`."""
         parts = [self._joined(session, part, self._key(n, part, inputs)) for n, part in enumerate(image.parts)]
         return Image(tuple(parts), image.source)
 
@@ -80,7 +80,7 @@ class Shares:
                 keeper = session.resources.keeper
                 return part.read(place) if keeper is None else keeper.piece(key, place, lambda: part.read(place))
 
-            return session.cache.get((key, place), piece)
+            return session.resources.cache.get((key, place), piece)
 
         return replace(part, fetch=lambda window: assembled(window, size, whole, cell), ready=False)
 

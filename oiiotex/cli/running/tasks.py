@@ -48,12 +48,12 @@ class Job(NamedTuple):
 
 def run_task(task: Task, session: Session, shares: Shares | None = None) -> int:
     """Do a task; returns its exit code."""
-    return session.on_a_device(lambda: _run_chain(task, session, shares))
+    return session.resources.on_a_device(lambda: _run_chain(task, session, shares))
 
 
 def _run_chain(task: Task, session: Session, shares: Shares | None) -> int:
     command = parse(list(task.frame.words), LANGUAGE)
-    session.all_parts = session.autocc = False  # options of the line set them anew for each frame
+    session.change(all_parts=False, autocc=False)  # options of the line set them anew for each frame
     chain = Chain(session, read_input, task.frame)
     chain.written_next = iter(task.files)
     chain.shares = shares or shares_of(command.settings, task.frame.words)
@@ -81,9 +81,10 @@ def _session_of(job: Job) -> Session:
     """A session with the device and the colours of the last one, where that was opened alike."""
     words = list(job.task.frame.words)
     session = session_for(parse(words, LANGUAGE), words)
-    session.threads, session.budget = job.threads or session.threads, job.budget or session.budget
-    limit_threads(session.threads or usable_threads())
-    key = session.device_name, session.threads, session.colorconfig, session.interchange, session.profile
+    settings = session.settings
+    session.change(threads=job.threads or settings.threads, budget=job.budget or settings.budget)
+    limit_threads(session.resources.thread_count)
+    key = settings.device_name, session.settings.threads, settings.colorconfig, settings.interchange, settings.profile
     if key in _resident:
         session.resources.inherit(_resident[key].resources)
     _resident.clear()
@@ -110,7 +111,7 @@ def session_for(command: CommandLine, words: list[str]) -> Session:
         words=line_of(words),
     )
     if "--cache" in command.settings:
-        session.budget = command.whole_number("--cache", MOST_MB) << 20
+        session.change(budget=command.whole_number("--cache", MOST_MB) << 20)
     return session
 
 

@@ -175,7 +175,7 @@ class Chain:
         operands = self.stack[len(self.stack) - count :]
         log.info("%s on %s", op.flag(), ", ".join(image.source for image in operands) or "nothing")
         share = f" share {values['tiles']}" if values.get("tiles") else ""
-        with self.session.stats.time(f"{op.flag()}{share}"):
+        with self.session.resources.stats.time(f"{op.flag()}{share}"):
             bound = op(**self._bound(op, operands, values))
             if not op.deep:
                 require_flat(bound.operands())
@@ -200,13 +200,13 @@ class Chain:
         title = title_of(op, operands, image)
         parts = [dataclasses.replace(part, depth=before + 1, title=title) for part in image.parts]
         if before + 1 >= _DEEPEST and not self.dry:
-            parts = [dataclasses.replace(materialized(part, self.session.budget), depth=0) for part in parts]
+            parts = [dataclasses.replace(materialized(part, self.session.resources.budget), depth=0) for part in parts]
         return Image(tuple(parts), image.source)
 
     def images_of(self, op: Op) -> Sequence[Image]:
         """The images that an op makes, its files written, its lines printed, and measures beyond a limit said."""
         beside = next(self.written_next, "")
-        with self.session.keeping(beside) if beside else contextlib.nullcontext():
+        with self.session.resources.keeping(beside) if beside else contextlib.nullcontext():
             uses = run(op, self.session, self.written, not self.settings.get("--nosoftwareattrib"))
         for text in (text for use in uses for text in use.failed):
             log.error("oiiotex FAIL: %s : %s", op.flag(), text)
@@ -216,9 +216,9 @@ class Chain:
     def acts(self, *parts: Part) -> bool:
         """Ask for leave to print or to write: a line that is only looked through has none, and notes where it would.
 
-        `parts`: whose pixels that takes; refused as `Session.require_streamable` says.
+        `parts`: whose pixels that takes; refused as `Resources.require_streamable` says.
         """
-        self.session.require_streamable(*parts)
+        self.session.resources.require_streamable(*parts)
         self.used, self.unwritten = True, False
         return True
 
@@ -240,7 +240,7 @@ class Chain:
 
     def opened(self, path: str, native: bool = False, config: oiio.ImageSpec | None = None) -> Image:
         """The image of a file."""
-        return read(path, self.session.cache, native=native, config=config)
+        return read(path, self.session.resources.cache, native=native, config=config)
 
     def require_free(self, path: str) -> None:
         """Refuse a name under which a filter has just written."""

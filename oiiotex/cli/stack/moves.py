@@ -32,7 +32,7 @@ def duplicate(chain: Chain) -> None:
 
 def _cached(chain: Chain, image: Image) -> Image:
     """The image, whose computed pixels are kept for a while: they will be asked for more than once."""
-    return Image(tuple(cached(part, chain.session.cache) for part in image.parts), image.source)
+    return Image(tuple(cached(part, chain.session.resources.cache) for part in image.parts), image.source)
 
 
 def swap(chain: Chain) -> None:
@@ -229,7 +229,7 @@ def _thumbnail_of(chain: Chain, part: Part) -> Part:
     from ...host.kinds import checked, once
 
     spec = oiio.ImageSpec(part.spec)
-    chain.session.require(4 * spec.width * spec.height * spec.nchannels, "--thumbnail-get:fail=0")
+    chain.session.resources.require(4 * spec.width * spec.height * spec.nchannels, "--thumbnail-get:fail=0")
     scale = min(1.0, 256 / max(spec.full_width, spec.full_height))
     spec.full_width, spec.full_height = (max(1, int(s * scale + 0.5)) for s in (spec.full_width, spec.full_height))
     whole = Window.sized(0, 0, spec.full_width, spec.full_height)

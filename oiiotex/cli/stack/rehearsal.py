@@ -16,7 +16,7 @@ import logging
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...core.demand import PieceCache
@@ -27,7 +27,10 @@ from ...errors import DeviceError, Error, Unseen
 from ...io.formats import Format
 from ...io.writing import require_writable
 from ...run import as_foreseen, foreseen, is_foreseen
-from ...session import Resources, Session
+from ...session import Session
+from ...session.progress import Progress
+from ...session.resources import Resources
+from ...session.settings import Settings
 from ..files.reading import read_input
 from ..language.parse import Step
 from ..language.sequences import Frame
@@ -61,7 +64,7 @@ class Rehearsals:
 
     def foresight(self, steps: Sequence[Step], frame: Frame | None) -> Foresight:
         """What can be said of the steps."""
-        chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.measure)
+        chain = _Rehearsal(_untouched(self.session), frame, self.files, self.session.progress.measure)
         try:
             with _quiet(), chain.globals:
                 chain.run(steps)
@@ -87,7 +90,7 @@ def _quiet() -> Iterator[None]:
 class _Unopened(Resources):
     """Resources of a session that opens no device and looks at no pixel."""
 
-    def __init__(self, settings: Session, behind: Resources):
+    def __init__(self, settings: Settings, behind: Resources):
         super().__init__(settings)
         self._behind = behind
 
@@ -98,7 +101,7 @@ class _Unopened(Resources):
         from ...opencl.unopened import UnopenedDevice
 
         try:
-            return UnopenedDevice(choose(self._settings.device_name, self._settings.threads))
+            return UnopenedDevice(choose(self.settings.device_name, self.settings.threads))
         except DeviceError:  # the run says so, if it needs one
             raise Unseen from None
 
@@ -120,10 +123,8 @@ class _Unopened(Resources):
 
 def _untouched(session: Session) -> Session:
     """With the settings and the colours of that session."""
-    names = ("device_name", "budget", "threads", "colorconfig", "interchange", "words")
-    new = Session(**{name: getattr(session, name) for name in names})
-    new.resources = _Unopened(new, session.resources)
-    return new
+    settings = replace(session.settings, autocc=False, all_parts=False, profile=False)
+    return Session.of(_Unopened(settings, session.resources), Progress())
 
 
 class _Closed(PieceCache):

@@ -80,7 +80,7 @@ class Convolve(Area):
         """The convolved part, not yet computed; the kernel is held whole."""
         kernel = parts[1]
         require_kernel(kernel.spec.width, kernel.spec.height, session)
-        session.require(kernel.spec.width * kernel.spec.height * kernel.pixel_bytes, "a kernel")
+        session.resources.require(kernel.spec.width * kernel.spec.height * kernel.pixel_bytes, "a kernel")
         weights = kernel.buffer(kernel.window)
 
         def apply(target: oiio.ImageSpec, buffer: oiio.ImageBuf) -> oiio.ImageBuf:
@@ -173,7 +173,7 @@ class FillHoles(Hosted, Whole):
         part = self.source.first
         whole = part.window | Window.display(part.spec)
         pixels = (part.spec.width * part.spec.height) * 4 + whole.width * whole.height
-        session.require(pixels * part.spec.nchannels * 4, self.flag())
+        session.resources.require(pixels * part.spec.nchannels * 4, self.flag())
         spec = whole.apply_to(part.spec)
         spec.set_format(part.working_type)
         result = oiio.ImageBuf(spec)

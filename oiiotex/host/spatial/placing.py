@@ -298,7 +298,7 @@ class Reorient(Hosted, Gather):
         parts = self.source.parts
         if all(_orientation(part) == 1 for part in parts):
             return self.source
-        if not session.all_parts:
+        if not session.settings.all_parts:
             parts = parts[:1]
         return Image(tuple(self._upright(part, session) for part in parts), self.source.source)
 
@@ -328,7 +328,7 @@ class CircularShift(HostOp, Gather):
     def result(self, parts: Sequence[Part], session: Session) -> Part:
         """Windows of the shifted image are pieces of the image."""
         x, y = parse_offset(self.shift)
-        source = worked(cached(parts[0], session.cache))
+        source = worked(cached(parts[0], session.resources.cache))
         corner = Window.sized(source.window.left, source.window.top, 1, 1)
         spec = oiio.ImageBufAlgo.circular_shift(oiio.ImageBuf(corner.apply_to(source.spec)), 0, 0).spec()
         target = source.window.apply_to(spec)

@@ -237,7 +237,7 @@ class Fit(HostOp, Gather):
     def _exactly(self, part: Part, box: Window, session: Session) -> Part:
         """At once: ImageBufAlgo::fit gives its filter a width and a height that no other function takes."""
         pixels = part.spec.width * part.spec.height + box.width * box.height
-        session.require(pixels * part.spec.nchannels * 4 * 2, self.flag())
+        session.resources.require(pixels * part.spec.nchannels * 4 * 2, self.flag())
 
         def fit(buffer: oiio.ImageBuf) -> oiio.ImageBuf:
             result = blank(box.apply_to(part.spec), buffer)

@@ -219,7 +219,7 @@ class STWarp(HostOp, Gather):
                 raise ParameterError(f"{name}={channel}: the coordinates have {st.spec.nchannels} channel(s)")
         if (source.window & st.window).empty:
             raise ImageError("image and coordinates share no pixel")
-        session.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
+        session.resources.require(source.spec.width * source.spec.height * source.pixel_bytes, self.flag())
         cached = once(source, lambda part: in_memory(part.name, part.buffer(part.window)))
         spec = derived_spec(source.spec)
 

@@ -66,7 +66,7 @@ def every_composite() -> None:
     for n in range(len(TWELVE)):
         _, picture, truth = composite(n)
         seen = seen_as(picture, session)
-        mask = refined_mask(dominant_texture(seen, session), seen)
+        mask = refined_mask(dominant_texture(seen, session.resources, session.progress), seen)
         shown = [picture, *(np.where(kept[..., None], picture, 1) for kept in (mask, truth))]
         panes.append(beside(*(np.rint(255 * p).astype(np.uint8) for p in shown), gap=4))
     rows = [beside(*panes[n : n + 2], gap=24) for n in range(0, len(panes), 2)]
@@ -116,7 +116,7 @@ def texel_points(name: str = "stained_plaster_wall.jpg", side: int = 384) -> Non
     if photo is None:
         return
     session = Session()
-    found = dominant_texture(seen_as(pixels(shrunk(photo, side)) / 255.0, session), session)
+    found = dominant_texture(seen_as(pixels(shrunk(photo, side)) / 255.0, session), session.resources, session.progress)
     density = np.log(np.maximum(found.density, 1e-9))
     order = np.argsort(density)  # the dense ones above
     share = np.linspace(0, 1, len(order))[:, None]

@@ -56,10 +56,10 @@ def gradients(size: tuple[int, int] = (768, 128)) -> None:
             return
         photo = shrunk(photo, 256)
         image = from_buffer(photo)
-        lab, _ = working_values(image, session)
+        lab, _ = working_values(image, session.resources)
         recipe = Stationarize(exemplar=image).recipe(256, 256)
-        tiles = SigmaTiles(session.device, lab, None, recipe, session.budget, "nothing")
-        scale = perceived_scale(tiles, DEFAULT_COUNT, session.advance, scale_folder())
+        tiles = SigmaTiles(session.resources.device, lab, None, recipe, session.resources.budget, "nothing")
+        scale = perceived_scale(tiles, DEFAULT_COUNT, session.progress.advance, scale_folder())
         low, high = tiles.limits()
         even = np.linspace(0, 1, size[0])
         for row in (low + (high - low) * even, np.array([scale.sigma_at(1 - a) for a in even])):

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One use of a `PatchSynthesis`, from what it reads to its tiles and their report."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from ..color.config import as_float
+from ..color.lab import working_values
+from ..core.demand import SomeRows, first_channels, materialized
+from ..core.image import Part, from_pixels
+from ..core.source_map import SourceMap
+from ..core.window import Window
+from ..deferred import np, oiio
+from ..patchmatch.constraints import Constraints, FixedPixels
+from ..patchmatch.field import hash_at
+from ..patchmatch.optimization import Synthesis, synthesize
+from ..patchmatch.recipe import Recipe
+from ..patchmatch.wang_tiles import edged, edges_of, runs_for, wang_tiles
+from ..quality.lost_structure import regularity_of, say_what_was_lost
+from ..quality.report import Look, Quality
+from ..regularity.courses import InCourses
+from ..regularity.offset_prices import InStep
+from .coarse_looks import coarse_looks
+from .constraint_images import marked_pixels, remade_source, weights_of
+from .first_result import better_of, hint_that_it_tiles, say_fidelity
+from .heights import height_tile
+from .photo_lattice import fitting_size, photo_courses, photo_lattice
+
+if TYPE_CHECKING:
+    from ..core.parameters import Size
+    from ..session.progress import Progress
+    from ..session.resources import Resources
+    from .patch_synthesis import PatchSynthesis
+
+
+class SynthesisRun:
+    """What an op's run works from: the photo read, its lattice found, the recipe that follows from both."""
+
+    def __init__(self, op: PatchSynthesis, resources: Resources, progress: Progress):
+        size, quality = op.planned(resources, progress)
+        self._op, self._resources, self._stages = op, resources, progress.stages()
+        with resources.stats.time("flatten"):
+            self._flat, self._drift = op.flattened(resources, next(self._stages))
+        self._progress = next(self._stages)
+        self._in_memory, self._budget = op.holds_photo(resources), op.budget_left(resources)
+        with resources.stats.time("read and colour"):
+            self._maps = [self._in_any_order(image.first) for image in self._flat.all_maps()]
+            marked = None if op.within is None else marked_pixels(op.within, op.exemplar)
+            weight = None if op.weight is None else weights_of(op.weight, op.exemplar)
+        self._marked, self._unmarked = marked, None if marked is None else ~marked
+        self._seen = self._flat.read(resources, self._unmarked, None if weight is None else weight > 0)
+        if not self._in_memory:
+            resources.cache.forget()  # all of it has been read
+        self._lattice = None
+        if op.kept_structure > 0:
+            with resources.stats.time("lattice"):
+                self._lattice = self._seen.remembered(resources, photo_lattice, op.flag())
+        self._wraps = "x" in op.tiling, "y" in op.tiling
+        size = fitting_size(op.flag(), self._lattice, size, op.size is not None or op.sized, self._wraps)
+        looks = marked is None and op.variants == 1
+        self._look = coarse_looks(self._maps[0], self._progress.look) if looks else None
+        self._constraints = Constraints(weight=weight, sigmas=op.sigmas(*size))
+        self._recipe = self._recipe_of(size)
+        self._quality = self._quality_of(quality)
+
+    def _in_any_order(self, part: Part) -> Part:
+        """The same pixels, decoded: in memory where the photo lies there."""
+        if self._in_memory:
+            return from_pixels(part.name, part.pixels(), part.spec, part.stored)
+        return Part(part.name, part.spec, materialized(part, 0).fetch, part.stored, ready=True)
+
+    def _recipe_of(self, size: Size) -> Recipe:
+        """What the op asks for at this size, of this photo."""
+        op, sigmas = self._op, self._constraints.sigmas
+        recipe = op.controlled(op.recipe(*size), self._seen, self._resources, self._progress)
+        if sigmas is not None:  # of what has one sigma for all, the photo made stationary
+            recipe = replace(recipe, sigma=float(np.exp(np.log(sigmas).mean())))
+        if self._lattice is not None:
+            return replace(recipe, in_step=InStep(self._lattice, self._lattice.on_torus(recipe), op.kept_structure))
+        if op.kept_structure > 0:
+            courses = self._seen.remembered(self._resources, photo_courses, op.flag())
+            if courses is not None:
+                return replace(recipe, in_step=InCourses.of(courses, recipe, op.kept_structure))
+        return recipe
+
+    def _quality_of(self, quality: Quality) -> Quality:
+        """What is measured of results of the recipe."""
+        recipe = self._recipe
+        if self._lattice is not None:
+            wanted = self._lattice.on_torus(recipe)
+            steps = tuple(map(tuple, np.linalg.pinv(wanted).T.tolist()))
+            across, down = np.abs(wanted).max(0).tolist()
+            quality = replace(quality, cycles=(across, down), lattice=steps)
+        return replace(
+            quality, sigma=recipe.sigma, contrast=recipe.contrast, measure=recipe.measure, order=recipe.order
+        )
+
+    def results(self) -> dict[str, Any] | tuple[dict[str, Any], ...]:
+        """The tile with all that belongs to it; of several maps and variants one mapping each."""
+        first, *others = self._variants() if self._op.variants > 1 else self._one()
+        first = _beside_drift(first, self._drift)
+        return (first, *others) if others else first
+
+    def _run(self, recipe: Recipe, constraints: Constraints, progress: Progress | None = None) -> Synthesis:
+        """One synthesis from the photo, which progress hears of."""
+        op, resources, seen = self._op, self._resources, self._seen
+        synthesis = synthesize(
+            resources.device, seen.values, seen.usable, recipe, self._budget, (progress or self._progress).advance,
+            seen.why, constraints, resources.keeper if op.resume else None,
+            look=self._look,
+        )  # fmt: skip
+        if synthesis.lost is not None:
+            say_what_was_lost(op.flag(), synthesis.lost)
+        return synthesis
+
+    def _lab(self) -> SomeRows:
+        """Of the photo as patches are taken from it."""
+        values = first_channels(self._seen.values, 3)
+        return np.ascontiguousarray(values) if isinstance(values, np.ndarray) else values
+
+    def _own_lab(self) -> SomeRows:
+        """Of the photo itself, drift and all."""
+        if self._flat is self._op:
+            return self._lab()
+        return working_values(self._op.exemplar, self._resources, self._op.working_space, self._in_memory)[0]
+
+    # --- one tile ---
+
+    def _one(self) -> tuple[dict[str, Any], ...]:
+        op, resources, recipe, kept, lost = self._op, self._resources, self._recipe, None, None
+        quality = self._quality
+        if self._marked is not None:
+            if not self._marked.any():
+                op.warn("within marks no pixel: the photo stays as it is")
+            source = remade_source(self._marked, self._seen.opaque, recipe, self._constraints, self._run)
+        else:
+            if op.tiling == "xy" and op.size is None and self._in_memory:
+                hint_that_it_tiles(op.flag(), op.exemplar.first)
+            other = op.second_choice(recipe)
+            synthesis, kept, recipe = better_of(
+                op.flag(), self._run, self._constraints, recipe, other, self._seen, self._stages, resources.stats
+            )
+            source, lost = synthesis.source, synthesis.lost
+            quality = replace(quality, sigma=recipe.sigma)
+            say_fidelity(op.flag(), kept, recipe, warn=op.judges_itself)
+        resources.device.collect(resources.stats)
+        op.say_what_stays()
+        first, *others = self._with_heights(self._tiles(source), source)
+        if kept is not None:
+            facts = {"oiiotex:chosen": recipe.scales, "oiiotex:fidelity": f"{kept.value:.3f}"}
+            first["tile"] = first["tile"].respecced(lambda spec: [spec.attribute(*fact) for fact in facts.items()])
+        if self._progress.look is not None:
+            self._progress.look(as_float(first["tile"].pixels()), True)
+        more = {} if kept is None else kept.measures()
+        more |= {} if lost is None else {"textured_photo": lost.own, "textured": lost.shown}
+        if self._lattice is not None and quality.is_asked_for:
+            more |= regularity_of(self._lab(), source, recipe)
+
+        def looked_at() -> tuple[SomeRows, list[Look]]:
+            return self._own_lab(), [quality.look_of_copies(first["tile"].name, self._lab(), source)]
+
+        return (quality.add_to(first, looked_at, **more), *others)
+
+    def _tiles(self, source: SourceMap) -> tuple[dict[str, Part], ...]:
+        """All maps from the same pixels; the source coordinates follow the first."""
+        op, in_place, by_rows = self._op, self._marked is not None, not self._in_memory
+        tiling = "none" if op.variants > 1 else op.tiling  # variants go on in each other
+        return op.of_all(self._maps, lambda one, _: source.parts("tile", one, tiling, in_place, by_rows=by_rows))
+
+    def _with_heights(self, tiles: tuple[dict[str, Part], ...], source: SourceMap) -> tuple[dict[str, Part], ...]:
+        """The tiles, the steps in heights among them measured, and closed where that was asked for."""
+        op, still, results = self._op, self._unmarked, []
+        maps = (op.exemplar, *op.maps)
+        for tile, one, kind in zip(tiles, maps, op.map_kinds, strict=True):
+            if kind == "height":
+                given = tile["tile"], one, source, self._wraps, op.relevel, still, self._resources
+                tile = tile | {"tile": height_tile(op.flag(), *given)}
+            results.append(tile)
+        return tuple(results)
+
+    # --- several that go beside each other ---
+
+    def _variants(self) -> tuple[dict[str, Any], ...]:
+        """Tiles with matching edges, each followed by the other maps of its material."""
+        op, recipe, runs = self._op, self._recipe, runs_for(self._op.variants)
+        self._resources.require(4 * recipe.width * recipe.height * (runs + 1), f"a set of {op.variants} tiles")
+
+        def make(fixed: FixedPixels | None, number: int, tiles: bool) -> SourceMap:
+            seed = int(hash_at(op.seed, 0x3A95, np.array([number]), np.array([0]))[0])
+            own = replace(recipe, wrap_x=tiles, wrap_y=tiles, seed=seed)
+
+            def tell(done: int, total: int) -> None:
+                self._progress.advance(number * total + done, runs * total)
+
+            progress = replace(self._progress, tell=tell)
+            source = self._run(own, replace(self._constraints, fixed=fixed), progress).source
+            return SourceMap(np.asarray(source.packed))  # tiles are cut out of others
+
+        sources = wang_tiles(make, op.variants, recipe.width, recipe.height, recipe.patch)
+        self._resources.device.collect(self._resources.stats)
+        op.say_what_stays()
+        tiles = []
+        for number, (source, edges) in enumerate(zip(sources, edges_of(op.variants), strict=True)):
+            material = self._tiles(source)
+            if number == 0:  # as the others are
+                self._with_heights(material, source)
+            for tile in material:
+                tiles.append(tile | {"tile": edged(tile["tile"], f"wang{number:02d}_{edges}", str(edges))})
+        names = (tile["tile"].name for tile in tiles[:: len(self._maps)])
+
+        def looked_at() -> tuple[SomeRows, Iterator[Look]]:
+            looks = map(self._quality.look_of_copies, names, itertools.repeat(self._lab()), sources)
+            return self._own_lab(), looks
+
+        return (self._quality.add_to(tiles[0], looked_at), *tiles[1:])
+
+
+def _beside_drift(tile: dict[str, Any], drift: dict[str, Part]) -> dict[str, Any]:
+    """A tile and the photo's drift, with the tile's display window: parts of one file have the same."""
+    display = Window.display(tile["tile"].spec)
+    names = ("full_x", "full_y", "full_width", "full_height")
+
+    def describe(spec: oiio.ImageSpec) -> None:
+        for name, value in zip(names, (display.left, display.top, *display.size), strict=True):
+            setattr(spec, name, value)
+
+    return tile | {name: part.respecced(describe) for name, part in drift.items()}
