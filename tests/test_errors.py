@@ -176,7 +176,7 @@ def test_words_are_spelled_by_who_says_them():
 
 def test_an_error_crosses_processes_with_its_fields():
     with pytest.raises(MemoryBudgetError) as caught:
-        Session(budget=1 << 20).require(5 << 20, "the work", "wait")
+        Session(budget=1 << 20).resources.require(5 << 20, "the work", "wait")
     error = pickle.loads(pickle.dumps(caught.value))
     assert (error.need, error.budget, error.task, error.advice) == (5 << 20, 1 << 20, "the work", "wait")
     assert str(error) == "the work needs 5 MB of memory; the budget is 1 MB: raise --cache, or wait"

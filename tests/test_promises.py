@@ -197,7 +197,7 @@ def test_colour_is_taken_unpremultiplied(op):
 
 @colour_filters
 def test_colour_is_never_guessed(op):
-    with pytest.raises(errors.ColorError, match="say colorspace=NAME"):
+    with pytest.raises(errors.ColorError, match="add colorspace=NAME"):
         apply(op, buffer(PHOTO, space=""))
     with pytest.raises(errors.ColorError, match="nonsense"):
         apply(op, buffer(PHOTO, space="nonsense"))

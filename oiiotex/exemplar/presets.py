@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..core.image import Image, Part
 from ..core.op import Op
-from ..session import Session
+from ..session.progress import Progress
+from ..session.resources import Resources
 
 if TYPE_CHECKING:
     from .patch_synthesis import PatchSynthesis
@@ -28,7 +29,7 @@ PRESET_HELP = (
 )
 
 
-def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) -> PatchSynthesis:
+def filled(op: PatchSynthesis, preset: str, resources: Resources, progress: Progress, *, sigma: bool) -> PatchSynthesis:
     """The op with what its preset chooses where it was left out (`sigma`: that, too), and without preset; -v says its
     line."""
     chosen: dict[str, Any] = {}
@@ -41,9 +42,9 @@ def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) ->
     plain = replace(op, **missing | {"preset": None})
     before = ""
     if preset == CLEAN and op.mask is None:
-        plain.planned(session.resources, session.progress)  # what can be wrong is known before pixels are asked for
+        plain.planned(resources, progress)  # what can be wrong is known before pixels are asked for
         part = op.exemplar.first
-        mask = session.resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, session), part)
+        mask = resources.remembered(("dominant", id(part), op.data), lambda: _dominant(op, resources, progress), part)
         if mask.pixels().any():  # else it has warned
             plain = replace(plain, mask=Image((mask,), mask.name))
             before = f"{_DOMINANT}{':data=1' * op.data}:keep=1 "
@@ -53,10 +54,10 @@ def filled(op: PatchSynthesis, preset: str, session: Session, *, sigma: bool) ->
     return plain
 
 
-def _dominant(op: PatchSynthesis, session: Session) -> Part:
+def _dominant(op: PatchSynthesis, resources: Resources, progress: Progress) -> Part:
     from ..dominant.photo_mask import photo_mask  # scipy is not loaded before it is needed
 
-    return photo_mask(_DOMINANT, op.exemplar, op.working_space, session.resources, session.progress).part
+    return photo_mask(_DOMINANT, op.exemplar, op.working_space, resources, progress).part
 
 
 def _words(op: Op, masked: str = "") -> str:

@@ -108,7 +108,9 @@ class Stationarize(PatchSynthesis):
             return super().compute(session)
         stages = session.stages()
         sigma = self.amount is None and self.sigmamap is None
-        return filled(self, self.preset, next(stages), sigma=sigma).compute(next(stages))
+        first = next(stages)
+        op = filled(self, self.preset, first.resources, first.progress, sigma=sigma)
+        return op.compute(next(stages))
 
     def _strength(self, resources: Resources) -> float:
         """Share of the drift that is removed."""
