@@ -268,7 +268,7 @@ class _Runner:
                 spec.attribute("oiio:subimagename", name)
 
         part: Part = replace(value.respecced(describe), name=called)
-        return part if pixel_type is None else replace(part, stored=pixel_type, exact=output.kind.is_exact)
+        return part if pixel_type is None else replace(part, stored=pixel_type, typed=True, exact=output.kind.is_exact)
 
     def _cryptomatte(self, labels: Sequence[LabelMap], path: Path | None) -> Part:
         """The part of all label maps, its manifest in it or in a file."""

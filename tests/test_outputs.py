@@ -209,3 +209,13 @@ def test_a_line_does_not_write_one_file_twice(tmp_path, photo):
     assert read(tmp_path / "st.exr").first.spec.get_string_attribute("oiiotex:filter") == ""
     done = oiiotex(photo, "--texcut:stmap=st.exr:size=16x16", "-otex", "st.exr", cwd=tmp_path)
     assert done.returncode == 1 and "has just been written" in done.stderr
+
+
+@pytest.mark.parametrize("line", ["--texlab --flip", "--texstationarity --crop 32x20+2+2", "--texlab --resize 20x20"])
+def test_values_beyond_a_photos_type_survive_ops_of_the_host(line, photo, tmp_path):
+    """An 8-bit photo's Lab and measures are floats; written as the first file was they would be cut."""
+    assert oiiotex(photo, *line.split(), "-o", "out.tif", cwd=tmp_path).returncode == 0
+    made = oiio.ImageBuf(str(tmp_path / "out.tif"))
+    assert made.spec().format == oiio.FLOAT and made.get_pixels().max() > 1.5
+    assert oiiotex(photo, *line.split(), "-d", "uint8", "-o", "small.tif", cwd=tmp_path).returncode == 0
+    assert oiio.ImageBuf(str(tmp_path / "small.tif")).spec().format == oiio.UINT8

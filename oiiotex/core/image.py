@@ -43,22 +43,23 @@ class Part:
         Window inside the data window -> its pixels: (height, width, channels) of the spec's pixel type, or an
         ImageBuf with that data window; of a deep part always the latter.
     stored : oiio.TypeDesc or None
-        The pixel type in which it is written unless the user says another; None for what an op of the host has
-        computed, which is written as the first file of the run was.
+        The pixel type in which it is written by default; None (computed by the host): as the run's first file was.
+    typed : bool
+        What ops of the host make of it is `stored` as it is: Lab, masks and measures, which other types would cut.
     native : bool
         Ops of the host work on the part's own pixel type; else what is `stored` comes to them as float.
     ready : bool
-        Pixels cost little however often and in whatever order they are asked for.
+        Pixels cost little, in any order.
     exact : bool
         A file must hold it as it is, or not at all: labels, source coordinates.
     levels : tuple of Part
         Its smaller versions, where the file is MIP-mapped.
     thumbnail : callable or None
-        Gives the thumbnail that its file holds, or that --thumbnail-set has attached; None: there is none.
+        Gives the thumbnail of its file, or that of --thumbnail-set; None: there is none.
     depth : int
-        How many ops must be asked, one within the other, before there is a pixel.
+        Ops that must be asked, one within the other, for a pixel.
     title : str
-        What oiiotool calls an image that an op has made; else it is called as its file.
+        What oiiotool calls a computed image.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Part:
     native: bool = False
     ready: bool = False
     exact: bool = False
+    typed: bool = False
     levels: tuple[Part, ...] = ()
     thumbnail: Callable[[], oiio.ImageBuf] | None = None
     depth: int = 0
@@ -201,16 +203,9 @@ def type_named(name: str) -> oiio.TypeDesc:
 
 
 def from_pixels(name: str, pixels: np.ndarray, spec: oiio.ImageSpec, stored: oiio.TypeDesc | None = None) -> Part:
-    """A part that lies in memory as an array.
+    """A part that lies in memory as an array, (height, width, channels): the data window of `spec`, of its type.
 
-    Parameters
-    ----------
-    name : str
-    pixels : (height, width, channels)
-        The data window of `spec`, of its pixel type; nobody changes it any more.
-    spec : oiio.ImageSpec
-    stored : oiio.TypeDesc, optional
-        As of `Part`.
+    Nobody changes the array any more.
     """
     whole = Window.data(spec)
     return Part(name, spec, lambda window: pixels[window.inside(whole)], stored, ready=True)

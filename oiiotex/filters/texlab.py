@@ -78,7 +78,7 @@ class Lab(Pointwise):
             spec.alpha_channel = -1 if alpha is None else names.index(part.spec.channelnames[alpha])
             spec.channelnames = tuple(names)
         spec.attribute(FROM, part.spec.get_string_attribute(TAG) or space)
-        return self.mapped(part, work, session, spec)
+        return replace(self.mapped(part, work, session, spec), stored=spec.format, typed=True)
 
     def _colour(self, session: Session) -> Part:
         part, name = self.source.first, self.source.source
@@ -109,7 +109,7 @@ class Lab(Pointwise):
         for stale in ("colorInteropID", "oiio:BitsPerSample", "Exif:ColorSpace", "ICCProfile", FROM):
             spec.erase_attribute(stale)
         spec.attribute(TAG, space)
-        return replace(self.mapped(part, work, session, spec), stored=None)
+        return replace(self.mapped(part, work, session, spec), stored=None, typed=False)
 
 
 def _places(channels: Channels, count: int) -> list[tuple[bool, int]]:

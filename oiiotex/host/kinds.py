@@ -88,7 +88,8 @@ class HostOp(Op):
         """The op's result; ids and coordinates stay what they are, and are refused where they would be mixed."""
         part = parts[0]
         if not part.exact:
-            return self.result(parts, session)
+            made, typed = self.result(parts, session), next((one for one in parts if one.typed), None)
+            return made if typed is None else dataclasses.replace(made, stored=typed.stored, typed=True)
         if self.mixes:
             content = "source coordinates" if part.spec.format == oiio.FLOAT else "ids"
             raise ImageError(
