@@ -20,11 +20,11 @@ from ..color.lab import working_values
 from ..core.demand import MadeRows, SomeRows, rows_of
 from ..core.op import Kind, Output
 from ..core.parameters import nearest
+from ..core.scratch import empty_rows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError, ParameterError, present
-from ..io.row_store import empty_rows
 from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.costs import stationarity_cost
