@@ -186,7 +186,7 @@ def test_the_printed_recipe_holds_also_with_all_its_offers_taken(tmp_path):
         (LINE + "[deliver]\nformat = 'png'\n", "deliver.format: expected 'exr' or 'tiff', not 'png'"),
         (LINE + "[deliver]\ntx = 1\n", "deliver.tx: expected true or false, not 1"),
         (LINE + "[delivr]\ntx = true\n", "unknown key 'delivr'.*deliver"),
-        (LINE + "[judge]\nlimits = ['seam']\n", "'seam': expected NAME>NUMBER"),
+        (LINE + "[judge]\nlimits = ['seam']\n", "judge: limits=seam: expected NAME>NUMBER"),
         (LINE + "[roles.colr]\nspace = 'data'\n", "roles 'colr': expected color"),
         (LINE + "[assets.x]\nsize_m = [1]\n", "expected width and height in metres"),
     ],

@@ -5,10 +5,12 @@ from ..io.atomic import OUTSIDE, OutsideError, temporary_beside, writing_only_be
 from ..io.disk_cache import hash_of
 from ..io.documents import read_document, require_plain
 from ..io.schema import Allowed, Seed, Share, read_as, types_of
+from ..quality.limit import Limit
 
 __all__ = [
     "OUTSIDE",
     "Allowed",
+    "Limit",
     "OutsideError",
     "Seed",
     "Share",

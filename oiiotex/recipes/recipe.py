@@ -3,51 +3,25 @@
 
 from __future__ import annotations
 
-import operator
 import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
-from ..api.files import Allowed, read_as
+from ..api.files import Allowed, Limit, read_as
 from ..api.materials import COLOURS, ROLES
 from ..errors import Error, ParameterError
 
 _MOST_BYTES = 4 << 20
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
-_LIMIT = re.compile(r"([a-z_]+)\s*([<>])\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
-_BEYOND = {">": operator.gt, "<": operator.lt}
 
 
 def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
         names = ", ".join(name or '""' for name in allowed)
         raise ParameterError(f"{what} '{value}': expected {names}")
-
-
-class Limit(NamedTuple):
-    """A measure, and beyond what it fails."""
-
-    measure: str
-    relation: str
-    value: float
-
-    @classmethod
-    def read(cls, text: str) -> Limit:
-        """From 'NAME>NUMBER' or 'NAME<NUMBER'."""
-        match = _LIMIT.fullmatch(text.strip())
-        if not match:
-            raise ParameterError(f"'{text}': expected NAME>NUMBER or NAME<NUMBER, such as seam>1.5")
-        return cls(match[1], match[2], float(match[3]))
-
-    def passed_by(self, value: float) -> bool:
-        """Whether a value lies beyond it."""
-        return bool(_BEYOND[self.relation](value, self.value))
-
-    def __str__(self) -> str:
-        return f"{self.measure}{self.relation}{self.value:g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +99,7 @@ class _Judge:
 
     def __post_init__(self) -> None:
         for text in self.limits:
-            Limit.read(text)
+            Limit.read(text, "limits")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +168,7 @@ def recipe_of(document: Mapping[str, Any], name: str) -> Recipe:
         raise ParameterError(f"{name}: two products have one name")
     return Recipe(
         find=said.find, roles=said.roles, products=said.product, deliver=said.deliver, assets=said.assets,
-        limits=tuple(map(Limit.read, said.judge.limits)),
+        limits=tuple(Limit.read(text, "limits") for text in said.judge.limits),
     )  # fmt: skip
 
 
