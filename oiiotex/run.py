@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from . import __version__
 from .core.access import Neighbourhood, Pointwise
 from .core.attributes import SOURCE, TAG, mark_as_data, note
-from .core.hash import sha1
+from .core.demand import sha1
 from .core.image import Image, Part, from_pixels
 from .core.label_map import LabelMap
 from .core.op import Kind, Op, Output, Space, errors_of

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from oiiotex.core.scratch import RowStore
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import Interrupted
 from oiiotex.io.checkpoint import Checkpoint
-from oiiotex.io.row_store import RowStore
 from oiiotex.patchmatch import exemplar_rows, memory, optimization, use_prices
 from oiiotex.patchmatch.constraints import Constraints, FixedPixels
 from oiiotex.patchmatch.exemplar_rows import piece_halo
@@ -114,7 +114,7 @@ def made(
 
 
 def in_file(array: np.ndarray) -> RowStore:
-    store = RowStore(array.shape, array.dtype, in_memory=False)
+    store = RowStore(array.shape, array.dtype)
     store[:] = array
     return store
 

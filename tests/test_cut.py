@@ -14,13 +14,13 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from oiiotex import errors, filters
 from oiiotex.color.lab_grid import FINE_STEPS, to_grid
+from oiiotex.core.scratch import RowStore
 from oiiotex.core.source_map import SourceMap
 from oiiotex.graphcut import photo as photo_in_tiles
 from oiiotex.graphcut import placement as gc
 from oiiotex.graphcut import seams
 from oiiotex.graphcut import search as searching
 from oiiotex.graphcut.photo import Photo
-from oiiotex.io.row_store import RowStore
 from oiiotex.session import Session
 from tests import pictures
 from tests.any_filter import buffer, pixels
@@ -254,12 +254,12 @@ def test_memory_does_not_show(wraps, monkeypatch):
     monkeypatch.setattr(photo_in_tiles, "SIDE", 32)  # tiles that the photo's size is no multiple of
     lab = (pictures.pebbles(150, 310, seed=5) * 90 - 10).astype(np.float32)  # it is searched reduced
     usable, small = blobs(150, 310, 0.3, 1), layout(width=50, height=41, patch=20, passes=1, wrap_x=wraps)
-    rows = RowStore(lab.shape, np.float32, in_memory=False)
+    rows = RowStore(lab.shape, np.float32)
     rows[:] = lab
     made = [
         gc.graph_cut(given, usable, small, budget, lambda *_: None) for given, budget in ((lab, 1 << 30), (rows, 64))
     ]
-    assert isinstance(made[0].packed, RowStore) and usable[made[0].yx].all()
+    assert isinstance(made[1].packed, RowStore) and usable[made[0].yx].all()
     np.testing.assert_array_equal(np.asarray(made[0].packed), np.asarray(made[1].packed))
 
 
@@ -316,7 +316,9 @@ def test_energy_is_that_of_all_seams_whatever_the_pieces(monkeypatch):
             monkeypatch.setattr(gc, "_LOOKED_AT", looked_at)
             energies.append(canvas._energy())
         np.testing.assert_array_equal(*energies)
-        assert energies[0].shape == (7, 9) and energies[0].sum() >= total_cost(SourceMap(canvas.laid), lab, wrap) > 0
+        assert (
+            energies[0].shape == (7, 9) and energies[0].sum() >= total_cost(SourceMap(canvas.laid.rows), lab, wrap) > 0
+        )
 
 
 def test_an_exemplar_smaller_than_a_patch_and_a_tile_smaller_than_one():
@@ -369,4 +371,4 @@ def _in_order(lab: np.ndarray, layout: gc.Layout) -> SourceMap:
     canvas.close_holes()
     for number, (y, x, side) in enumerate(canvas.worst(len(sites)), len(sites)):
         canvas.improve(y, x, side, number)
-    return SourceMap(canvas.laid)
+    return SourceMap(canvas.laid.rows)

@@ -9,8 +9,8 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from oiiotex.core.machine import memory
 from oiiotex.errors import DeviceError, MemoryBudgetError
+from oiiotex.machine import memory
 from oiiotex.opencl import device as devices
 from oiiotex.opencl.buffers import Buffers
 from oiiotex.opencl.source import kernel_source

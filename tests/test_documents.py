@@ -6,6 +6,9 @@ from __future__ import annotations
 import os
 import stat
 import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, TypedDict
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from oiiotex.color.config import ColorConfig
 from oiiotex.errors import ImageError
 from oiiotex.io.atomic import temporary_beside
 from oiiotex.io.documents import read_arrays, read_document
+from oiiotex.io.schema import Allowed, Share, read_as
 from oiiotex.multiscale.graph import Edge, Graph, read_graph
 from oiiotex.quilting.guide_map import read_table
 from oiiotex.quilting.quilt_plan import Grid, Plan
@@ -41,6 +45,51 @@ def test_a_document_is_refused_in_one_line(tmp_path, text, said):
     with pytest.raises(ImageError) as caught:
         read_graph(path)
     assert said in str(caught.value) and str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leaf:
+    end: str = field(metadata={"key": "from"})
+    r: Annotated[int, Allowed(0, 9)] | None = None
+    mode: Literal["x", "y"] = "x"
+
+
+class Whole(TypedDict):
+    leaves: tuple[Leaf, ...]
+    share: Share | tuple[Share, ...]
+    names: Mapping[str, bool]
+
+
+WHOLE = {"leaves": [{"from": "a", "r": 3}, {"from": "b"}], "share": 1, "names": {"on": True}}
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ({"leaves": {}}, "leaves: expected a list, not an object"),
+        ({"leaves": [{"from": "a"}, 7]}, "leaves[1]: expected an object of from, r, mode, not 7"),
+        ({"leaves": [{}]}, "leaves[0]: from is missing: expected text"),
+        (
+            {"leaves": [{"from": "a", "mod": "x"}]},
+            "leaves[0]: unknown key 'mod', did you mean 'mode'?; expected from",
+        ),
+        ({"leaves": [{"from": 1}]}, "leaves[0].from: expected text, not 1"),
+        ({"leaves": [{"from": "a", "r": True}]}, "leaves[0].r: expected an integer from 0 to 9, not True"),
+        ({"leaves": [{"from": "a", "r": 3.0}]}, "leaves[0].r: expected an integer from 0 to 9, not 3.0"),
+        ({"leaves": [{"from": "a", "r": 10**400}]}, "leaves[0].r: expected an integer from 0 to 9, not 1000"),
+        ({"leaves": [{"from": "a", "mode": "z"}]}, "leaves[0].mode: expected 'x' or 'y', not 'z'"),
+        ({"share": [0.5, float("nan")]}, "share[1]: expected a number from 0 to 1, not nan"),
+        ({"share": 10**400}, "share: expected a number from 0 to 1 or a list, not 1000"),
+        ({"names": {"on": 1}}, "names.on: expected true or false, not 1"),
+        ({"names": None}, "names: expected an object, not None"),
+    ],
+)
+def test_what_a_document_may_not_hold_is_said_with_its_place(changes, said):
+    read = read_as(Whole, WHOLE, "d.json")
+    assert read == {"leaves": (Leaf(end="a", r=3), Leaf(end="b")), "share": 1.0, "names": {"on": True}}
+    with pytest.raises(ImageError) as caught:
+        read_as(Whole, WHOLE | changes, "d.json")
+    assert str(caught.value).startswith(f"d.json: {said}")
 
 
 def test_yaml_that_stands_for_gigabytes_is_refused(tmp_path):

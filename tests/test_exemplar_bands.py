@@ -12,11 +12,11 @@ import pytest
 from oiiotex import filters
 from oiiotex.core import image, source_map
 from oiiotex.core.demand import MadeRows
+from oiiotex.core.scratch import RowStore
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import MemoryBudgetError
 from oiiotex.exemplar import patch_synthesis
 from oiiotex.io.disk_cache import hash_of
-from oiiotex.io.row_store import RowStore
 from oiiotex.opencl.buffers import require_room
 from oiiotex.patchmatch import memory, optimization
 from oiiotex.patchmatch.constraints import coarse_image
@@ -96,7 +96,7 @@ def test_a_photo_that_does_not_fit_is_read_by_rows(case, monkeypatch):
 
 
 def in_file(array: np.ndarray) -> RowStore:
-    store = RowStore(array.shape, array.dtype, in_memory=False)
+    store = RowStore(array.shape, array.dtype)
     store[:] = array
     return store
 

@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from oiiotex.core import machine
+from oiiotex import machine
 from oiiotex.opencl import device, runtime
 from tests.conftest import oiiotex
 

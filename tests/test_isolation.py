@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from oiiotex.core.machine import forget_current_folder, start
+from oiiotex.machine import forget_current_folder, start
 from oiiotex.opencl import runtime
 from tests import pictures
 from tests.conftest import save
@@ -109,7 +109,7 @@ from oiiotex.io.movie import write_movie
 write_movie(Path(folder) / "z.mp4", [np.zeros((8, 8, 3), np.uint8)] * 2, 5)
 """,
     "a browser": """
-from oiiotex.core.machine import forget_current_folder
+from oiiotex.machine import forget_current_folder
 forget_current_folder()  # as every line does
 import webbrowser
 webbrowser.open("http://127.0.0.1:9/")

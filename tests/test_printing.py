@@ -13,7 +13,7 @@ import pytest
 from oiiotex.cli.printing.comparing import Thresholds, compare
 from oiiotex.cli.printing.metadata import shortest
 from oiiotex.cli.running.line_run import run
-from oiiotex.core.hash import sha1
+from oiiotex.core.demand import sha1
 from oiiotex.errors import Error
 from oiiotex.io.reading import read
 

@@ -18,8 +18,8 @@ import pytest
 
 from oiiotex.cli.running.parallel import WorkerDied, worker_processes
 from oiiotex.core.image import from_array
-from oiiotex.core.machine import start_python
 from oiiotex.io.atomic import temporary_beside
+from oiiotex.machine import start_python
 from oiiotex.service.client import connect
 from oiiotex.service.settings import ResidentSettings
 from tests.browser import Served, end_resident
@@ -28,7 +28,7 @@ from tests.faults import SLOW, half_files, half_written, nobody_left, start, wai
 
 ROOT = Path(__file__).parents[1]
 PLACES = {  # who may start processes, and by what
-    "oiiotex/core/machine.py": {"subprocess.Popen"},  # for all of the package; tests/test_isolation.py runs each use
+    "oiiotex/machine.py": {"subprocess.Popen"},  # for all of the package; tests/test_isolation.py runs each use
     "oiiotex/live/server.py": {"webbrowser"},  # the user's browser, of $PATH as `forget_current_folder` leaves it
     "hosts/blender/oiiotex_blender/process.py": {"subprocess.run", "subprocess.Popen"},  # has none of the package
     "hosts/openimageio/build.py": {"subprocess.run"},  # whoever builds names the folder

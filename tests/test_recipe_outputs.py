@@ -158,7 +158,7 @@ WRITES = re.compile(
 )
 # Rooms that no line of a recipe reaches, or that keep what is the user's cache; of modules: standard streams, scratch.
 ROOMS = ("library/", "recipes/", "farm/", "live/", "service/", "opencl/")
-ELSEWHERE = (*ROOMS, "cli/running/streams.py", "core/demand.py")
+ELSEWHERE = (*ROOMS, "cli/running/streams.py", "core/scratch.py")
 
 
 def test_whoever_opens_a_file_does_it_where_the_folder_is_looked_at():

@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "oiiotex"
 # A room may import from those before it; what stands in one line with it knows nothing of it.
 ORDER = """
-errors stats deferred
+errors stats deferred machine
 core
 io
 opencl

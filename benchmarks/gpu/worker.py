@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.gpu import bounds, workloads
-from oiiotex.core.machine import usable_threads
+from oiiotex.machine import usable_threads
 from oiiotex.opencl import device as devices
 from oiiotex.session import Session
 

@@ -22,9 +22,9 @@ import OpenImageIO as oiio
 
 from oiiotex.cli.language.sequences import Frame
 from oiiotex.cli.running.tasks import Job, Task, work
-from oiiotex.core.machine import usable_threads
 from oiiotex.library.asset import key_of
 from oiiotex.library.catalogue import Asset, Catalogue
+from oiiotex.machine import usable_threads
 from oiiotex.recipes.found import extract, materials
 from oiiotex.recipes.lines import SOURCE, source_name, steps_of
 from oiiotex.recipes.recipe import load_recipe

@@ -4,14 +4,22 @@
 from ..io.atomic import OUTSIDE, OutsideError, temporary_beside, writing_only_below, written
 from ..io.disk_cache import hash_of
 from ..io.documents import read_document, require_plain
+from ..io.schema import Allowed, Seed, Share, read_as, types_of
+from ..quality.limit import Limit
 
 __all__ = [
     "OUTSIDE",
+    "Allowed",
+    "Limit",
     "OutsideError",
+    "Seed",
+    "Share",
     "hash_of",
+    "read_as",
     "read_document",
     "require_plain",
     "temporary_beside",
+    "types_of",
     "writing_only_below",
     "written",
 ]

@@ -9,8 +9,8 @@ from ..cli.running.progress import Display
 from ..cli.running.tasks import Job, Task, session_for, work
 from ..cli.stack.rehearsal import Rehearsals
 from ..cli.vocabulary import LANGUAGE
-from ..core.machine import forget_current_folder, memory, usable_threads
 from ..core.parameters import nearest
+from ..machine import forget_current_folder, memory, usable_threads
 from ..run import as_foreseen
 
 __all__ = [

@@ -16,10 +16,10 @@ from ..color.config import as_float
 from ..color.lab import count_broken
 from ..core.demand import BAND_BYTES, bands, on_a_torus, stream
 from ..core.image import Part, pixels_of
+from ..core.scratch import empty_rows
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import BrokenValues
-from ..io.row_store import RowStore
 
 TILES_ACROSS = 2.0  # at the near edge of the plane
 HORIZON = 1.0 / 8.0  # of the picture's height, from above
@@ -120,7 +120,7 @@ class RowIntegrals:
         self._row = np.minimum(inside.astype(np.int64), shape[0] - 1)
         self._share = inside - self._row
         self._order = np.argsort(self._row, kind="stable")
-        self._store = RowStore((len(borders), *shape[1:]), np.float64, in_memory)
+        self._store = empty_rows((len(borders), *shape[1:]), np.float64, in_memory)
         self._whole = np.zeros(shape[1:])
 
     def add(self, first: int, rows: np.ndarray, sums: np.ndarray) -> None:

@@ -15,10 +15,10 @@ from typing import ClassVar
 from ..core.image import Channels, Image, Part, channels_of
 from ..core.op import Op, Space
 from ..core.parameters import param
+from ..core.scratch import RowStore, empty_rows
 from ..core.window import Window
 from ..deferred import np
 from ..errors import BrokenValues
-from ..io.row_store import RowStore, empty_rows
 from ..scan import scan
 from ..session.resources import Resources
 from .config import as_float, colour_space

@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from ..core.demand import BAND_BYTES, scratch_file, write_at
+from ..core.demand import BAND_BYTES
 from ..core.image import Image
+from ..core.scratch import RowStore
 from ..core.window import Window
 from ..deferred import np
 from ..opencl.buffers import Buffers
@@ -80,7 +81,7 @@ class LabGrid:
             size = self.band_rows * self._row + _PADDING
             asker = f"{part.spec.width}x{part.spec.height} in Lab"
             self._buffers = opened.enter_context(Buffers(self._device, {"lab": size}, resources.budget, asker))
-            self._file = None if self.resident else opened.enter_context(scratch_file())
+            self._rows = None if self.resident else RowStore((self.height, self.width, 4), np.int16)
             scan(part, lens, resources, lambda values, opaque, _: seen_on_grid(values, opaque), self._keep)
             self._opened = opened.pop_all()
 
@@ -89,6 +90,7 @@ class LabGrid:
 
     def __exit__(self, *_: object) -> None:
         self._opened.close()
+        self._rows = None  # and its file
 
     def bands(self, wanted: Callable[[int, int], bool] = lambda top, bottom: True) -> Iterator[Band]:
         """Bands from top to bottom, those of which `wanted(top, bottom)` says so."""
@@ -96,17 +98,14 @@ class LabGrid:
             bottom = min(top + self.band_rows, self.height)
             if not wanted(top, bottom):
                 continue
-            if self._file is not None:
-                rows = np.empty((bottom - top, self.width, 4), np.int16)
-                self._file.seek(top * self._row)
-                self._file.readinto(rows.data)
-                self._device.write(self._buffers["lab"], rows)
+            if self._rows is not None:
+                self._device.write(self._buffers["lab"], self._rows[top:bottom])
             yield Band(top, bottom, self._buffers["lab"])
 
     def _keep(self, piece: Window, rows: np.ndarray) -> None:
         top, lab = piece.top - self.window.top, self._buffers["lab"]
-        if self._file is not None:
-            write_at(self._file, rows, top * self._row)
+        if self._rows is not None:
+            self._rows[top : top + len(rows)] = rows
             if self._look is None:
                 return
         while len(rows):

@@ -8,15 +8,13 @@ Nothing here knows files or colours.
 from __future__ import annotations
 
 import dataclasses
-import errno
 import functools
-import os
+import hashlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from io import BufferedRandom
-from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, overload
+from typing import TYPE_CHECKING, Any, Literal, Protocol, overload
 
 from ..deferred import np, oiio
 from ..errors import ImageError, MemoryBudgetError
@@ -27,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike
 
 BAND_BYTES = 8 << 20  # of pixels that travel at once: large enough to hide a call's cost, small enough for caches
+SPILL_SIDE = 256  # px of a tile of what lies in a file
 PIECE_PIXELS = 1 << 16  # what a thread works on: small enough for caches
 
 
@@ -252,91 +251,20 @@ def materialized(part: Part, budget: int) -> Part:
             pixels[window.inside(part.window)] = part.read(window)
         fetch = from_pixels(part.name, pixels, part.spec).fetch
     else:
-        spill = _Spill(part)
-        for window in part.window.cells(*spill.band):
-            spill.put(window, part.read(window))
-        fetch = spill.get
+        fetch = _spilled(part)
     return dataclasses.replace(part, fetch=fetch, ready=True, levels=())
 
 
-def scratch_file(size: int = 0) -> BufferedRandom:
-    """An unnamed temporary file, which the system removes with the process, with room for `size` bytes.
+def _spilled(part: Part) -> Callable[[Window], np.ndarray]:
+    """Any window of a part, out of a file."""
+    from .scratch import TileStore  # few runs spill
 
-    It is not under /tmp where that is memory: TMPDIR says where there is room.
-
-    Raises
-    ------
-    ImageError
-        No folder takes it.
-    """
-    import tempfile  # few runs spill: it is slow to import
-
-    try:
-        file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as its owner
-    except OSError as error:
-        raise ImageError(f"no folder for intermediate results (set TMPDIR): {error}") from error
-    try:
-        if size:
-            os.posix_fallocate(file.fileno(), 0, size)
-    except OSError as error:
-        raise _no_room(error) from error
-    return file
-
-
-def write_at(file: IO[bytes], array: np.ndarray, offset: int) -> None:
-    """Write a contiguous array into a `scratch_file`, `offset` bytes from its start.
-
-    Raises
-    ------
-    ImageError
-        The disk is full.
-    """
-    try:
-        if os.pwrite(file.fileno(), array.data, offset) < array.nbytes:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk takes a part in silence
-    except OSError as error:
-        raise _no_room(error) from error
-
-
-def _no_room(error: OSError) -> ImageError:
-    import tempfile
-
-    return ImageError(f"no room for intermediate results in {tempfile.gettempdir()} (set TMPDIR): {error}")
-
-
-class _Spill:
-    """A part's pixels in a `scratch_file`, in square tiles."""
-
-    SIDE = 256
-
-    def __init__(self, part: Part):
-        self._whole = part.window
-        self._dtype = np.dtype(dtype_of(part.spec))
-        self._channels = part.spec.nchannels
-        self._tile_bytes = self.SIDE * self.SIDE * part.pixel_bytes
-        self._across = -(-self._whole.width // self.SIDE)
-        self.band = (self.SIDE * max(1, 4 * BAND_BYTES // self._tile_bytes), self.SIDE)  # what is put at once
-        self._file = scratch_file()
-
-    def put(self, window: Window, pixels: np.ndarray) -> None:
-        """Keep a window of whole tiles."""
-        for place in window.cells(self.SIDE, self.SIDE):
-            tile = np.zeros((self.SIDE, self.SIDE, self._channels), self._dtype)
-            tile[: place.height, : place.width] = pixels[place.inside(window)]
-            write_at(self._file, tile, self._offset(place))
-
-    def get(self, window: Window) -> np.ndarray:
-        """Any window."""
-        return assembled(window, (self.SIDE, self.SIDE), self._whole, self._tile)
-
-    def _tile(self, place: Window) -> np.ndarray:
-        data = os.pread(self._file.fileno(), self._tile_bytes, self._offset(place))
-        tile = np.frombuffer(data, self._dtype).reshape(self.SIDE, self.SIDE, self._channels)
-        return tile[: place.height, : place.width]
-
-    def _offset(self, place: Window) -> int:
-        row, column = (place.top - self._whole.top) // self.SIDE, (place.left - self._whole.left) // self.SIDE
-        return (row * self._across + column) * self._tile_bytes
+    whole, side = part.window, SPILL_SIDE
+    store = TileStore((whole.height, whole.width, part.spec.nchannels), dtype_of(part.spec), side)
+    at_once = side * max(1, 4 * BAND_BYTES // (side * side * part.pixel_bytes))
+    for window in whole.cells(at_once, side):
+        store.put(window.top - whole.top, window.left - whole.left, part.read(window))
+    return lambda window: store.window(*window.inside(whole))
 
 
 # --- beyond the border ---
@@ -386,3 +314,31 @@ def stream(part: Part, windows: Iterable[Window], buffers: bool = False) -> Iter
                 yield pending[0], pending[1].result()
         finally:
             worker.shutdown(wait=True, cancel_futures=True)
+
+
+def sha1(part: Part) -> str:
+    """The SHA-1 of a part's pixels, each channel in its own type.
+
+    Raises
+    ------
+    ImageError
+        Whole numbers lie beside broken ones: they are not read exactly.
+    """
+    kinds = [_numpy_type(part.spec.channelformat(channel)) for channel in range(part.spec.nchannels)]
+    own = np.dtype(dtype_of(part.spec))
+    if any(kind.kind != own.kind for kind in kinds):
+        raise ImageError(f"'{part.name}' has channels of whole and of broken numbers: no hash can be made")
+    packed = np.dtype([(str(channel), kind) for channel, kind in enumerate(kinds)])
+    digest = hashlib.sha1(usedforsecurity=False)
+    for _, pixels in stream(part, bands(part)):
+        if any(kind != own for kind in kinds):
+            mixed = np.empty(pixels.shape[:2], packed)
+            for channel in range(len(kinds)):
+                mixed[str(channel)] = pixels[..., channel]
+            pixels = mixed
+        digest.update(np.ascontiguousarray(pixels).data)
+    return digest.hexdigest().upper()
+
+
+def _numpy_type(kind: oiio.TypeDesc) -> np.dtype:
+    return np.dtype(dtype_of(oiio.ImageSpec(1, 1, 1, kind)))

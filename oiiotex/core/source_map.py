@@ -49,7 +49,7 @@ class SourceMap:
 
     @classmethod
     def of_rows(cls, packed: SomeRows) -> SourceMap:
-        """Of rows that may lie in a file, as an `io.row_store.RowStore`: `packed` then has no more than `SomeRows`."""
+        """Of rows that may lie in a file, as an `scratch.RowStore`: `packed` then has no more than `SomeRows`."""
         return cls(cast("np.ndarray", packed))
 
     @classmethod

@@ -11,9 +11,9 @@ from ..core.demand import SomeRows, first_channels
 from ..core.image import Image, channels_of
 from ..core.op import Space
 from ..core.parameters import Numbers, Words
+from ..core.scratch import AT_ONCE, empty_rows
 from ..deferred import np
 from ..errors import ImageError, ParameterError
-from ..io.row_store import AT_ONCE, empty_rows
 from ..session.resources import Resources
 from .exemplar_masks import both
 

@@ -4,19 +4,13 @@
 from __future__ import annotations
 
 import functools
-import os
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..color.lab_grid import FINE_STEPS, to_grid
-from ..core.demand import PieceCache, write_at
+from ..core.demand import PieceCache
+from ..core.scratch import RowStore, TileStore, empty_rows
 from ..core.source_map import NONE, SourceMap
 from ..deferred import np
-from ..errors import present
-from ..io.row_store import RowStore
-
-if TYPE_CHECKING:
-    from numpy.typing import DTypeLike
 
 SIDE = 128  # px of a tile
 _PHOTO_BYTES, _RESULT_BYTES = 7, 4  # of a pixel
@@ -29,56 +23,17 @@ def held_bytes(budget: int, photo: int, result: int) -> int:
     return sum(n if n <= budget // 4 else budget // 8 for n in (_PHOTO_BYTES * photo, _RESULT_BYTES * result))
 
 
-class Tiles:
-    """An array in an unnamed file, of which pixels are looked up anywhere.
-
-    Parameters
-    ----------
-    shape : (int, int, ...)
-    dtype : dtype
-    cache : PieceCache
-        Of tiles that were looked at.
-    """
-
-    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, cache: PieceCache):
-        self.shape, self.dtype = shape, np.dtype(dtype)
-        self._across, self._cache = -(-shape[1] // SIDE), cache
-        self._store = RowStore((-(-shape[0] // SIDE) * self._across, SIDE, SIDE, *shape[2:]), dtype, in_memory=False)
-
-    def put(self, top: int, rows: np.ndarray) -> None:
-        """A row of tiles, which begins at a multiple of `SIDE`."""
-        tiles = np.zeros((self._across, SIDE, SIDE, *self.shape[2:]), self.dtype)
-        for n in range(self._across):
-            piece = rows[:, n * SIDE : (n + 1) * SIDE]
-            tiles[n, : piece.shape[0], : piece.shape[1]] = piece
-        first = top // SIDE * self._across
-        self._store[first : first + self._across] = tiles
-
-    def __getitem__(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
-        y, x = np.broadcast_arrays(*at)
-        out = np.empty((*y.shape, *self.shape[2:]), self.dtype)
-        tile = y // SIDE * self._across + x // SIDE
-        for n in np.unique(tile).tolist():
-            here = tile == n
-            pixels = self._cache.get((self, n), functools.partial(self._tile, n))
-            out[here] = pixels[y[here] % SIDE, x[here] % SIDE]
-        return out
-
-    def _tile(self, number: int) -> np.ndarray:
-        return self._store[number : number + 1][0]
-
-
 class Photo:
     """Colours of an exemplar, and where they may be taken from.
 
     Parameters
     ----------
-    lab : (height, width, 3) int16 or Tiles
+    lab : (height, width, 3) int16 or TileStore
         In grid steps.
-    usable : (height, width) bool or Tiles
+    usable : (height, width) bool or TileStore
     """
 
-    def __init__(self, lab: np.ndarray | Tiles, usable: np.ndarray | Tiles):
+    def __init__(self, lab: np.ndarray | TileStore, usable: np.ndarray | TileStore):
         self.lab, self.usable = lab, usable
         self.shape: tuple[int, ...] = usable.shape[:2]
 
@@ -99,7 +54,7 @@ class Photo:
         here = _PHOTO_BYTES * shape[0] * shape[1] <= budget // 4
         cache = PieceCache(budget // 8)
         lab, allowed = (
-            np.empty(size, kind) if here else Tiles(size, kind, cache)
+            np.empty(size, kind) if here else TileStore(size, kind, SIDE, cache)
             for size, kind in (((*shape, 3), np.int16), (shape, np.bool_))
         )
         for top in range(0, shape[0], SIDE):
@@ -113,8 +68,8 @@ class Photo:
                 able = np.asarray(usable[first:last])
                 colours = _with_neighbours(colours, able)
             for target, rows in ((lab, colours[mine]), (allowed, able[mine])):
-                if isinstance(target, Tiles):
-                    target.put(top, rows)
+                if isinstance(target, TileStore):
+                    target.put(top, 0, rows)
                 else:
                     target[top:bottom] = rows
         return cls(lab, allowed)
@@ -176,7 +131,7 @@ def _with_neighbours(lab: np.ndarray, usable: np.ndarray) -> np.ndarray:
     return out
 
 
-class Laid(RowStore):
+class Laid:
     """Which pixel of a photo lies where in a result, `NONE` where none does; threads may share it by windows.
 
     Parameters
@@ -187,46 +142,29 @@ class Laid(RowStore):
     """
 
     def __init__(self, height: int, width: int, budget: int):
-        super().__init__((height, width), np.uint32, in_memory=_RESULT_BYTES * height * width <= budget // 4)
+        self.rows = empty_rows((height, width), np.uint32, in_memory=_RESULT_BYTES * height * width <= budget // 4)
         for top in range(0, height, _HOLES):
-            rows = min(_HOLES, height - top)
-            self[top : top + rows] = np.full((rows, width), NONE, np.uint32)
+            count = min(_HOLES, height - top)
+            self.rows[top : top + count] = np.full((count, width), NONE, np.uint32)
 
     def window(self, rows: np.ndarray, columns: np.ndarray) -> SourceMap:
         """Of these rows and columns, each one or more runs of neighbours."""
-        if self._array is not None:
-            return SourceMap(self._array[np.ix_(rows, columns)])
-        out = np.empty((len(rows), len(columns)), self.dtype)
-        for into, run in _runs(columns):
-            for n, y in enumerate(rows.tolist()):
-                data = os.pread(present(self._file).fileno(), len(run) * self.dtype.itemsize, self._offset(y, run))
-                out[n, into] = np.frombuffer(data, self.dtype)
-        return SourceMap(out)
+        if isinstance(self.rows, RowStore):
+            return SourceMap(self.rows.crossing(rows, columns))
+        return SourceMap(self.rows[np.ix_(rows, columns)])
 
     def put(self, rows: np.ndarray, columns: np.ndarray, values: SourceMap) -> None:
         """The inverse of `window`, of rows and columns that do not come twice."""
-        if self._array is not None:
-            self._array[np.ix_(rows, columns)] = values.packed
-            return
-        for into, run in _runs(columns):
-            for n, y in enumerate(rows.tolist()):
-                write_at(present(self._file), np.ascontiguousarray(values.packed[n, into]), self._offset(y, run))
+        if isinstance(self.rows, RowStore):
+            self.rows.set_crossing(rows, columns, values.packed)
+        else:
+            self.rows[np.ix_(rows, columns)] = values.packed
 
     def first_hole(self, top: int) -> tuple[int, int] | None:
         """Row and column of the first pixel without a source, from that row on."""
-        for first in range(top, len(self), _HOLES):
-            holes = np.flatnonzero(self[first : first + _HOLES] == NONE)
+        for first in range(top, len(self.rows), _HOLES):
+            holes = np.flatnonzero(self.rows[first : first + _HOLES] == NONE)
             if len(holes):
-                y, x = divmod(int(holes[0]), self.shape[1])
+                y, x = divmod(int(holes[0]), self.rows.shape[1])
                 return first + y, x
         return None
-
-    def _offset(self, row: int, columns: range) -> int:
-        return row * self._row_bytes + columns.start * self.dtype.itemsize
-
-
-def _runs(places: np.ndarray) -> Iterator[tuple[slice, range]]:
-    """Where in the array neighbours stand, and which."""
-    begins = np.flatnonzero(np.diff(places, prepend=-2) != 1).tolist()
-    for begin, end in zip(begins, [*begins[1:], len(places)], strict=True):
-        yield slice(begin, end), range(int(places[begin]), int(places[begin]) + end - begin)

@@ -120,7 +120,7 @@ def graph_cut(
         while done < len(sites) * (2 + refined):  # there may be fewer cells than sites
             done += 1
             progress(done, total)
-    return SourceMap.of_rows(canvas.laid)
+    return SourceMap.of_rows(canvas.laid.rows)
 
 
 def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]]:

@@ -19,7 +19,7 @@ from ..deferred import np
 from .seams import Source, cut
 
 if TYPE_CHECKING:
-    from .photo import Tiles
+    from ..core.scratch import TileStore
 
 TILE = 128  # px
 
@@ -30,7 +30,7 @@ class SeamOverlay:
 
     Attributes
     ----------
-    lab : (h, w, 3) int16 or Tiles
+    lab : (h, w, 3) int16 or TileStore
         The exemplar in grid steps.
     below : callable
         Window -> its sources.
@@ -40,7 +40,7 @@ class SeamOverlay:
         px from the mask's border to which the cut may stray.
     """
 
-    lab: np.ndarray | Tiles
+    lab: np.ndarray | TileStore
     below: Callable[[Window], SourceMap]
     above: Callable[[Window], tuple[np.ndarray, SourceMap]]
     whole: Window

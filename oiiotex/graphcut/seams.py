@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from ..deferred import np
 
 if TYPE_CHECKING:
-    from .photo import Tiles
+    from ..core.scratch import TileStore
 
 COST_STEPS = 64  # whole numbers per unit of KSE03 eq. 2, a ratio of differences to gradients
 MOST_COST = 1 << 13  # of one edge; sums over a patch of 512 x 512 stay below 2^31
@@ -35,7 +35,7 @@ def lengths(values: np.ndarray) -> np.ndarray:
 class Source:
     """An exemplar as seams see it: (height, width, 3) int16 Lab in grid steps, an array or in tiles."""
 
-    lab: np.ndarray | Tiles
+    lab: np.ndarray | TileStore
 
     def at(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Its colours; beyond the border those of the nearest pixel."""

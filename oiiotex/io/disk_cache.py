@@ -17,10 +17,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
+from ..core.scratch import RowStore
 from ..deferred import np
 from ..errors import Error
 from .atomic import temporary_beside
-from .row_store import RowStore
 
 MOST_BYTES = 2 << 30  # of a folder
 _ROWS = 256  # of an array, that are hashed at once

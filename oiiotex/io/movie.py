@@ -8,9 +8,9 @@ import itertools
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ..core.machine import program, start
 from ..deferred import np
 from ..errors import ImageError, present
+from ..machine import program, start
 from .atomic import temporary_beside
 
 # What screens take it for is said in the file; H.264 of 4:2:0 has even sides.

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from ..core.demand import BAND_BYTES, rows_for, stream
 from ..core.image import Image, Part, dtype_of
-from ..core.machine import program, start
 from ..core.window import Window
 from ..deferred import np, oiio
 from ..errors import ImageError, present
+from ..machine import program, start
 from .atomic import held_beside, release, temporary_beside
 from .description import warn_of_loss
 from .formats import Format, fitted, keeps_type, specs_of, tile_of, wanted_type

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from ..core.demand import BAND_BYTES, cached, stream
 from ..core.image import Part
 from ..core.label_map import LabelMap
+from ..core.scratch import empty_rows
 from ..core.window import Window
 from ..deferred import np
 from ..errors import ImageError
-from ..io.row_store import RowStore
 from ..session.progress import Progress
 from ..session.resources import Resources
 from .content_table import window_keys
@@ -134,7 +134,7 @@ class Contents:
         self._done, self._total = 0, passes * _strip_count(labels, side)
         width, height = labels.spec.width, labels.spec.height
         size = height, -(-width // 8)  # a bit for each pixel
-        self._marks = RowStore(size, np.uint8, in_memory=size[0] * size[1] <= resources.budget // 4)
+        self._marks = empty_rows(size, np.uint8, in_memory=size[0] * size[1] <= resources.budget // 4)
         self._rows = range(self._half, self._half + height - side + 1)
         found: Counter[int] = Counter()
         for strip in self._strips():

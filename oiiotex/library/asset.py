@@ -17,11 +17,11 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypedDict
 
 from .. import __version__
 from ..api import materials
-from ..api.files import hash_of, writing_only_below
+from ..api.files import Allowed, hash_of, read_as, writing_only_below
 from ..api.images import TAG, Image, Session, read
 from ..api.lines import LANGUAGE, Frame, Task, parse, work
 from ..api.lines import Job as LineJob
@@ -34,34 +34,34 @@ from ..recipes.recipe import Recipe
 from .catalogue import SIDECAR
 
 SCHEMA = "oiiotex.asset/2"
-# what is read of a sidecar, and of its files
-_SIDECAR = {"name": str, "key": str, "status": str, "reasons": list, "files": list}
-_FILE = {"path": str, "bytes": int, "sha256": str}
 _STEP = 0.1  # of a height map's range, between neighbours
 
 
-class Job(NamedTuple):
-    """A material for a worker.
+class _File(TypedDict):
+    path: str
+    bytes: int
+    sha256: str
 
-    Attributes
-    ----------
-    photos, library : str
-        Absolute.
-    work : str
-        The folder that it makes, below the library.
-    before : str
-        The asset's folder of an earlier run, from which products are taken that would be the same; ''.
-    digests : tuple of (str, str)
-        Of the maps: role and SHA-256 of the file, or of the archive that it is in.
-    """
+
+class _Sidecar(TypedDict):
+    schema: Annotated[str, Allowed(among=[SCHEMA])]
+    name: str
+    key: str
+    status: str
+    reasons: list[str]
+    files: list[_File]
+
+
+class Job(NamedTuple):
+    """A material for a worker."""
 
     material: Material
     recipe: Recipe
-    photos: str
+    photos: str  # absolute, as the library
     library: str
-    work: str
-    before: str
-    digests: tuple[tuple[str, str], ...]
+    work: str  # the folder that it makes, below the library
+    before: str  # the asset's folder of an earlier run, from which products are taken that would be the same; ''
+    digests: tuple[tuple[str, str], ...]  # of the maps: role and SHA-256 of the file, or of the archive that it is in
     budget: int
     threads: int
     version: str = __version__
@@ -129,17 +129,8 @@ def read_sidecar(folder: Path) -> dict[str, Any]:
         sidecar = json.loads((folder / SIDECAR).read_bytes())
     except (OSError, ValueError) as error:
         raise Error(f"{folder / SIDECAR}: {error}") from error
-    if not isinstance(sidecar, dict) or sidecar.get("schema") != SCHEMA:
-        raise Error(f"{folder / SIDECAR}: not of schema {SCHEMA}")
-    for key, kind in _SIDECAR.items():
-        if not isinstance(sidecar.get(key), kind):
-            raise Error(f"{folder / SIDECAR}: '{key}' is missing or of another type: expected {kind.__name__}")
-    for file in sidecar["files"]:
-        if not isinstance(file, dict) or any(not isinstance(file.get(key), kind) for key, kind in _FILE.items()):
-            raise Error(f"{folder / SIDECAR}: 'files' has an entry without {', '.join(_FILE)}")
-    if not all(isinstance(text, str) for text in sidecar["reasons"]):
-        raise Error(f"{folder / SIDECAR}: 'reasons' must be texts")
-    return sidecar
+    read_as(_Sidecar, sidecar, str(folder / SIDECAR), Error, more=True)
+    return dict(sidecar)
 
 
 def faults(folder: Path, files: Sequence[Mapping[str, Any]]) -> list[str]:

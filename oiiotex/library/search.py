@@ -10,8 +10,8 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from ..api.files import Limit
 from ..errors import ParameterError
-from ..recipes.recipe import Limit
 from .catalogue import Asset, Catalogue, Label
 
 _HEX = re.compile(r"#?([0-9a-fA-F]{6})")
@@ -57,7 +57,7 @@ class Search:
         ParameterError
             A term is none, or speaks of a measure that no asset has.
         """
-        limits = [Limit.read(text) for text in self.measures]
+        limits = [Limit.read(text, "--measure") for text in self.measures]
         if not self.distance >= 0:
             raise ParameterError(f"--distance {self.distance:g}: expected a number >= 0")
         lab, fits, share_of = _lab("--color", self.color), _size(self.size), _share(self.label, self.distance)

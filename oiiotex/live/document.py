@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypedDict
 
-from ..api.files import read_document, written
+from ..api.files import Allowed, Seed, Share, read_as, read_document, types_of, written
 from ..api.painting import MEASURES, PRESETS
 from ..errors import Error, ImageError, ParameterError
 
@@ -23,101 +22,75 @@ KEPT = "Until the computer is restarted, the next --texlive of this document fin
 State = dict[str, Any]
 
 
-def _number(low: float, high: float, whole: bool = False) -> Any:
-    def check(value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise ValueError
-        if not low <= value <= high or (whole and value != int(value)):
-            raise ValueError
-        return int(value) if whole else float(value)
-
-    return check
+# JSON's numbers hold fewer digits
+_Whole = Annotated[str, Allowed(most=80, pattern=r"[+-]?\d+", words="of an integer")]
+_Side = Annotated[int, Allowed(16, 16384)]
+_Painted = Annotated[int, Allowed(LEAST_PAINTED, MOST_PAINTED)]
+_Label = Annotated[int, Allowed(0, 255)]
+_Octaves = Annotated[float, Allowed(0, 60)]
+_Name = Annotated[str, Allowed(most=200)]
 
 
-def _or_none(check: Any) -> Any:
-    return lambda value: None if value is None else check(value)
+class _Tile(TypedDict):
+    flatten: Share | None
+    sigma: Annotated[float, Allowed(0.5, 1e6)] | None
+    amount: Share | None
+    contrast: Share | None
+    structure: Share
+    seed: Seed
+    measure: Annotated[str, Allowed(among=MEASURES)]
+    preset: Annotated[str, Allowed(among=PRESETS)] | None
+    patch: Annotated[int, Allowed(among=range(5, 23, 2))] | None
+    width: _Side | None
+    height: _Side | None
+    mask: Annotated[int, Allowed(1, 1 << 20)] | Literal["", "dominant", "brush"]  # the number of a label
+    within: Literal["", "brush"]
 
 
-def _one_of(*choices: Any) -> Any:
-    def check(value: Any) -> Any:
-        if not isinstance(value, (str, int, type(None))) or value not in choices:
-            raise ValueError
-        return value
-
-    return check
+class _View(TypedDict):
+    display: _Name
+    view: _Name
+    exposure: Annotated[float, Allowed(-20, 20)]
 
 
-def _text(most: int) -> Any:
-    def check(value: Any) -> str:
-        if not isinstance(value, str) or len(value) > most:
-            raise ValueError
-        return value
-
-    return check
+class _Variant(TypedDict):
+    tile: _Tile
+    thumbnail: Annotated[str, Allowed(most=_MOST_THUMBNAIL)]
 
 
-def _mask(value: Any) -> Any:
-    """'' everywhere, 'dominant', 'brush', or the number of a label."""
-    return _number(1, 1 << 20, whole=True)(value) if isinstance(value, int) else _one_of("", "dominant", "brush")(value)
+class _Variants(TypedDict):
+    list: Annotated[list[_Variant], Allowed(most=MOST_VARIANTS)]
 
 
-def _place(value: Any) -> str:
-    """A whole number as text: places have more digits than JSON's numbers hold."""
-    text = _text(80)(value)
-    int(text)
-    return text
+class _Key(TypedDict):
+    x: _Whole
+    y: _Whole
+    zoom: _Octaves
 
 
-def _list(check: Any, most: int) -> Any:
-    def checked(value: Any) -> list[Any]:
-        if not isinstance(value, list) or len(value) > most:
-            raise ValueError
-        return [check(one) for one in value]
-
-    return checked
+class _Zoom(_Key):
+    seed: Seed
+    lock: Annotated[int, Allowed(0, 1)]
+    keys: Annotated[list[_Key], Allowed(most=256)]
+    frames: Annotated[int, Allowed(2, 1 << 16)]
 
 
-def _object(**fields: Any) -> Any:
-    def check(value: Any) -> State:
-        if not isinstance(value, dict) or set(value) != set(fields):
-            raise ValueError
-        return {name: checking(value[name]) for name, checking in fields.items()}
+class _Paint(TypedDict):
+    width: _Painted
+    height: _Painted
+    layer: Literal["coarse", "fine"]
+    label: _Label
+    finer: _Label
+    brush: Annotated[float, Allowed(1, 1024)]
+    seed: Seed
 
-    return check
+
+class _History(TypedDict):
+    step: Annotated[int, Allowed(-1, 999_999)]
 
 
-_TILE = {
-    "flatten": _or_none(_number(0, 1)),
-    "sigma": _or_none(_number(0.5, 1e6)),
-    "amount": _or_none(_number(0, 1)),
-    "contrast": _or_none(_number(0, 1)),
-    "structure": _number(0, 1),
-    "seed": _number(0, 2**32 - 1, whole=True),
-    "measure": _one_of(*MEASURES),
-    "preset": _one_of(*PRESETS, None),
-    "patch": _or_none(_one_of(*range(5, 23, 2))),
-    "width": _or_none(_number(16, 16384, whole=True)),
-    "height": _or_none(_number(16, 16384, whole=True)),
-    "mask": _mask,
-    "within": _one_of("", "brush"),
-}
-_VARIANT = _object(tile=_object(**_TILE), thumbnail=_text(_MOST_THUMBNAIL))
-_KEY = _object(x=_place, y=_place, zoom=_number(0, 60))
-_FIELDS: dict[str, dict[str, Any]] = {
-    "tile": _TILE,
-    "view": {"display": _text(200), "view": _text(200), "exposure": _number(-20, 20)},
-    "variants": {"list": _list(_VARIANT, MOST_VARIANTS)},
-    "zoom": {
-        "x": _place, "y": _place, "zoom": _number(0, 60), "seed": _number(0, 2**32 - 1, whole=True),
-        "lock": _number(0, 1, whole=True), "keys": _list(_KEY, 256), "frames": _number(2, 1 << 16, whole=True),
-    },
-    "paint": {
-        "width": _number(LEAST_PAINTED, MOST_PAINTED, whole=True),
-        "height": _number(LEAST_PAINTED, MOST_PAINTED, whole=True),
-        "layer": _one_of("coarse", "fine"), "label": _number(0, 255, whole=True),
-        "finer": _number(0, 255, whole=True), "brush": _number(1, 1024), "seed": _number(0, 2**32 - 1, whole=True),
-    },
-    "history": {"step": _number(-1, 999_999, whole=True)},
+_ROOMS: dict[str, Any] = {
+    "tile": _Tile, "view": _View, "variants": _Variants, "zoom": _Zoom, "paint": _Paint, "history": _History,
 }  # fmt: skip
 
 
@@ -131,7 +104,7 @@ def default_state(display: str, view: str, side: int) -> State:
     side : int
         px; of a photo, or of a graph's root: a zoom begins in its middle.
     """
-    tile: State = dict.fromkeys(_TILE)
+    tile: State = dict.fromkeys(types_of(_Tile))
     tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "within": ""}
     middle = str((side // 2) << PLACE_BITS)
     return {
@@ -189,7 +162,7 @@ class Document:
         if content.get("source") != self._source:
             raise Error(f"{self.path} is of {content.get('source')}, not of {self._source}: document=FILE says another")
         for room, values in content.items():
-            if room not in _FIELDS:
+            if room not in _ROOMS:
                 continue
             checked = self._checked(room, values)
             if room == "view" and not self._is_view(self.state[room] | checked):
@@ -217,15 +190,13 @@ class Document:
 
     def _checked(self, room: str, values: Mapping[str, Any]) -> State:
         """Values of a room, each of its type and in its range."""
-        if room not in _FIELDS or not isinstance(values, Mapping):
+        if room not in _ROOMS or not isinstance(values, Mapping):
             raise ParameterError(f"there is no room '{room}'")
-        checked = {}
-        for name, value in values.items():
-            try:
-                checked[name] = _FIELDS[room][name](value)
-            except (KeyError, ValueError, TypeError):
-                raise ParameterError(f"{room}: {name}={str(value)[:60]} is not allowed") from None
-        return checked
+        known = types_of(_ROOMS[room])
+        for name in values:
+            if name not in known:
+                raise ParameterError(f"{room}: there is no '{name[:60]}'")
+        return {name: read_as(known[name], one, f"{room}.{name}", ParameterError) for name, one in values.items()}
 
     def _is_view(self, view: Mapping[str, Any]) -> bool:
         return view["view"] in self._views.get(view["display"], ())

@@ -19,17 +19,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, TypeGuard
+from typing import Annotated, Any, Literal, NamedTuple
 
-from ..core.parameters import nearest
 from ..errors import ImageError
 from ..io.documents import read_document
+from ..io.schema import Allowed, Seed, Share, read_as
 
-_TOP = ("exemplars", "nodes", "root", "edges", "jitter", "seed", "resample", "title", "note")
-_NODE = ("id", "file", "wrap", "title", "note", "pixel_size", "origin_px", "origin_fullres_px", "grain_um")
-_EDGE = ("from", "to", "r", "scale", "note", "to_origin_in_from_px")
 LOOP_R = 1  # of an exemplar to itself where nobody says it
 _ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
 
@@ -40,6 +37,51 @@ class Edge(NamedTuple):
     source: int
     destination: int
     r: int
+
+
+_Name = Annotated[str, Allowed(pattern="(?s).+", words="of one letter or more")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Node:
+    """An exemplar as a document says it."""
+
+    file: _Name
+    id: _Name | None = None
+    wrap: Literal["periodic", "mirror"] | None = None
+    title: Any = None
+    note: Any = None
+    pixel_size: Any = None
+    origin_px: Any = None
+    origin_fullres_px: Any = None
+    grain_um: Any = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Edge:
+    """An edge, the same."""
+
+    source: str = field(metadata={"key": "from"})
+    destination: str = field(metadata={"key": "to"})
+    r: Annotated[int, Allowed(0)] | None = None
+    scale: Annotated[float, Allowed(1, 2**30)] | None = None
+    note: Any = None
+    to_origin_in_from_px: Any = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Document:
+    """All of it."""
+
+    exemplars: tuple[_Node, ...] | None = None
+    nodes: tuple[_Node, ...] | None = None
+    root: str | None = None
+    edges: tuple[_Edge, ...] = ()
+    jitter: Share | tuple[Share, ...] | None = None
+    seed: Seed | None = None
+    resample: bool = False
+    title: Any = None
+    note: Any = None
 
 
 @dataclass(frozen=True)
@@ -131,62 +173,24 @@ def read_graph(path: str | Path) -> Graph:
 def parse_graph(document: Any, path: Path) -> Graph:
     """The graph that a document says; raises as `read_graph` does."""
     where = str(path)
-    top = _mapping(document, _TOP, where)
-    if "exemplars" in top and "nodes" in top:
-        raise ImageError(f"{where}: exemplars and nodes are the same: say one of them")
-    nodes = _listed(top, "exemplars" if "exemplars" in top else "nodes", where)
+    top: _Document = read_as(_Document, document, where)
+    if top.exemplars is not None and top.nodes is not None:
+        raise ImageError(f"{where}: exemplars and nodes are the same: expected one of them")
+    nodes = top.exemplars or top.nodes
     if not nodes:
         raise ImageError(f"{where}: there is no exemplar")
-    names, files, wraps = _exemplars(nodes, path)
-    drawn = [_edge(entry, names, where) for entry in _listed(top, "edges", where)]
-    root = _root(top.get("root"), names, [(edge.source, edge.destination) for edge in drawn], where)
-    resample = top.get("resample", False)
-    if not isinstance(resample, bool):
-        raise ImageError(f"{where}: resample={resample}: expected true or false")
-    edges, factors = _placed(drawn, root, names, resample, where)
-    seed = top.get("seed")
-    if seed is not None and (not _whole(seed) or not 0 <= seed < 2**32):
-        raise ImageError(f"{where}: seed={seed}: expected a whole number >= 0 and <= 4294967295")
-    return Graph(names, files, root, edges, factors, wraps, _jitter(top.get("jitter"), where), seed)
-
-
-def _mapping(entry: Any, known: tuple[str, ...], where: str) -> dict[str, Any]:
-    if not isinstance(entry, dict):
-        raise ImageError(f"{where}: expected an object of {', '.join(known[:4])}, not {type(entry).__name__}")
-    for name in entry:
-        if name not in known:
-            raise ImageError(f"{where}: unknown '{name}'{nearest(str(name), known)}; there is {', '.join(known)}")
-    return entry
-
-
-def _listed(top: dict[str, Any], name: str, where: str) -> list[Any]:
-    entries = top.get(name, [])
-    if not isinstance(entries, list):
-        raise ImageError(f"{where}: {name} is a list, not {type(entries).__name__}")
-    return entries
-
-
-def _exemplars(nodes: list[Any], path: Path) -> tuple[tuple[str, ...], tuple[Path, ...], tuple[str | None, ...]]:
-    names: list[str] = []
-    files: list[Path] = []
-    wraps: list[str | None] = []
-    for n, entry in enumerate(nodes):
-        node = _mapping(entry, _NODE, f"{path}: exemplar {n}")
-        file = node.get("file")
-        name = node.get("id", file)
-        if not isinstance(name, str) or not name:
-            raise ImageError(f"{path}: exemplar {n} has no id")
-        if not isinstance(file, str) or not file:
-            raise ImageError(f"{path}: exemplar '{name}' has no file")
-        if name in names:
-            raise ImageError(f"{path}: there are two exemplars '{name}'")
-        wrap = node.get("wrap")
-        if wrap not in (None, "periodic", "mirror"):
-            raise ImageError(f"{path}: exemplar '{name}': wrap={wrap}: expected periodic or mirror")
-        names.append(name)
-        files.append(path.parent / file)
-        wraps.append(wrap)
-    return tuple(names), tuple(files), tuple(wraps)
+    names = tuple(node.file if node.id is None else node.id for node in nodes)
+    for n, name in enumerate(names):
+        if name in names[:n]:
+            raise ImageError(f"{where}: there are two exemplars '{name}'")
+    drawn = [_drawn(edge, names, where) for edge in top.edges]
+    root = _root(top.root, names, [(edge.source, edge.destination) for edge in drawn], where)
+    edges, factors = _placed(drawn, root, names, top.resample, where)
+    jitter = (top.jitter,) if isinstance(top.jitter, float) else top.jitter
+    if jitter == ():
+        raise ImageError(f"{where}: jitter has no levels")
+    files, wraps = tuple(path.parent / node.file for node in nodes), tuple(node.wrap for node in nodes)
+    return Graph(names, files, root, edges, factors, wraps, jitter, top.seed)
 
 
 class _Drawn(NamedTuple):
@@ -202,32 +206,17 @@ class _Drawn(NamedTuple):
         return f"edge {names[self.source]} -> {names[self.destination]}"
 
 
-def _edge(entry: Any, names: tuple[str, ...], where: str) -> _Drawn:
-    edge = _mapping(entry, _EDGE, f"{where}: edge")
-    ends = []
-    for end in ("from", "to"):
-        if edge.get(end) not in names:
-            other = f"'{edge[end]}'" if end in edge else f"named by '{end}'"
-            raise ImageError(f"{where}: edge {_said(edge)}: there is no exemplar {other}; there is {', '.join(names)}")
-        ends.append(names.index(edge[end]))
-    if "r" not in edge and "scale" not in edge:
-        raise ImageError(f"{where}: edge {_said(edge)}: r or scale says how their pixels relate")
-    r, scale = edge.get("r"), edge.get("scale")
-    if "r" in edge and (not _whole(r) or r < 0):
-        raise ImageError(f"{where}: edge {_said(edge)}: r={r}: expected a whole number >= 0; a ratio is said by scale")
-    if "scale" not in edge:
-        return _Drawn(ends[0], ends[1], float(edge["r"]), None)
-    if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not 1 <= scale < 2**30:
-        raise ImageError(f"{where}: edge {_said(edge)}: scale={scale}: expected a number >= 1")
-    return _Drawn(ends[0], ends[1], math.log2(scale), r)
-
-
-def _said(edge: dict[str, Any]) -> str:
-    return f"{edge.get('from', '?')} -> {edge.get('to', '?')}"
-
-
-def _whole(value: Any) -> TypeGuard[int]:
-    return isinstance(value, int) and not isinstance(value, bool)
+def _drawn(edge: _Edge, names: tuple[str, ...], where: str) -> _Drawn:
+    said = f"{where}: edge {edge.source} -> {edge.destination}"
+    for end in (edge.source, edge.destination):
+        if end not in names:
+            raise ImageError(f"{said}: there is no exemplar '{end}'; there is {', '.join(names)}")
+    source, destination = names.index(edge.source), names.index(edge.destination)
+    if edge.scale is not None:
+        return _Drawn(source, destination, math.log2(edge.scale), edge.r)
+    if edge.r is None:
+        raise ImageError(f"{said}: expected r or scale, which says how their pixels relate")
+    return _Drawn(source, destination, float(edge.r), None)
 
 
 def _root(wanted: Any, names: tuple[str, ...], edges: list[tuple[int, int]], where: str) -> int:
@@ -326,15 +315,3 @@ def _placed(
             edges.append(placed)
     factors = tuple(1.0 if abs(away[n]) < _ALIKE else 2.0 ** away[n] for n in range(len(names)))
     return tuple(edges), factors
-
-
-def _jitter(value: Any, where: str) -> tuple[float, ...] | None:
-    if value is None:
-        return None
-    rhos = value if isinstance(value, list) else [value]
-    for rho in rhos:
-        if isinstance(rho, bool) or not isinstance(rho, (int, float)) or not 0 <= rho <= 1:
-            raise ImageError(f"{where}: jitter {rho}: expected a number >= 0 and <= 1, or one per level")
-    if not rhos:
-        raise ImageError(f"{where}: jitter has no levels")
-    return tuple(float(rho) for rho in rhos)

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..core.demand import SomeRows
+from ..core.scratch import AT_ONCE, RowStore
 from ..deferred import np
-from ..io.row_store import AT_ONCE, RowStore
 from .buffers import Buffers, Download
 from .device import Device
 
@@ -73,12 +73,14 @@ class Rows:
                 self._device.write(self._buffers[self.name], rows, (at + n) * row)
         return first
 
-    def save(self, top: int, bottom: int, first: int | None = None, into: RowStore | None = None) -> None:
+    def save(self, top: int, bottom: int, first: int | None = None, into: np.ndarray | RowStore | None = None) -> None:
         """Keep rows of the buffer, at the start of which lies row `first` (`top`); nothing to do where it holds all."""
         self.save_later(top, bottom, first, into)
         self.settle()
 
-    def save_later(self, top: int, bottom: int, first: int | None = None, into: RowStore | None = None) -> None:
+    def save_later(
+        self, top: int, bottom: int, first: int | None = None, into: np.ndarray | RowStore | None = None
+    ) -> None:
         """As `save`, while the device goes on: `settle` comes before what writes this buffer, or reads the rows."""
         self.settle()
         store = self.store if into is None else into

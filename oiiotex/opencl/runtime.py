@@ -32,8 +32,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from .. import __version__
-from ..core.machine import forget_current_folder, program, search_path, start_python, usable_threads
 from ..errors import DeviceError
+from ..machine import forget_current_folder, program, search_path, start_python, usable_threads
 from . import cpu as opencl_cpu
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..core.demand import MadeRows, SomeRows
+from ..core.scratch import AT_ONCE, RowStore
 from ..deferred import np
-from ..io.row_store import AT_ONCE, RowStore
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..opencl.rows import Rows
@@ -63,7 +63,7 @@ class ExemplarRows:
             return np.where(allowed[rows], np.float32(1) if price is None else price[rows], np.float32(-1))
 
         self.plane("price", MadeRows(allowed.shape, np.float32, priced))
-        self._plane("penalty", None if self.whole else RowStore(allowed.shape, np.int32, in_memory=False))
+        self._plane("penalty", None if self.whole else RowStore(allowed.shape, np.int32))
 
     def plane(self, name: str, values: SomeRows) -> None:
         """Have rows pass through the buffer of that name."""

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 from ..color.lab_grid import steps_for
 from ..core.demand import SomeRows
+from ..core.scratch import RowStore
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..errors import present
-from ..io.row_store import RowStore
 from ..regularity.offset_prices import Prices
 
 BAND = 128  # rows of a field worked on at a time

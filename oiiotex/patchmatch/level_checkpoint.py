@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 from .. import __version__
 from ..core.demand import SomeRows
+from ..core.scratch import RowStore
 from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
 from ..errors import present
 from ..io.checkpoint import Checkpoint
 from ..io.disk_cache import hash_of
-from ..io.row_store import RowStore
 from .constraints import Constraints
 from .field import Geometry
 from .recipe import Recipe

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import cast
 
+from ..core.scratch import RowStore, empty_rows
 from ..deferred import np
-from ..io.row_store import RowStore
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..opencl.rows import Rows
@@ -53,17 +53,17 @@ class LevelRows:
         """Where the field lies, if its buffer does not hold it."""
         return cast("np.ndarray | RowStore | None", self.field.store)
 
-    def store(self, shape: tuple[int, ...], dtype: type) -> RowStore:
+    def store(self, shape: tuple[int, ...], dtype: type) -> np.ndarray | RowStore:
         """Rows on the host."""
         size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
         fits = size <= self._memory
         self._memory -= size if fits else 0
-        return RowStore(shape, dtype, in_memory=fits)
+        return empty_rows(shape, dtype, fits)
 
     def plane(self, name: str, shape: tuple[int, ...], dtype: type, values: np.ndarray | None = None) -> Rows:
         """Rows that pass through the buffer of that name, of those `values`."""
         g = self._geometry
-        store = None if self.whole else self.store(shape, dtype) if values is None else RowStore.of(values)
+        store = None if self.whole else self.store(shape, dtype) if values is None else values
         if self.whole and values is not None:
             self._device.write(self._buffers[name], values.astype(dtype, copy=False))
         most = shape[0] if self.whole else self.most + halo(g.patch)

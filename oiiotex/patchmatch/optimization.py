@@ -20,12 +20,12 @@ from dataclasses import dataclass
 
 from ..color.lab_grid import to_grid
 from ..core.demand import MadeRows, SomeRows
+from ..core.scratch import AT_ONCE, RowStore, empty_rows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..errors import present
 from ..io.checkpoint import Checkpoint
-from ..io.row_store import AT_ONCE, RowStore, empty_rows
 from ..opencl.buffers import Buffers, require_room
 from ..opencl.device import Device
 from ..opencl.rows import Rows
@@ -264,7 +264,7 @@ class _Level:
             self._projection = VaryingProjection(device, buffers, stack, g.width, mixed)
         elif sigma is not None:
             self._projection = self._projected(g, sigma)
-        self._next_image: RowStore | None = None
+        self._next_image: np.ndarray | RowStore | None = None
         if not matcher.rows.whole and self._projection is not None and self._projection.looks_beyond:
             self._next_image = matcher.rows.store((g.height, g.width, g.channels), np.int16)
 

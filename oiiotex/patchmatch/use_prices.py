@@ -16,9 +16,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..core.demand import SomeRows
+from ..core.scratch import empty_rows
 from ..core.source_map import SourceMap
 from ..deferred import np
-from ..io.row_store import empty_rows
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from .exemplar_rows import REGION, Piece

@@ -9,27 +9,26 @@ from __future__ import annotations
 import functools
 import logging
 import math
-import operator
-import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 from .. import __version__
 from ..color.lab import working_values
 from ..core.demand import MadeRows, SomeRows, rows_of
 from ..core.op import Kind, Output
 from ..core.parameters import nearest
+from ..core.scratch import empty_rows
 from ..core.source_map import SourceMap
 from ..core.window import Domain
 from ..deferred import np
 from ..errors import ImageError, ParameterError, present
-from ..io.row_store import empty_rows
 from ..session.progress import Progress
 from ..session.resources import Resources
 from ..stationarity.costs import stationarity_cost
 from ..stationarity.measures import cost_text
 from ..stationarity.row_bands import PIXELS, channel, row_bands
+from .limit import Limit
 from .report_measures import REPORT_MEASURES
 from .seam_measures import seam_ratio, sharpness, wrap_percentile
 
@@ -42,8 +41,6 @@ FAIL_HELP = "limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 an
 _OF_COPIES = ("texture", "copied", "shown", "repeat")
 _OF_LABELS = ("label_repeat", "label_shown", "label")
 _OF_LOSSES = ("textured", "textured_photo", "regular", "regular_photo")
-_LIMIT = re.compile(r"([a-z_]+)([<>])([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
-_BEYOND = {">": operator.gt, "<": operator.lt}
 _BYTES = 200  # of a pixel of a band
 _SIDE_BYTES = 1024  # of a pixel along a side
 _HALO = 16  # rows more of a band, at most
@@ -51,17 +48,6 @@ _USE_BYTES = 4  # of a pixel of the photo, whose uses are counted
 _HELD_SHARE = 1 / 8  # of the budget, for each of photo and result; what is larger lies in a file
 _GATHERED = 512  # bytes of the budget for a pixel that is gathered from a file
 _LEAST = 16  # px; a photo or a result that is smaller has nothing to be measured
-
-
-class Limit(NamedTuple):
-    """A measure, and beyond what it fails."""
-
-    measure: str
-    relation: str
-    limit: float
-
-    def __str__(self) -> str:
-        return f"{self.measure}{self.relation}{self.limit:g}"
 
 
 @dataclass(frozen=True)
@@ -251,10 +237,8 @@ class Quality:
         return need
 
     def _limit(self, text: str) -> Limit:
-        match = _LIMIT.fullmatch(text)
-        if not match:
-            raise ParameterError(parameter="fail", value=text, expected="NAME>NUMBER or NAME<NUMBER, such as seam>1.3")
-        name, relation, number = match.groups()
+        limit = Limit.read(text, "fail")
+        name = limit.measure
         if name not in REPORT_MEASURES:
             names = ", ".join(REPORT_MEASURES)
             raise ParameterError(f"fail={text}: no measure '{name}'{nearest(name, REPORT_MEASURES)}; there is {names}")
@@ -266,7 +250,7 @@ class Quality:
         absent |= name.startswith(("seam_", "quieter_")) and name.split("_")[1] not in axes
         if absent:
             raise ParameterError(f"fail={text}: {name} is not measured of this result")
-        return Limit(name, relation, float(number))
+        return limit
 
     # --- measures ---
 
@@ -331,7 +315,7 @@ class Quality:
         for result in results:
             for limit in self.limits:
                 value = result["measures"].get(limit.measure)
-                passed = value is not None and not _BEYOND[limit.relation](value, limit.limit)
+                passed = value is not None and not limit.passed_by(value)
                 limits.append({"result": result["name"], "limit": str(limit), "value": value, "passed": passed})
                 if not passed:
                     shown = "not measured" if value is None else f"{value:.4g}"

@@ -3,24 +3,19 @@
 
 from __future__ import annotations
 
-import operator
 import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal
 
-from ..api.lines import nearest
+from ..api.files import Allowed, Limit, read_as
 from ..api.materials import COLOURS, ROLES
-from ..errors import Error, ParameterError, within
+from ..errors import Error, ParameterError
 
-SCHEMA = 1
 _MOST_BYTES = 4 << 20
 _NAME = re.compile(r"[a-z][a-z0-9_]*", re.ASCII)
-_LIMIT = re.compile(r"([a-z_]+)\s*([<>])\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)", re.ASCII)
-_BEYOND = {">": operator.gt, "<": operator.lt}
-_HANDS = ("opengl", "directx")
 
 
 def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -29,57 +24,19 @@ def _require_among(what: str, value: str, allowed: tuple[str, ...]) -> None:
         raise ParameterError(f"{what} '{value}': expected {names}")
 
 
-class Limit(NamedTuple):
-    """A measure, and beyond what it fails."""
-
-    measure: str
-    relation: str
-    value: float
-
-    @classmethod
-    def read(cls, text: str) -> Limit:
-        """From 'NAME>NUMBER' or 'NAME<NUMBER'."""
-        match = _LIMIT.fullmatch(text.strip())
-        if not match:
-            raise ParameterError(f"'{text}': expected NAME>NUMBER or NAME<NUMBER, such as seam>1.5")
-        return cls(match[1], match[2], float(match[3]))
-
-    def passed_by(self, value: float) -> bool:
-        """Whether a value lies beyond it."""
-        return bool(_BEYOND[self.relation](value, self.value))
-
-    def __str__(self) -> str:
-        return f"{self.measure}{self.relation}{self.value:g}"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What is known of a material; '' and () where nothing is.
-
-    Attributes
-    ----------
-    licence, author : str
-    tags : tuple of str
-    size_m : tuple of float
-        Width and height in metres.
-    normals : str
-        'opengl' or 'directx': what its map of normals is.
-    maps : mapping of role to str
-        Files below the folder of photos, 'ARCHIVE.zip!MEMBER' in an archive.
-    skip : bool
-        It is left out.
-    """
+    """What is known of a material; '' and () where nothing is."""
 
     licence: str = ""
     author: str = ""
     tags: tuple[str, ...] = ()
-    size_m: tuple[float, ...] = ()
-    normals: str = ""
-    maps: Mapping[str, str] = field(default_factory=dict)
-    skip: bool = False
+    size_m: tuple[float, ...] = ()  # width and height in metres
+    normals: Literal["", "opengl", "directx"] = ""  # what its map of normals is
+    maps: Mapping[str, str] = field(default_factory=dict)  # by role: files below the photos, ARCHIVE.zip!MEMBER in one
+    skip: bool = False  # it is left out
 
     def __post_init__(self) -> None:
-        _require_among("normals", self.normals, ("", *_HANDS))
         for role in self.maps:
             _require_among("maps", role, tuple(ROLES))
         if self.size_m and (len(self.size_m) != 2 or min(self.size_m) <= 0):
@@ -125,18 +82,37 @@ class Product:
 class Deliver:
     """What an asset holds beside what lines have made."""
 
-    format: str = "exr"
+    format: Literal["exr", "tiff"] = "exr"
     colour: str = "lin_rec709_scene"
-    normals: str = "opengl"
+    normals: Literal["opengl", ""] = "opengl"
     tx: bool = True
-    shape: str = "sphere"
+    shape: Literal["sphere", "plane"] = "sphere"
     materialx: bool = True
     usd: bool = False
 
+
+@dataclass(frozen=True, kw_only=True)
+class _Judge:
+    """What a result fails by."""
+
+    limits: tuple[str, ...] = ()
+
     def __post_init__(self) -> None:
-        _require_among("format", self.format, ("exr", "tiff"))
-        _require_among("normals", self.normals, ("opengl", ""))
-        _require_among("shape", self.shape, ("sphere", "plane"))
+        for text in self.limits:
+            Limit.read(text, "limits")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Document:
+    """A recipe as it is written."""
+
+    schema: Annotated[Literal[1], Allowed(words="(what this version reads)")]
+    find: Find = Find()
+    roles: dict[str, Role] = field(default_factory=dict)
+    product: tuple[Product, ...] = ()
+    deliver: Deliver = Deliver()
+    judge: _Judge = _Judge()
+    assets: dict[str, Facts] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,35 +158,24 @@ def load_recipe(path: Path) -> Recipe:
 
 def recipe_of(document: Mapping[str, Any], name: str) -> Recipe:
     """The recipe that a document is; `name` is for messages."""
-    known = {"schema", "find", "roles", "product", "deliver", "judge", "assets"}
-    _refuse_unknown(document, known, name)
-    if document.get("schema") != SCHEMA:
-        raise ParameterError(f"{name}: schema = {document.get('schema')}: this version reads schema = {SCHEMA}")
-    judge = _table(document, "judge", name)
-    _refuse_unknown(judge, {"limits"}, f"{name}: judge")
-    tables = {key: _table(document, key, name) for key in ("roles", "assets")}
-    for role in tables["roles"]:
+    said: _Document = read_as(_Document, document, name, ParameterError)
+    for role in said.roles:
         _require_among(f"{name}: roles", role, tuple(ROLES))
-    products = document.get("product", [])
-    if not isinstance(products, list) or not products:
+    if not said.product:
         raise ParameterError(f"{name}: there is no [[product]]: nothing would be made")
-    recipe = Recipe(
-        find=_made(Find, _table(document, "find", name), f"{name}: find"),
-        roles={role: _made(Role, table, f"{name}: roles.{role}") for role, table in tables["roles"].items()},
-        products=tuple(_made(Product, table, f"{name}: product") for table in products),
-        deliver=_made(Deliver, _table(document, "deliver", name), f"{name}: deliver"),
-        limits=tuple(_limits(judge.get("limits", []), name)),
-        assets={asset: _made(Facts, table, f"{name}: assets.{asset}") for asset, table in tables["assets"].items()},
-    )
-    names = [product.name for product in recipe.products]
+    names = [product.name for product in said.product]
     if len(set(names)) < len(names):
         raise ParameterError(f"{name}: two products have one name")
-    return recipe
+    return Recipe(
+        find=said.find, roles=said.roles, products=said.product, deliver=said.deliver, assets=said.assets,
+        limits=tuple(Limit.read(text, "limits") for text in said.judge.limits),
+    )  # fmt: skip
 
 
 def facts_beside(path: Path) -> Facts:
     """What a NAME.toml beside a material says of it."""
-    return _made(Facts, read_toml(path), str(path))
+    facts: Facts = read_as(Facts, read_toml(path), str(path), ParameterError)
+    return facts
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -233,51 +198,3 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise Error(f"{path}: {error}") from error
     except RecursionError as error:
         raise Error(f"{path}: nested too deeply") from error
-
-
-def _limits(texts: Any, name: str) -> list[Limit]:
-    if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-        raise ParameterError(f"{name}: judge.limits: expected a list of texts")
-    with within(f"{name}: judge.limits"):
-        return [Limit.read(text) for text in texts]
-
-
-def _table(document: Mapping[str, Any], key: str, name: str) -> dict[str, Any]:
-    table = document.get(key, {})
-    if not isinstance(table, dict):
-        raise ParameterError(f"{name}: {key}: expected a table")
-    return table
-
-
-def _refuse_unknown(table: Mapping[str, Any], known: set[str], where: str) -> None:
-    for key in table:
-        if key not in known:
-            raise ParameterError(f"{where}: unknown key '{key}'{nearest(key, sorted(known))}")
-
-
-def _made(kind: Any, table: Any, where: str) -> Any:
-    """A dataclass of a table whose values have the types of its fields."""
-    if not isinstance(table, dict):
-        raise ParameterError(f"{where}: expected a table")
-    declared = {f.name: str(f.type) for f in fields(kind)}
-    _refuse_unknown(table, set(declared), where)
-    values = {key: _typed(value, declared[key], f"{where}: {key}") for key, value in table.items()}
-    missing = [f.name for f in fields(kind) if f.name in ("name", "line") and f.name not in values]
-    if missing:
-        raise ParameterError(f"{where}: {missing[0]} must be given")
-    with within(where):
-        return kind(**values)
-
-
-def _typed(value: Any, kind: str, where: str) -> Any:
-    if kind.startswith("tuple") and isinstance(value, list):
-        item, label = ((int, float), "numbers") if "float" in kind else (str, "texts")
-        if all(isinstance(v, item) and not isinstance(v, bool) for v in value):
-            return tuple(value)
-        raise ParameterError(f"{where}: expected a list of {label}")
-    if kind.startswith("Mapping") and isinstance(value, dict) and all(isinstance(v, str) for v in value.values()):
-        return value
-    if (kind.startswith("str") and isinstance(value, str)) or (kind == "bool" and isinstance(value, bool)):
-        return value
-    expected = {"str": "a text", "bool": "true or false", "tuple": "a list", "Mapping": "a table of texts"}
-    raise ParameterError(f"{where}: expected {expected[kind.split('[')[0].split(' ')[0]]}")

@@ -14,10 +14,10 @@ from subprocess import DEVNULL
 from typing import TYPE_CHECKING, Any
 
 from ..core.image import Image
-from ..core.machine import start_python
 from ..core.window import Window
 from ..deferred import np
 from ..errors import Error, of_facts
+from ..machine import start_python
 from .messages import Link, LinkError
 from .pictures import image_facts
 from .settings import ResidentSettings

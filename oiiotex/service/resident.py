@@ -21,10 +21,10 @@ import time
 from typing import Any
 
 from .. import __version__
-from ..core.machine import usable_threads
 from ..deferred import oiio
 from ..errors import Error
 from ..io.atomic import discard_all
+from ..machine import usable_threads
 from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources

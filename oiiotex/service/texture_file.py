@@ -21,11 +21,11 @@ import os
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from ..core.parameters import nearest
 from ..errors import ImageError
 from ..io.documents import read_document
+from ..io.schema import Allowed, Seed, read_as
 from ..multiscale.graph import read_graph
 from ..multiscale.synthesizer import MOST_LEVEL
 from ..session import Session
@@ -34,15 +34,36 @@ from .settings import ResidentSettings
 SUFFIX = ".oiiotex"
 FOLDERS = "OIIOTEX_TEXTURE_PATH"
 MOST_NAME, MOST_QUERY, MOST_TEXT = 4096, 1000, 1000  # letters of a file's name, of what is behind '?', of a value
-VERSION = 1
 MOST_SIDE = 2**31 - 1024  # px: OpenImageIO counts them by 32 bits, with a tile on top
 _TILES = (64, 128, 256, 512, 1024)  # px, sides that hosts are told to ask for
 _MOST_TILES = 1 << 28  # of a level: OpenImageIO's cache holds a bit for each, and counts them by 32 bits
 _FILES = ("photo", "graph", "tiles", "plan")
-_KEYS = ("oiiotex", "photo", "graph", "tiles", "size", "plan", "seed", "level", "colorspace", "autocc", "device")
-_WORDS = ("title", "note")  # for people
 _QUERY = ("seed", "size", "level", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
+
+
+_Text = Annotated[
+    str, Allowed(most=MOST_TEXT, pattern=r"(?s)[^\0]+", words=f"of 1 to {MOST_TEXT} letters, none of them NUL")
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Document:
+    """What a document says, with what stands behind '?'."""
+
+    oiiotex: Annotated[Literal[1], Allowed(words="(the version of the format)")]
+    photo: _Text | None = None
+    graph: _Text | None = None
+    tiles: _Text | None = None
+    size: str | None = None
+    plan: _Text | None = None
+    seed: Seed | None = None
+    level: Annotated[int, Allowed(0, MOST_LEVEL)] | None = None
+    colorspace: _Text | None = None
+    autocc: bool = False
+    device: _Text | None = None
+    title: Any = None  # for people
+    note: Any = None
 
 
 def tile_side(width: int, height: int) -> int:
@@ -53,33 +74,17 @@ def tile_side(width: int, height: int) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class TextureFile:
-    """A checked document.
+    """A checked document. Paths are absolute: one of the first three, and a plan with a photo alone."""
 
-    Attributes
-    ----------
-    name : str
-        The file's, for messages.
-    photo, graph, tiles, plan : str or None
-        Absolute path; one of the first three, and a plan with a photo alone.
-    stamp : tuple of int
-        When these files were last changed, ns, and their bytes: changed, it is another texture.
-    width, height : int
-        px, 1 to 2^31 - 1024; 0 where a plan says them.
-    seed, level : int or None
-        As of --texsynth.
-    colorspace, device : str or None
-    autocc : bool
-    """
-
-    name: str
+    name: str  # the file's, for messages
     photo: str | None
     graph: str | None
     tiles: str | None
     plan: str | None
-    stamp: tuple[int, ...]
-    width: int
+    stamp: tuple[int, ...]  # when these files were last changed, ns, and their bytes: changed, it is another texture
+    width: int  # px, 1 to 2^31 - 1024; 0 where a plan says them
     height: int
-    seed: int | None = None
+    seed: int | None = None  # as of --texsynth, and the level
     level: int | None = None
     colorspace: str | None = None
     device: str | None = None
@@ -137,14 +142,9 @@ def read_texture_file(name: str) -> TextureFile:
     path = Path(name)
     where = str(path)
     document = read_document(path)
-    if not isinstance(document, dict):
-        raise ImageError(f"{where}: expected an object of {', '.join(_KEYS[:5])}, not {type(document).__name__}")
-    for key in document:
-        if key not in _KEYS + _WORDS:
-            raise ImageError(f"{where}: unknown '{key}'{nearest(str(key), _KEYS)}; there is {', '.join(_KEYS)}")
-    if document.get("oiiotex") != VERSION or document["oiiotex"] is True:
-        raise ImageError(f'{where}: expected "oiiotex": {VERSION}, the version of the format')
-    return _checked(document | _asked(query, where), path)
+    if query and isinstance(document, dict):
+        document |= _asked(query, where)
+    return _checked(read_as(_Document, document, where), path)
 
 
 def _asked(query: str, where: str) -> dict[str, Any]:
@@ -153,53 +153,40 @@ def _asked(query: str, where: str) -> dict[str, Any]:
     for word in filter(None, query.split("&")):
         key, _, value = word.partition("=")
         if key not in _QUERY:
-            raise ImageError(f"{where}: '?{word[:60]}': allowed behind ? is {', '.join(_QUERY)}")
+            raise ImageError(f"{where}: '?{word[:60]}': expected {', '.join(_QUERY)}")
         values[key] = int(value) if key in ("seed", "level") and value.isascii() and value.isdigit() else value
     return values
 
 
-def _checked(document: dict[str, Any], path: Path) -> TextureFile:
+def _checked(document: _Document, path: Path) -> TextureFile:
     where = str(path)
-    given = [key for key in _FILES[:3] if document.get(key) is not None]
+    given = [key for key in _FILES[:3] if getattr(document, key) is not None]
     if len(given) != 1:
         raise ImageError(f"{where}: expected one of photo, graph and tiles, not {' and '.join(given) or 'none'}")
-    if document.get("plan") is not None:
+    if document.plan is not None:
         for key in ("graph", "tiles", "size", "seed", "level"):
-            if document.get(key) is not None:
-                raise ImageError(f"{where}: {key} beside plan: a plan is of a photo, and says the rest")
+            if getattr(document, key) is not None:
+                raise ImageError(f"{where}: {key} conflicts with plan: a plan is of a photo, and says the rest")
         given.append("plan")
-    if "tiles" in given and document.get("level") is not None:
-        raise ImageError(f"{where}: level beside tiles: they have one")
-    for key in (*given, "colorspace", "device"):
-        if document.get(key) is not None and not (isinstance(document[key], str) and document[key]):
-            raise ImageError(f"{where}: {key}={str(document[key])[:60]}: expected a text")
-        if document.get(key) is not None and (len(document[key]) > MOST_TEXT or "\0" in document[key]):
-            raise ImageError(
-                f"{where}: {key}={document[key][:60]!r}...: expected {MOST_TEXT} letters at most, none NUL"
-            )
-    for key, most in (("seed", 2**32 - 1), ("level", MOST_LEVEL)):
-        value = document.get(key)
-        if value is not None and (type(value) is not int or not 0 <= value <= most):
-            raise ImageError(f"{where}: {key}={str(value)[:60]}: expected a whole number >= 0 and <= {most}")
-    if not isinstance(document.get("autocc", False), bool):
-        raise ImageError(f"{where}: autocc={str(document['autocc'])[:60]}: expected true or false")
-    if document.get("graph") is not None and document.get("colorspace") is not None:
+    if document.tiles is not None and document.level is not None:
+        raise ImageError(f"{where}: level conflicts with tiles: they have one")
+    if document.graph is not None and document.colorspace is not None:
         raise ImageError(f"{where}: colorspace is a photo's; the files of a graph say theirs, or autocc lets names do")
-    files = {key: os.path.abspath(path.parent / document[key]) for key in given}
+    files = {key: os.path.abspath(path.parent / getattr(document, key)) for key in given}
     _require_allowed(files, path)
-    width, height = (0, 0) if "plan" in given else _size(document.get("size"), where)
+    width, height = (0, 0) if "plan" in given else _size(document.size, where)
     return TextureFile(
         name=os.path.abspath(where), stamp=_stamp(where, list(files.values())), width=width, height=height,
-        autocc=document.get("autocc", False), **{key: files.get(key) for key in _FILES},
-        **{key: document.get(key) for key in ("seed", "level", "colorspace", "device")},
+        autocc=document.autocc, **{key: files.get(key) for key in _FILES},
+        seed=document.seed, level=document.level, colorspace=document.colorspace, device=document.device,
     )  # fmt: skip
 
 
-def _size(size: Any, where: str) -> tuple[int, int]:
-    match = _SIZE.fullmatch(size) if isinstance(size, str) else None
+def _size(size: str | None, where: str) -> tuple[int, int]:
+    match = _SIZE.fullmatch(size or "")
     if not match or max(map(int, match.groups())) > MOST_SIDE:
-        given = "size is missing: expected" if size is None else f"size={str(size)[:60]}: expected"
-        raise ImageError(f"{where}: {given} WIDTHxHEIGHT >= 1 and <= {MOST_SIDE} px (2^31 - 1024)")
+        given = "size is missing" if size is None else f"size={size[:60]}"
+        raise ImageError(f"{where}: {given}: expected WIDTHxHEIGHT, each from 1 to {MOST_SIDE} px (2^31 - 1024)")
     width, height = map(int, match.groups())
     if not tile_side(width, height):
         raise ImageError(

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..core.demand import PieceCache
-from ..core.machine import usable_threads
 from ..deferred import oiio
 from ..errors import BuildError, Error, ImageError, MemoryBudgetError
 from ..io.checkpoint import Checkpoint
+from ..machine import usable_threads
 from ..stats import Stats
 
 if TYPE_CHECKING:

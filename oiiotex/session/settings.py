@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TypedDict
 
-from ..core.machine import memory
+from ..machine import memory
 
 
 @dataclass(frozen=True, kw_only=True)

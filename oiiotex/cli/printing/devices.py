@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from ...core.machine import usable_threads
 from ...errors import DeviceError, NoDeviceError
+from ...machine import usable_threads
 from ...opencl import device
 from ...opencl.device import DeviceInfo
 from ...opencl.runtime import Trial

@@ -8,9 +8,9 @@ import shutil
 from pathlib import Path
 from subprocess import PIPE
 
-from ...core.machine import start
 from ...deferred import oiio
 from ...errors import Error, one_line
+from ...machine import start
 from ..language.parse import Option
 from ..stack.chain import Chain
 

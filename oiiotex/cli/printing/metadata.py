@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ...core.hash import sha1
+from ...core.demand import sha1
 from ...core.image import Image, Part, dtype_of
 from ...core.parameters import param
 from ...core.window import Window

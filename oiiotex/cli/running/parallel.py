@@ -18,8 +18,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from subprocess import PIPE
 from typing import TYPE_CHECKING, TypeVar
 
-from ...core.machine import start_python
 from ...errors import Error, present
+from ...machine import start_python
 from ...session import Session
 from ..language.parse import CommandLine
 from . import streams

@@ -11,9 +11,9 @@ import threading
 from typing import NamedTuple, cast
 
 from ... import __version__
-from ...core.machine import forget_current_folder, usable_threads
 from ...deferred import oiio
 from ...errors import Error
+from ...machine import forget_current_folder, usable_threads
 from ...session import Session
 from ..files.reading import read_input
 from ..language.parse import MOST_MB, MOST_THREADS, CommandLine, parse

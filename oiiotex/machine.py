@@ -133,7 +133,7 @@ def search_path() -> list[str]:
     own = set(sysconfig.get_paths().values())  # of the interpreter, even where somebody works there
     here = os.path.realpath(os.curdir)
     entries = [p for p in sys.path if os.path.isabs(p) and (p in own or os.path.realpath(p) != here)]
-    return [*entries, str(Path(__file__).resolve().parents[2])]
+    return [*entries, str(Path(__file__).resolve().parents[1])]
 
 
 def _without_current_folder(environment: Mapping[str, str]) -> dict[str, str]:

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arrays that memory does not hold, in unnamed temporary files: by rows, or in square tiles."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from io import BufferedRandom
+from typing import TYPE_CHECKING, Any
+
+from ..deferred import np
+from ..errors import ImageError
+
+if TYPE_CHECKING:
+    from numpy.typing import DTypeLike
+
+    from .demand import PieceCache
+
+AT_ONCE = 8 << 20  # bytes that are read or written by a call; the system reads 2 GB at once at most
+
+
+def empty_rows(shape: tuple[int, ...], dtype: DTypeLike, in_memory: bool) -> np.ndarray | RowStore:
+    """An array to be filled, or the same in a file."""
+    return np.empty(shape, dtype) if in_memory else RowStore(shape, dtype)
+
+
+class RowStore:
+    """An array in a file that is read and written by rows; threads may share it.
+
+    Indices are those of an array: rows, or rows and columns, as slices. As a whole it is `np.asarray` of it.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows first.
+    dtype : dtype
+
+    Raises
+    ------
+    ImageError
+        There is no room for it on the disk, here and whenever it is written.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike):
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        self._row_bytes = int(np.prod(shape[1:], dtype=np.int64)) * self.dtype.itemsize
+        self._file = _scratch_file(self._row_bytes * shape[0])
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, at: Any) -> np.ndarray:
+        rows, columns = at if isinstance(at, tuple) else (at, slice(None))
+        first, last, _ = rows.indices(self.shape[0])
+        out = np.empty((max(0, last - first), *self.shape[1:]), self.dtype)
+        self._read(out, first * self._row_bytes)
+        return out[:, columns]
+
+    def __setitem__(self, rows: slice, values: np.ndarray) -> None:
+        self._write(values, rows.indices(self.shape[0])[0] * self._row_bytes)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
+        out = self[:]
+        return out if dtype is None else out.astype(dtype)
+
+    def crossing(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """`array[np.ix_(rows, columns)]` of (rows, columns), for columns of which most are neighbours."""
+        out = np.empty((len(rows), len(columns)), self.dtype)
+        for n, into, offset in self._runs(rows, columns):
+            self._read(out[n, into], offset)
+        return out
+
+    def set_crossing(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
+        """The inverse of `crossing`, for rows and columns that do not come twice."""
+        for n, into, offset in self._runs(rows, columns):
+            self._write(values[n, into], offset)
+
+    def _runs(self, rows: np.ndarray, columns: np.ndarray) -> Iterator[tuple[int, slice, int]]:
+        """Columns that are neighbours, row by row: (number of the row, where they stand, their place in the file)."""
+        begins = np.flatnonzero(np.diff(columns, prepend=-2) != 1).tolist()
+        for begin, end in zip(begins, [*begins[1:], len(columns)], strict=True):
+            for n, row in enumerate(rows.tolist()):
+                yield n, slice(begin, end), row * self._row_bytes + int(columns[begin]) * self.dtype.itemsize
+
+    def _read(self, out: np.ndarray, offset: int) -> None:
+        into = out.data.cast("B") if out.size else out.data[:0]
+        for at in range(0, len(into), AT_ONCE):
+            os.preadv(self._file.fileno(), [into[at : at + AT_ONCE]], offset + at)
+
+    def _write(self, values: np.ndarray, offset: int) -> None:
+        array = np.ascontiguousarray(values, self.dtype)
+        try:
+            if os.pwrite(self._file.fileno(), array.data, offset) < array.nbytes:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # a full disk takes a part in silence
+        except OSError as error:
+            raise _no_room(error) from error
+
+
+class TileStore:
+    """An image in a file, in square tiles: windows and pixels of it are looked up anywhere; threads may share it.
+
+    Parameters
+    ----------
+    shape : (height, width, ...)
+    dtype : dtype
+    side : int
+        Of a tile, px.
+    cache : PieceCache, optional
+        Of tiles that were looked at.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: DTypeLike, side: int, cache: PieceCache | None = None):
+        self.shape, self.dtype, self._side, self._cache = shape, np.dtype(dtype), side, cache
+        self._across = -(-shape[1] // side)
+        self._tiles = RowStore((-(-shape[0] // side) * self._across, side, side, *shape[2:]), dtype)
+
+    def put(self, top: int, left: int, pixels: np.ndarray) -> None:
+        """Pixels of whole tiles beside each other, of which those at the image's border may be cut."""
+        number, count = self._number(top, left), -(-pixels.shape[1] // self._side)
+        tiles = np.zeros((count, *self._tiles.shape[1:]), self.dtype)
+        for n in range(count):
+            piece = pixels[:, n * self._side : (n + 1) * self._side]
+            tiles[n, : piece.shape[0], : piece.shape[1]] = piece
+        self._tiles[number : number + count] = tiles
+
+    def window(self, rows: slice, columns: slice) -> np.ndarray:
+        """Pixels of any window: (rows, columns, ...)."""
+        out = np.empty((rows.stop - rows.start, columns.stop - columns.start, *self.shape[2:]), self.dtype)
+        for top, down, into_rows in _cells(rows, self._side):
+            for left, across, into_columns in _cells(columns, self._side):
+                out[into_rows, into_columns] = self._tile(self._number(top, left))[down, across]
+        return out
+
+    def __getitem__(self, at: tuple[np.ndarray, ...]) -> np.ndarray:
+        y, x = np.broadcast_arrays(*at)
+        out = np.empty((*y.shape, *self.shape[2:]), self.dtype)
+        number = self._number(y, x)
+        for n in np.unique(number).tolist():
+            here = number == n
+            out[here] = self._tile(n)[y[here] % self._side, x[here] % self._side]
+        return out
+
+    def _number(self, y: Any, x: Any) -> Any:
+        return y // self._side * self._across + x // self._side
+
+    def _tile(self, number: int) -> np.ndarray:
+        def read() -> np.ndarray:
+            return self._tiles[number : number + 1].squeeze(0)
+
+        return read() if self._cache is None else self._cache.get((self, number), read)
+
+
+def _cells(places: slice, side: int) -> Iterator[tuple[int, slice, slice]]:
+    """Tiles along one axis: (where it begins, what of it is wanted, where that stands among all)."""
+    for begin in range(places.start // side * side, places.stop, side):
+        first, last = max(begin, places.start), min(begin + side, places.stop)
+        yield begin, slice(first - begin, last - begin), slice(first - places.start, last - places.start)
+
+
+def _scratch_file(size: int) -> BufferedRandom:
+    """An unnamed temporary file of `size` bytes, which the system removes with the process.
+
+    It is not under /tmp where that is memory: TMPDIR says where there is room.
+    """
+    import tempfile  # few runs spill: it is slow to import
+
+    try:
+        file = tempfile.TemporaryFile(prefix="oiiotex-")  # noqa: SIM115 - lives as long as its owner
+    except OSError as error:
+        raise ImageError(f"no folder for intermediate results (set TMPDIR): {error}") from error
+    try:
+        if size:
+            os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        raise _no_room(error) from error
+    return file
+
+
+def _no_room(error: OSError) -> ImageError:
+    import tempfile
+
+    return ImageError(f"no room for intermediate results in {tempfile.gettempdir()} (set TMPDIR): {error}")
