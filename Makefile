@@ -27,13 +27,13 @@ docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m tools.docs.pages
 	$(BIN)/python -m tools.docs.pictures
 
-plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/hosts.md
+plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/how-to/hosts.md
 	$(BIN)/python hosts/openimageio/build.py
 
 golden: $(VENV)/test  # renew the golden images: look at them before you commit
 	$(BIN)/python -m tests.golden
 
-extension:  # of Blender, one zip: docs/hosts.md
+extension:  # of Blender, one zip: docs/how-to/hosts.md
 	$(PYTHON) hosts/blender/build.py oiiotex_blender.zip
 
 blender: $(VENV)/blender/made  # an environment of its own (bpy pins an older NumPy), in which Blender's tests run

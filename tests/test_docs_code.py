@@ -19,16 +19,16 @@ ROOT = Path(__file__).parents[1]
 TEXTS = {
     str(path.relative_to(ROOT)): path.read_text()
     for path in sorted(
-        [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/**/*.md")]
+        [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md")]
     )
 }
 BLOCKS = {name: re.findall(r"```python\n(.*?)```", text, re.DOTALL) for name, text in TEXTS.items()}
 ELSEWHERE = {  # run by a test that knows what comes out
-    "docs/python.md": "test_python.py",
-    "docs/texlabel.md": "test_label_docs.py",
-    "docs/your_own_filter.md": "test_plugins.py",
+    "docs/reference/python.md": "test_python.py",
+    "docs/reference/filters/texlabel.md": "test_label_docs.py",
+    "docs/how-to/your_own_filter.md": "test_plugins.py",
 }
-OF_HOSTS = ("docs/hosts.md",)  # need a plugin that is built, and Blender: their syntax alone
+OF_HOSTS = ("docs/how-to/hosts.md",)  # need a plugin that is built, and Blender: their syntax alone
 LARGE = "size=(1024, 1024)"  # takes seconds
 
 

@@ -308,7 +308,7 @@ def test_a_job_that_kills_workers_of_dask_takes_no_other_with_it(scheduler):
 @pytest.mark.slow
 def test_the_lines_of_the_page_make_one_image(folder):
     shutil.copy("a.png", "photo.png")
-    page = (Path(__file__).parents[1] / "docs" / "farm.md").read_text()
+    page = (Path(__file__).parents[1] / "docs" / "how-to" / "farm.md").read_text()
     made = []
     for block in page.split("```sh\n")[1:]:
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Chains that a generator makes agree with oiiotool, but for what docs/differences.md lists."""
+"""Chains that a generator makes agree with oiiotool, but for what docs/reference/differences.md lists."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from tests.generated_chains import chain, difference, make_images
 from tests.peer import OIIOTOOL
 
-DIFFERENCES = (Path(__file__).parents[1] / "docs" / "differences.md").read_text()
+DIFFERENCES = (Path(__file__).parents[1] / "docs" / "reference" / "differences.md").read_text()
 LISTED = {  # numbers of chains that differ, by the words that list why
     "An untagged image where a colour space is needed": (34, 39, 42, 46, 50, 58, 68),
     "options that want more images than there are": (15, 75),

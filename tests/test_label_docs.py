@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What docs/texlabel.md says of reading a level back is true."""
+"""What docs/reference/filters/texlabel.md says of reading a level back is true."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.conftest import load, oiiotex, save
 from tests.test_label_parts import ids_of, parts_of
 from tests.test_labels import quarters
 
-PAGE = (Path(__file__).parents[1] / "docs" / "texlabel.md").read_text()
+PAGE = (Path(__file__).parents[1] / "docs" / "reference" / "filters" / "texlabel.md").read_text()
 
 
 @pytest.fixture(scope="module")

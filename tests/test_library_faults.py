@@ -198,7 +198,7 @@ def test_the_commands_of_the_studio_page_do_what_it_says(tmp_path):
             ("Roughness", pictures.noise(64, 64, 3)[..., None]),
         ):
             archive.write(save(pixels, tmp_path / "map.png"), f"Wall_1K-PNG_{role}.png")
-    page = (Path(__file__).parents[1] / "docs" / "studio.md").read_text()
+    page = (Path(__file__).parents[1] / "docs" / "how-to" / "studio.md").read_text()
     (tmp_path / "recipe.toml").write_text(page.split("```toml\n")[1].split("```")[0])
     blocks = [block.split("```")[0].replace("3000x2000", "300x200") for block in page.split("```sh\n")[1:]]
     environment = {**os.environ, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}

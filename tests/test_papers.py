@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/papers.md leaves no figure of a paper out, and its lines are some that the program takes."""
+"""docs/explanation/papers.md leaves no figure of a paper out, and its lines are some that the program takes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from oiiotex.cli.language.parse import parse, split_modifiers
 from oiiotex.cli.vocabulary import LANGUAGE
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "papers.md").read_text()
+PAGE = (ROOT / "docs" / "explanation" / "papers.md").read_text()
 CONTENTS = {  # counted in the papers: figures, tables, algorithms
     "LSA16": (15, 2, 2),
     "MJH17": (13, 0, 1),

@@ -18,7 +18,7 @@ from oiiotex.core.op import Op
 from tests.conftest import load, oiiotex, save
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "your_own_filter.md"
+PAGE = ROOT / "docs" / "how-to" / "your_own_filter.md"
 
 
 def blocks() -> dict[str, str]:

@@ -44,10 +44,10 @@ def as_buffer(array: np.ndarray, space: str = SRGB) -> oiio.ImageBuf:
 def test_the_examples_of_the_guide_run(tmp_path, monkeypatch, capsys):
     save(pictures.stained(pictures.bricks(80, 96, seed=1)), tmp_path / "photo.png")
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "reference" / "python.md").read_text(), re.DOTALL)
     names: dict[str, object] = {}
     for block in blocks:
-        exec(compile(block, "docs/python.md", "exec"), names)
+        exec(compile(block, "docs/reference/python.md", "exec"), names)
     assert names["pixels"].shape == (96, 96, 3) and names["pixels"].dtype == np.uint8
     assert list(names["parts"]) == ["part0", "superpixels"]
     assert {p.name for p in tmp_path.iterdir()} >= {"flat.exr", "st.exr", "tile.0.png", "tile.1.png"}

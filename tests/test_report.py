@@ -234,7 +234,7 @@ def test_a_report_overwrites_nothing_that_is_read(tmp_path):
 
 
 def test_the_page_names_every_measure():
-    text = (ROOT / "docs" / "report.md").read_text()
+    text = (ROOT / "docs" / "reference" / "report.md").read_text()
     assert SCHEMA in text
     assert re.findall(r"^\| `(\w+)` \| (.*) \|$", text, re.MULTILINE) == list(REPORT_MEASURES.items())
 

@@ -165,11 +165,11 @@ def test_an_op_is_of_one_access_kind_and_says_no_more_of_it():
 def test_the_docs_page_is_made_from_the_declaration(op):
     from tools.docs.pages import page_text
 
-    path = ROOT / "docs" / f"tex{op.name}.md"
+    path = ROOT / "docs" / "reference" / "filters" / f"tex{op.name}.md"
     assert path.read_text() == page_text(op, path), "run make docs"
 
 
 def test_the_page_of_the_chain_is_made_from_the_declarations():
     from tools.docs.pages import language_text
 
-    assert (ROOT / "docs" / "chain.md").read_text() == language_text(), "run make docs"
+    assert (ROOT / "docs" / "reference" / "chain.md").read_text() == language_text(), "run make docs"

@@ -22,8 +22,8 @@ from oiiotex.library import commands as library
 from oiiotex.session import Session
 
 ROOT = Path(__file__).parents[1]
-# docs/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
-PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md"),
+# docs/how-to/your_own_filter.md writes ops of its own, which tests/test_plugins.py runs
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md"),
                 *(ROOT / "oiiotex").glob("*/README.md")])  # fmt: skip
 TEXTS = {str(path.relative_to(ROOT)): path.read_text() for path in PAGES if path.name != "your_own_filter.md"}
 TEXTS |= {"--help": report.overview()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tiles of docs/comparison.md and hex tiling, judged by costs of ours and by features of a network that is not ours.
+"""Tiles of docs/explanation/comparison.md and hex tiling, judged by our costs and by features of a foreign network.
 
 python -m benchmarks.tiles.judged_outside FOLDER [--photos 8]
 

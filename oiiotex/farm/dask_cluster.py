@@ -69,7 +69,7 @@ def cluster(address: str) -> Iterator[tuple[Client, int]]:
                 raise
             raise Error(
                 f"dask={address}: TLS requires a certificate, a key and an authority: name them in"
-                " ~/.config/dask/distributed.yaml (docs/farm.md)"
+                " ~/.config/dask/distributed.yaml (docs/how-to/farm.md)"
             ) from error
         workers = client.scheduler_info(n_workers=-1)["workers"]
         if not workers:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The filters: one thin file per op. `OURS` lists them; each is also a function, as `docs/python.md` shows.
+"""The filters: one thin file per op. `OURS` lists them; each is also a function, as `docs/reference/python.md` shows.
 
 The file of a filter is called as its option is (`texquilt.py`), and is imported when its filter is asked for, by a line
 that names it or from Python. No other module imports it: `op_named` gives its class.

@@ -304,7 +304,7 @@ def composite(
     grown : bool, default False
         the grown label map follows as part 'grown'
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
@@ -552,7 +552,7 @@ def cut(
     passes : int, default 1
         of refinement: patches over the worst seams, as many as were laid; a whole number >= 0 and <= 100
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     label : int | None, default None
@@ -1187,7 +1187,7 @@ def estimateroughness(
 
     Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections. What is looked at is the
     contrast of the finest detail, in linear light, over a Gaussian of sigma. Roughness is `middle` where that is as in
-    the whole photo, and at most `amount` more or less. It is a weak guess (docs/texestimateroughness.md has figures):
+    the whole photo, and at most `amount` more or less. It is a weak guess (docs/reference/filters/texestimateroughness.md has figures):
     fine paint looks smooth to it, and a photo under an overcast sky says next to nothing. Where a scan has roughness,
     use that. It needs no more memory for a large photo than for a small one.
 
@@ -1762,7 +1762,7 @@ def paint(
     before : FileName | None, default None
         such a file: what is painted as it was keeps its patches
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     tile : Literal['none', 'x', 'y', 'xy'], default 'none'
@@ -2089,7 +2089,7 @@ def patchmatch(
     resume : bool, default False
         keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     n : int, default 1
@@ -2316,7 +2316,7 @@ def quilt(
     render : bool, default False
         make the result from the plan in that file, of the photo or of any map of its size
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     size : tuple[int, int] | None, default None
@@ -2765,7 +2765,7 @@ def stationarize(
     resume : bool, default False
         keep finished levels in OUT.parts until OUT is whole: a run that was killed goes on from there
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     n : int, default 1
@@ -3131,7 +3131,7 @@ def synth(
     data : bool, default False
         the channels are no colours: compare them as they are
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     structure : float, default 0.5
@@ -3392,7 +3392,7 @@ def zoom(
     data : bool, default False
         the channels are no colours: compare them as they are
     report : FileName | None, default None
-        measures of the result go to this file, JSON (docs/report.md)
+        measures of the result go to this file, JSON (docs/reference/report.md)
     fail : Sequence[str] | None, default None
         limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3
     colorspace : str | None, default None

@@ -36,7 +36,7 @@ log = logging.getLogger("oiiotex")
 
 SCHEMA = "oiiotex.report/1"
 REPORT = Output("report", Kind.TABLE, "measures of the result, for machines", asked_by="report", judged_by="fail")
-REPORT_HELP = "measures of the result go to this file, JSON (docs/report.md)"
+REPORT_HELP = "measures of the result go to this file, JSON (docs/reference/report.md)"
 FAIL_HELP = "limits of measures, NAME>NUMBER or NAME<NUMBER, such as seam>1.3 and repeat>4: beyond one the run exits 3"
 _OF_COPIES = ("texture", "copied", "shown", "repeat")
 _OF_LABELS = ("label_repeat", "label_shown", "label")

@@ -17,7 +17,7 @@ from oiiotex.core.parameters import declared
 from oiiotex.filters import OURS
 from tools.docs import stubs
 
-FOLDER = Path(__file__).parents[2] / "docs"
+FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 MARK = "<!-- by hand -->"
 
 
@@ -89,7 +89,7 @@ def main() -> None:
     """Write all pages."""
     (FOLDER / "chain.md").write_text(language_text())
     for op in OURS:  # not of packages that happen to be installed
-        path = FOLDER / f"tex{op.name}.md"
+        path = FOLDER / "filters" / f"tex{op.name}.md"
         path.write_text(page_text(op, path))
         print(path)
     stubs.main()

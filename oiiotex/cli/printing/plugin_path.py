@@ -18,6 +18,6 @@ def plugin_path() -> str:
     if not (folder / _NAME).exists():
         raise Error(
             f"--plugin-path: {folder / _NAME} is not built: in a checkout run {shlex.quote(sys.executable)}"
-            " hosts/openimageio/build.py (docs/hosts.md)"
+            " hosts/openimageio/build.py (docs/how-to/hosts.md)"
         )
     return str(folder)

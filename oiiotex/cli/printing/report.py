@@ -30,7 +30,7 @@ usage: oiiotex IMAGE... --OP[:MODIFIER=VALUE...]... -o FILE
 
   oiiotex --help                    all ops and options         oiiotex --devices    what computes
   oiiotex --help texstationarize    one of them                 oiiotex --version    of what there is
-  oiiotex --help texstationarize:sigma    one modifier          docs/differences.md  where oiiotool differs"""
+  oiiotex --help texstationarize:sigma    one modifier          docs/reference/differences.md  where oiiotool differs"""
 
 
 def greeting() -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of docs/texatlas.md, after LDR09's figure 7: `python -m tools.docs.pictures.atlas`."""
+"""The picture of docs/reference/filters/texatlas.md, after LDR09's figure 7: `python -m tools.docs.pictures.atlas`."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/comparison.md and its pictures, after MJH17 figures 5, 7, 8, 9 and 13.
+"""docs/explanation/comparison.md and its pictures, after MJH17 figures 5, 7, 8, 9 and 13.
 
 `python -m tools.docs.pictures.comparison`.
 """
@@ -213,7 +213,7 @@ def main() -> None:
     table += [f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows.items()]
     pictures = "\n\n".join(f"{name}\n\n![{name}](pictures/comparison_{name}.jpg)" for name in PHOTOS)
     text = TEXT.format(side=SIDE, columns="; ".join(names), sigma=SIGMA, table="\n".join(table), pictures=pictures)
-    (Path(__file__).parents[3] / "docs" / "comparison.md").write_text(text)
+    (Path(__file__).parents[3] / "docs" / "explanation" / "comparison.md").write_text(text)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/texdecompose.md: `python -m tools.docs.pictures.decompose`, with the test photos."""
+"""The pictures of the page of --texdecompose: `python -m tools.docs.pictures.decompose`, with the test photos."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/texdominant.md: `python -m tools.docs.pictures.dominant`."""
+"""The pictures of docs/reference/filters/texdominant.md: `python -m tools.docs.pictures.dominant`."""
 
 from __future__ import annotations
 

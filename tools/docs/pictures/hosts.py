@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of docs/hosts.md: a plain of pebbles to the horizon, looked up by OpenImageIO's TextureSystem.
+"""The picture of docs/how-to/hosts.md: a plain of pebbles to the horizon, looked up by OpenImageIO's TextureSystem.
 
 `python -m tools.docs.pictures.hosts`; the plugin is built first, with `python hosts/openimageio/build.py`.
 """

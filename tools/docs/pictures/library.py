@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/studio.md and docs/library.md: a library of the test photos, its report in Chromium.
+"""The pictures of studio.md and library.md in docs/how-to: a library of the test photos, its report in Chromium.
 
 `python -m tools.docs.pictures.library [--keep FOLDER]`: a library in FOLDER is updated.
 """

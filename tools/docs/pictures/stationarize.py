@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures of docs/texstationarize.md and docs/texpreview.md: `python -m tools.docs.pictures.stationarize`."""
+"""The pictures of the pages of --texstationarize and --texpreview: `python -m tools.docs.pictures.stationarize`."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sheet of structures in docs/texstationarize.md: `python -m tools.docs.pictures.structure [PHOTO ...]`.
+"""The sheet of structures in the page of --texstationarize: `python -m tools.docs.pictures.structure [PHOTO ...]`.
 
 Photos beside tiles by default and by the presets keep, even and clean.
 """
