@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lines of the pages that teach (docs/start, docs/how-to) run, each page from top to bottom in one folder.
+
+The pictures are small, and so are sizes and ranges of frames in the lines. Python of the pages is run by
+tests/test_docs_code.py; that all lines of all pages parse is seen by tests/test_words.py.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests import forked, pictures
+from tests.conftest import save
+
+ROOT = Path(__file__).parents[1]
+PAGES = {f"{page.parent.name}/{page.stem}": page for part in ("start", "how-to") for page in (ROOT / "docs" / part).glob("*.md")}
+ELSEWHERE = {  # run by a test that knows what comes out
+    "how-to/farm": "test_farm.py",
+    "how-to/studio": "test_library_faults.py",
+    "how-to/your_own_filter": "test_plugins.py",
+    "how-to/hosts": "test_openimageio_plugin.py",
+}
+SLOW = {"how-to/a-folder"}  # more than some seconds
+NOT_RUN = {  # by what stands in a line
+    "--texlive": "serves a page until it is ended",
+    "--device gpu": "there may be no GPU",
+    "dask=tcp": "asks a cluster",
+    "dask=tls": "asks a cluster",
+}
+OURS = ("oiiotex ", "oiiotex-library ", "echo ")
+SIDE = 96
+
+
+def small(line: str) -> str:
+    """The line with sizes of at most SIDE px, and two frames."""
+
+    def reduced(size: re.Match[str]) -> str:
+        sides = [int(side) for side in size.groups()]
+        return "x".join(str(max(16, side * SIDE // max(*sides, SIDE))) for side in sides)
+
+    line = re.sub(r"(?<![\w.])(\d{3,5})x(\d{3,5})", reduced, line)
+    return re.sub(r"--frames (\d+)-\d+", lambda at: f"--frames {at[1]}-{int(at[1]) + 1}", line)
+
+
+def lines(page: Path) -> Iterator[str]:
+    """Lines of shell that the page shows, but those of other programs."""
+    for block in re.findall(r"^```(?:sh)?\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.startswith(OURS) and not any(word in line for word in NOT_RUN):
+                yield small(line)
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the pages begin with."""
+    folder = tmp_path_factory.mktemp("shown")
+    stones, wall = pictures.pebbles(SIDE, SIDE, 1), pictures.bricks(SIDE, SIDE, 2)
+    save(pictures.stained(stones), folder / "photo.png")
+    save(pictures.stained(stones), folder / "photo.exr", "half")
+    save(wall, folder / "wall.png")
+    save(wall, folder / "color.png")
+    up = np.broadcast_to(np.float32([0.5, 0.5, 1]), wall.shape)
+    save(up, folder / "normal.png")
+    save(wall[..., :1], folder / "roughness.png")
+    save(wall[..., :1], folder / "height.exr", "half", "data")
+    y, x = np.mgrid[:SIDE, :SIDE]
+    save((np.hypot(x - 60, y - 40) < 12)[..., None] * 1.0, folder / "mask.png")
+    (folder / "statue.obj").write_text(pictures.cube_obj())
+    for frame in range(1001, 1003):
+        save(stones * (0.8 + frame % 2 / 10), folder / f"plate.{frame}.exr", "half")
+    photos = folder / "photos"
+    photos.mkdir()
+    save(stones, photos / "meadow.png")
+    for role, pixels in (("Color", wall), ("Roughness", wall[..., :1])):
+        save(pixels, photos / f"Wall_1K-PNG_{role}.png")
+    return folder
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in sorted(PAGES) if name not in ELSEWHERE]
+)
+def test_lines_of_a_page_run(name, shown, tmp_path):
+    for file in shown.iterdir():
+        (tmp_path / file.name).symlink_to(file)
+    for line in lines(PAGES[name]):
+        program, *words = shlex.split(re.split(r" \|\| | && ", line)[0], comments=True)
+        if program == "echo":
+            subprocess.run(["sh", "-e", "-c", line], cwd=tmp_path, check=True)
+            continue
+        if program == "oiiotex":
+            done = forked.run(["--noprogress", *words], tmp_path, 300)
+        else:
+            command = [sys.executable, "-m", "oiiotex.library.main", *words]
+            done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        expected = {0, 3} if " || " in line else {0}
+        assert done.returncode in expected, (line, done.stdout, done.stderr)
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_a_page_that_is_run_elsewhere_is_named_there(name):
+    assert f"{PAGES[name].name}" in (ROOT / "tests" / ELSEWHERE[name]).read_text()
+
+
+@pytest.mark.parametrize("word", NOT_RUN)
+def test_what_is_not_run_is_shown(word):
+    assert any(word in page.read_text() for page in PAGES.values())
