@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The promises of the README, over every filter in the tuple: a new filter cannot forget them."""
+"""The promises of docs/explanation/promises.md, over every filter in the tuple: a new filter cannot forget them."""
 
 from __future__ import annotations
 

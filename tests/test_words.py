@@ -92,7 +92,8 @@ def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
     for line in lines:
         if "..." in line or "[" in line:  # a synopsis
             continue
-        words = shlex.split(line.split(" && ")[0].split(" | ")[0], comments=True)[1:]
+        line = re.sub(r"\s+# .*", "", line)  # a hash within a word stands for digits of a frame
+        words = shlex.split(re.split(r" && | \|\|? ", line)[0])[1:]
         parse(words, LANGUAGE)
         for word in words:
             if word.startswith("--"):
@@ -136,28 +137,6 @@ def test_every_file_type_is_one_that_is_read_or_written(source):
     assert named - known - OURS - OTHER_FILES == set()
 
 
-def anchors(page: Path) -> set[str]:
-    """Of its headings, as GitHub makes them."""
-    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
-    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
-
-
-def broken_links(page: Path) -> list[str]:
-    """Links to files, and to headings of pages, that are not there."""
-    broken = []
-    for link in re.findall(r"\]\((?!http)([^)\s]+)\)", page.read_text()):
-        name, _, heading = link.partition("#")
-        target = page.parent / name if name else page
-        if not target.exists() or (heading and target.suffix == ".md" and heading not in anchors(target)):
-            broken.append(link)
-    return broken
-
-
-@pytest.mark.parametrize("page", sorted((ROOT / "benchmarks").rglob("*.md")), ids=lambda path: path.stem)
-def test_every_link_of_the_benchmarks_leads_somewhere(page):
-    assert broken_links(page) == []
-
-
 @pytest.mark.parametrize("source", TEXTS)
 def test_every_file_of_ours_that_is_named_is_there(source):
     named = set(
@@ -166,5 +145,3 @@ def test_every_file_of_ours_that_is_named_is_there(source):
         )
     )
     assert [name for name in named if "NAME" not in name and not list(ROOT.glob(name))] == []
-    if source.endswith(".md"):
-        assert broken_links(ROOT / source) == []
