@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PHOTO ?=
 EXTRAS := cpu,linker,demo
 
-.PHONY: demo test test-all lint docs golden benchmark plugin extension blender clean
+.PHONY: demo test test-all lint docs site site-serve golden benchmark plugin extension blender clean
 
 demo: $(VENV)/demo
 	@$(BIN)/python -m tools.device
@@ -26,6 +26,13 @@ lint: $(VENV)/test
 docs: $(VENV)/demo  # pages from the declarations, and the pictures in them
 	$(BIN)/python -m tools.docs.pages
 	$(BIN)/python -m tools.docs.pictures
+
+site: $(VENV)/site  # the docs with search, into site/: open site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "open site/index.html"
+
+site-serve: $(VENV)/site  # the same, renewed while you write
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs serve
 
 plugin: $(VENV)/demo  # by which OpenImageIO opens .oiiotex files: docs/how-to/hosts.md
 	$(BIN)/python hosts/openimageio/build.py
@@ -51,7 +58,7 @@ benchmark: $(VENV)/test  # and renew their tables: benchmarks/README.md
 	$(BIN)/python -m benchmarks kernels
 
 clean:
-	rm -rf $(VENV) demo-out build *.egg-info
+	rm -rf $(VENV) demo-out build site *.egg-info
 
 $(VENV)/checked:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || \
@@ -64,6 +71,10 @@ $(VENV)/checked:
 
 $(VENV)/demo: $(VENV)/checked pyproject.toml
 	$(BIN)/python -m pip install -qq -e ".[$(EXTRAS)]"
+	@touch $@
+
+$(VENV)/site: $(VENV)/checked pyproject.toml
+	$(BIN)/python -m pip install -qq -e ".[site]"
 	@touch $@
 
 $(VENV)/test: $(VENV)/demo pyproject.toml

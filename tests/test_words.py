@@ -65,6 +65,13 @@ def words_in(text: str) -> set[str]:
     return set(re.findall(r"(?<![\w-])--[A-Za-z][\w-]*(?::[A-Za-z_]+=?[^\s`'\"|;,)]*)*", text))
 
 
+def shown(text: str, program: str) -> list[str]:
+    """Lines of a program in blocks of code, in lists, too."""
+    blocks = re.findall(r"^( *)```\w*\n(.*?)^\1```", text, re.DOTALL | re.MULTILINE)
+    lines = [line.strip() for _, block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    return [line for line in lines if line.startswith(program)]
+
+
 @pytest.mark.parametrize("source", TEXTS)
 def test_every_option_and_its_modifiers_are_there(source):
     missing = []
@@ -85,10 +92,7 @@ def test_every_option_and_its_modifiers_are_there(source):
 
 @pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex " in text])
 def test_every_line_that_is_shown_is_one_that_the_program_takes(source):
-    blocks = re.findall(r"```\w*\n(.*?)```", TEXTS[source], re.DOTALL)
-    lines = [
-        line for block in blocks for line in block.replace("\\\n", " ").splitlines() if line.startswith("oiiotex ")
-    ]
+    lines = shown(TEXTS[source], "oiiotex ")
     for line in lines:
         if "..." in line or "[" in line:  # a synopsis
             continue
@@ -113,8 +117,7 @@ def test_every_colour_space_that_is_named_is_in_the_config_that_is_built_in():
 
 @pytest.mark.parametrize("source", [name for name, text in TEXTS.items() if "\noiiotex-library " in text])
 def test_every_line_of_the_library_that_is_shown_is_one_that_it_takes(source):
-    blocks = re.findall(r"```\w*\n(.*?)```", TEXTS[source], re.DOTALL)
-    lines = [line for block in blocks for line in block.splitlines() if line.startswith("oiiotex-library ")]
+    lines = shown(TEXTS[source], "oiiotex-library ")
     assert lines
     for line in lines:
         words = shlex.split(re.split(r" \|\| | > ", line)[0], comments=True)[1:]
