@@ -55,13 +55,14 @@ SIDE = 96
 
 
 def small(line: str) -> str:
-    """The line with sizes of at most SIDE px, and two frames."""
+    """The line with sizes of at most SIDE px, corners within them, and two frames."""
 
     def reduced(size: re.Match[str]) -> str:
         sides = [int(side) for side in size.groups()]
         return "x".join(str(max(16, side * SIDE // max(*sides, SIDE))) for side in sides)
 
     line = re.sub(r"(?<![\w.])(\d{3,5})x(\d{3,5})", reduced, line)
+    line = re.sub(r"corners=[\d,]+", "corners=8,5,88,9,90,88,6,90", line)
     return re.sub(r"--frames (\d+)-\d+", lambda at: f"--frames {at[1]}-{int(at[1]) + 1}", line)
 
 
