@@ -78,10 +78,12 @@ def lines(page: Path) -> Iterator[str]:
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the files that the pages begin with."""
     folder = tmp_path_factory.mktemp("shown")
-    stones, wall = pictures.pebbles(SIDE, SIDE, 1), pictures.bricks(SIDE, SIDE, 2)
+    stones, wall = pictures.pebbles(SIDE, SIDE, 1), pictures.bricks(SIDE, SIDE, 1)
     save(pictures.stained(stones), folder / "photo.png")
     save(pictures.stained(stones), folder / "photo.exr", "half")
-    save(wall, folder / "wall.png")
+    window = wall.copy()
+    window[24:56, 46:74] = 0.15, 0.2, 0.5
+    save(window, folder / "wall.png")
     save(stones, folder / "gravel.jpg")
     save(wall, folder / "color.png")
     up = np.broadcast_to(np.float32([0.5, 0.5, 1]), wall.shape)
@@ -90,7 +92,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Path:
     save(wall[..., :1], folder / "height.exr", "half", "data")
     y, x = np.mgrid[:SIDE, :SIDE]
     save((np.hypot(x - 60, y - 40) < 12)[..., None] * 1.0, folder / "mask.png")
-    (folder / "statue.obj").write_text(pictures.cube_obj())
+    (folder / "statue.obj").write_text(pictures.cube_obj(0.5))
     for frame in range(1001, 1003):
         save(stones * (0.8 + frame % 2 / 10), folder / f"plate.{frame}.exr", "half", "lin_rec709_scene")
     photos = folder / "photos"
