@@ -32,7 +32,7 @@ TEXTS |= {f"--help {op.name}": report.page(op.name) for op in (*FILTERS, *host.O
 WRONG = {"--resize:fliter=box", "--tex", "--texNAME", "--op:key=value", "--op", "--op:name=value", "--op:modifier"}
 OTHERS = {  # of other programs
     "--step", "--path", "--run-dependencies", "--force-reinstall", "--upgrade", "--leak-check", "--user",
-    "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard",
+    "--no-build-isolation", "--extra-index-url", "--protocol", "--no-dashboard", "--no-deps",
 }  # fmt: skip
 OURS = {
     ".json", ".yaml", ".npz", ".gif", ".mp4", ".gpl", ".aco", ".icc", ".md", ".py", ".cl", ".ocio", ".pyi", ".toml",
