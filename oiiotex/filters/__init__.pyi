@@ -1187,7 +1187,7 @@ def estimateroughness(
 
     Where a bumpy surface is smooth it glitters: highlights lie beside dark reflections. What is looked at is the
     contrast of the finest detail, in linear light, over a Gaussian of sigma. Roughness is `middle` where that is as in
-    the whole photo, and at most `amount` more or less. It is a weak guess (docs/reference/filters/texestimateroughness.md has figures):
+    the whole photo, and at most `amount` more or less. It is a weak guess (its page has figures):
     fine paint looks smooth to it, and a photo under an overcast sky says next to nothing. Where a scan has roughness,
     use that. It needs no more memory for a large photo than for a small one.
 
