@@ -31,8 +31,10 @@ def _filled(entry: Any, docs: Path) -> Any:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """The page's text, with links that leave docs/ shown as text and path."""
+    """The page's text, with links that leave docs/ shown as text and path; a how-to is found before the reference."""
     folder = os.path.dirname(page.file.src_uri)
+    if folder == "how-to":
+        page.meta["search"] = {"boost": 3}
 
     def shown(link: re.Match[str]) -> str:
         text, target = link.groups()
