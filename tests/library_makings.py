@@ -13,7 +13,7 @@ from oiiotex.library import asset as making
 from oiiotex.library import ingest
 from oiiotex.materials import preview as pictures
 from oiiotex.recipes.found import materials
-from oiiotex.recipes.recipe import Recipe, recipe_of
+from oiiotex.recipes.recipe import LibraryRecipe, recipe_of
 from tests import pictures as drawn
 from tests.conftest import save
 
@@ -21,7 +21,7 @@ LINE = '[[product]]\nname = "tile"\nline = "$maps $outputs"\n'
 OPENGL = 'schema = 1\n[find]\nnormals = "opengl"\n'
 
 
-def recipe(text: str = LINE, before: str = "schema = 1\n") -> Recipe:
+def recipe(text: str = LINE, before: str = "schema = 1\n") -> LibraryRecipe:
     import tomllib
 
     return recipe_of(tomllib.loads(before + text), "recipe")
@@ -55,13 +55,13 @@ def here(monkeypatch):
         monkeypatch.setattr(pictures, name, 48)
 
 
-def brought_in(photos: Path, library: Path, how: Recipe, **settings: object) -> tuple[ingest.Tally, list[str]]:
+def brought_in(photos: Path, library: Path, how: LibraryRecipe, **settings: object) -> tuple[ingest.Tally, list[str]]:
     said: list[str] = []
-    tally = ingest.ingest(photos, library, how, ingest.Settings(**settings), said.append, Display(terminal=False))
+    tally = ingest.ingest(photos, library, how, ingest.IngestSettings(**settings), said.append, Display(terminal=False))
     return tally, said
 
 
-def names_of(folder: Path, how: Recipe) -> dict[str, tuple[dict[str, str], tuple[str, ...]]]:
+def names_of(folder: Path, how: LibraryRecipe) -> dict[str, tuple[dict[str, str], tuple[str, ...]]]:
     return {m.name: ({role: str(file) for role, file in m.maps.items()}, m.questions) for m in materials(folder, how)}
 
 

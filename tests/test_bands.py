@@ -103,7 +103,7 @@ def made(
         most = None if rows is None else rows + halo(recipe.patch)
         piece = None if e_rows is None else e_rows + piece_halo(recipe.patch)
         layout = memory.layout(recipe, geometries, grids, constraints, most, cell_rows, piece)
-        return memory.Plan(layout, 0, stores, piece is None)
+        return memory.MemoryPlan(layout, 0, stores, piece is None)
 
     monkeypatch.setattr(optimization, "plan_memory", planned)
     constraints = Constraints(**{name: more[name] for name in ("fixed", "weight", "sigmas") if name in more})

@@ -29,8 +29,8 @@ from tests.conftest import load, oiiotex, save
 PHOTO = pictures.pebbles(96, 112, seed=4)
 
 
-def random_source(height: int = 20, width: int = 24, seed: int = 0) -> seams.Source:
-    return seams.Source(np.random.default_rng(seed).integers(-300, 900, (height, width, 3)).astype(np.int16))
+def random_source(height: int = 20, width: int = 24, seed: int = 0) -> seams.SeamPhoto:
+    return seams.SeamPhoto(np.random.default_rng(seed).integers(-300, 900, (height, width, 3)).astype(np.int16))
 
 
 def plain_cost(lab: np.ndarray, a: tuple, b: tuple, step: tuple) -> int:
@@ -121,7 +121,7 @@ def test_seam_costs_are_those_of_the_edges():
 def test_the_search_is_the_plain_sum_of_squares():
     source, random = random_source(18, 23), np.random.default_rng(2)
     allowed = random.random((18, 23)) < 0.8
-    found = searching.Search(Photo(source.lab, allowed), 5)
+    found = searching.OffsetSearch(Photo(source.lab, allowed), 5)
     seen, new = random.random((5, 5)) < 0.6, random.random((5, 5)) < 0.5
     lab = random.integers(-70, 220, (5, 5, 3))
     cost, gain = found._sums(lab, seen, new)
@@ -161,7 +161,7 @@ def test_sites_cover_everything(shape, wrap):
 
 
 def total_cost(places: SourceMap, lab: np.ndarray, wrap: bool = True) -> int:
-    source, at = seams.Source(to_grid(lab, FINE_STEPS)), np.stack(places.yx)
+    source, at = seams.SeamPhoto(to_grid(lab, FINE_STEPS)), np.stack(places.yx)
     if wrap:
         at = np.pad(at, ((0, 0), (0, 1), (0, 1)), mode="wrap")
     return sum(int(c.sum()) for c in seams.seam_costs(source, at, np.ones(at.shape[1:], bool)))
@@ -193,7 +193,7 @@ def test_seams_cost_less_than_straight_ones():
 def test_a_torus_has_no_border():
     """Rolled by half, what was the border is a seam like any other."""
     lab = (PHOTO * 90 - 10).astype(np.float32)
-    source = seams.Source(to_grid(lab, FINE_STEPS))
+    source = seams.SeamPhoto(to_grid(lab, FINE_STEPS))
 
     def across(tiling: bool) -> float:
         places = gc.graph_cut(lab, None, layout(wrap_x=tiling, wrap_y=tiling, seed=3), 1 << 30, lambda *_: None)

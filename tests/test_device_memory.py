@@ -212,7 +212,7 @@ def test_a_small_sigma_over_a_large_tile_is_held_in_bands(device, measure, gigab
     whole = memory.layout(recipe, geometries, memory.grids_of(recipe, geometries, scales, Constraints()), Constraints())
     assert sum(whole.values()) >> 30 == gigabytes
 
-    def planned(budget: int) -> memory.Plan:
+    def planned(budget: int) -> memory.MemoryPlan:
         return memory.plan_memory(
             device, shape, recipe, geometries, scales, Constraints(), budget, memory.ExemplarHeld()
         )
@@ -291,7 +291,9 @@ def test_a_window_of_a_plane_is_made_in_smaller_ones(monkeypatch):
             if window.width * window.height > 5000:
                 raise OutOfDeviceMemory("no 5 MB")
             y, x = np.mgrid[window.top : window.bottom, window.left : window.right]
-            state = synthesizer.State((x + 1000 * y).astype(np.uint32), np.stack([x, y, x, y], -1).astype(np.int16))
+            state = synthesizer.PlaneState(
+                (x + 1000 * y).astype(np.uint32), np.stack([x, y, x, y], -1).astype(np.int16)
+            )
             return SimpleNamespace(state=lambda: state)
 
     window = Window(7, 3, 207, 83)

@@ -17,7 +17,7 @@ from oiiotex.color.config import ColorConfig
 from oiiotex.errors import ImageError
 from oiiotex.io.atomic import temporary_beside
 from oiiotex.io.documents import read_arrays, read_document
-from oiiotex.io.schema import Allowed, Share, read_as
+from oiiotex.io.schema import Allowed, Fraction, read_as
 from oiiotex.multiscale.graph import Edge, Graph, read_graph
 from oiiotex.quilting.guide_map import read_table
 from oiiotex.quilting.quilt_plan import Grid, Plan
@@ -56,7 +56,7 @@ class Leaf:
 
 class Whole(TypedDict):
     leaves: tuple[Leaf, ...]
-    share: Share | tuple[Share, ...]
+    share: Fraction | tuple[Fraction, ...]
     names: Mapping[str, bool]
 
 

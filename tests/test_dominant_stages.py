@@ -121,7 +121,7 @@ def test_the_mask_is_the_centres_dilated_by_a_patch():
     types = np.full(130, diffusion.SCATTERED, np.int8)
     types[[0, 57]] = diffusion.DOMINANT
     found = patch_manifold.texels_of(pixels_of(some_lab()), 5, 1, Session().resources)
-    mask = diffusion.dominant_mask(diffusion.Dominant(found, types, types, types), np.ones((17, 14), bool))
+    mask = diffusion.dominant_mask(diffusion.Dominance(found, types, types, types), np.ones((17, 14), bool))
     expected = np.zeros((17, 14), bool)
     for t in (0, 57):
         expected[found.rows[t] - 2 : found.rows[t] + 3, found.columns[t] - 2 : found.columns[t] + 3] = True
@@ -137,7 +137,7 @@ def test_a_mask_is_nothing_where_nothing_is_dominant_seen_or_covered():
     zeros = np.zeros(texels.count)
     of_all, of_none = (
         refined_mask(
-            diffusion.Dominant(texels, np.full(texels.count, kind, np.int8), zeros, zeros),
+            diffusion.Dominance(texels, np.full(texels.count, kind, np.int8), zeros, zeros),
             pixels,
             pixel_colours(pixels),
         )
@@ -147,9 +147,9 @@ def test_a_mask_is_nothing_where_nothing_is_dominant_seen_or_covered():
     np.testing.assert_array_equal(of_all, diffusion.dominant_mask(_all_dominant(texels), seen))
 
 
-def _all_dominant(texels: patch_manifold.Texels) -> diffusion.Dominant:
+def _all_dominant(texels: patch_manifold.Texels) -> diffusion.Dominance:
     zeros = np.zeros(texels.count)
-    return diffusion.Dominant(texels, zeros.astype(np.int8), zeros, zeros)
+    return diffusion.Dominance(texels, zeros.astype(np.int8), zeros, zeros)
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -68,7 +68,7 @@ def made(case: str, session: Session) -> list[np.ndarray]:
     return found
 
 
-def least_plan(device, shape, recipe, geometries, scales, constraints, budget, held) -> memory.Plan:
+def least_plan(device, shape, recipe, geometries, scales, constraints, budget, held) -> memory.MemoryPlan:
     """That of the smallest budget that is not refused, by steps of a twelfth."""
     budget = 1 << 20
     while True:

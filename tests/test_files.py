@@ -251,14 +251,14 @@ def test_several_threads_read_one_file_at_once(tmp_path, monkeypatch, name):
 def decoded(monkeypatch) -> list[Window]:
     """Which pieces have been decoded."""
     seen: list[Window] = []
-    genuine = reading._Source.read
+    genuine = reading._OpenFile.read
 
     def spy(self, place: Window, spec: oiio.ImageSpec, where: tuple[int, int]) -> np.ndarray:
         pixels = genuine(self, place, spec, where)
         seen.append(place)
         return pixels
 
-    monkeypatch.setattr(reading._Source, "read", spy)
+    monkeypatch.setattr(reading._OpenFile, "read", spy)
     return seen
 
 

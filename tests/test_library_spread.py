@@ -63,7 +63,7 @@ def test_claims_of_a_dead_run_are_free_and_those_of_a_live_one_are_not(tmp_path)
             assert two.claim("moss", run_two) and not dead.exists()
 
 
-def dies_or_makes(job: making.Job) -> making.Outcome:
+def dies_or_makes(job: making.AssetJob) -> making.Outcome:
     """What a worker does whose material kills it."""
     if job.material.name.startswith("deadly"):
         os.kill(os.getpid(), 9)

@@ -16,7 +16,7 @@ from oiiotex.library import catalogue as catalogues
 from oiiotex.library.catalogue import Catalogue
 from oiiotex.library.commands import run
 from oiiotex.library.report import write_report
-from oiiotex.library.search import Search
+from oiiotex.library.search import AssetSearch
 from oiiotex.library.upkeep import check, orphans
 from tests.conftest import load
 from tests.library_makings import LINE, brought_in, recipe
@@ -82,7 +82,7 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
         lab = catalogue.assets()["wall"].lab
 
         def names(**terms: object) -> list[str]:
-            return [asset.name for asset, _ in Search(**terms).assets(catalogue)]
+            return [asset.name for asset, _ in AssetSearch(**terms).assets(catalogue)]
 
         assert names() == ["gravel", "wall"]
         assert names(tag="brick") == names(name="w*") == names(measures=("normal_length<0.5",)) == ["wall"]
@@ -116,8 +116,8 @@ def test_search_show_and_export(photos, tmp_path, here, capsys):
 
 def labelled(n: int, name: str, share: float, lab: tuple[float, ...], size_m: tuple[float, ...] = ()) -> tuple:
     asset = catalogues.Asset(f"m{n}", "k", "ok", width=64, height=64, size_m=size_m)
-    rest = catalogues.Label("label.2/2", 0.9 - share, (90.0, 0.0, 0.0))
-    return asset, (), {"labels": 2}, (), (catalogues.Label(name, share, lab), rest)
+    rest = catalogues.AssetLabel("label.2/2", 0.9 - share, (90.0, 0.0, 0.0))
+    return asset, (), {"labels": 2}, (), (catalogues.AssetLabel(name, share, lab), rest)
 
 
 def test_labels_and_metres_are_searched(tmp_path):
@@ -131,7 +131,7 @@ def test_labels_and_metres_are_searched(tmp_path):
         assert catalogue.labels()["m2"][0] == ("moss", 0.3, (45.0, -20.0, 35.0))
 
         def names(**terms: object) -> list[str]:
-            return [asset.name for asset, _ in Search(**terms).assets(catalogue)]
+            return [asset.name for asset, _ in AssetSearch(**terms).assets(catalogue)]
 
         assert names(label="rust") == ["m1", "m0"]  # the most first
         assert names(label="r*>0.2") == ["m1"] and names(label="rust>0.5") == names(label="bark") == []

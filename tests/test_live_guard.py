@@ -27,7 +27,7 @@ from oiiotex.errors import Error, ParameterError
 from oiiotex.io import atomic
 from oiiotex.live.document import Document, default_state
 from oiiotex.live.guard import token_for
-from oiiotex.live.hub import Hub, Source
+from oiiotex.live.hub import Hub, PageSource
 from oiiotex.live.lines import text_of, word_of
 from oiiotex.session import Session
 from tests import pictures
@@ -278,7 +278,7 @@ def test_autosave_goes_on_after_a_full_disk_and_keeps_the_last_state(tmp_path, m
     def opened() -> Document:
         return Document(path, json.loads(json.dumps(state)), "photo.png", VIEWS, left)
 
-    hub = Hub(Source(None, "", (), "x", None, 256), opened(), Session(), tmp_path)
+    hub = Hub(PageSource(None, "", (), "x", None, 256), opened(), Session(), tmp_path)
     monkeypatch.setattr(hub, "tell", told.append)
     monkeypatch.setattr("oiiotex.live.hub.SAVE_EVERY", 0.01)
     monkeypatch.setattr("oiiotex.live.hub.RETRY_EVERY", 0.01)

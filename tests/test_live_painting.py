@@ -16,7 +16,7 @@ from oiiotex.core.demand import PieceCache
 from oiiotex.errors import ImageError
 from oiiotex.io.reading import read
 from oiiotex.live.history import Steps, fine_of, paintings_in
-from oiiotex.live.palette import COARSE, FINE, LAYERS, Palette, extended, require_replaceable, step_facts
+from oiiotex.live.palette import COARSE, FINE, LAYERS, LabelPalette, extended, require_replaceable, step_facts
 from oiiotex.quilting.painted_plans import changed_box
 from tests import test_painting
 from tests.conftest import save
@@ -35,8 +35,8 @@ TABLE = {
 
 
 @pytest.fixture
-def palette() -> Palette:
-    return Palette(TABLE, np.zeros((8, 16, 3), np.float32))
+def palette() -> LabelPalette:
+    return LabelPalette(TABLE, np.zeros((8, 16, 3), np.float32))
 
 
 def layers() -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from oiiotex.core.parameters import Size
 from oiiotex.core.source_map import SourceMap
 from oiiotex.core.window import Window
 from oiiotex.graphcut import seam_overlay
-from oiiotex.graphcut.seams import Source, seam_costs
+from oiiotex.graphcut.seams import SeamPhoto, seam_costs
 from oiiotex.labels.legend import codes_of, colour_of, colours_of
 from oiiotex.quilting import label_painting
 from oiiotex.quilting.guide_map import meaning_of, read_table
@@ -350,7 +350,7 @@ def test_layers_are_cut_in_a_band_and_any_window_is_the_whole_cropped():
     def cost(packed: np.ndarray) -> int:
         places = np.stack(SourceMap(packed).yx)
         near = away < 14
-        right, down = seam_costs(Source(lab), places, np.ones(mask.shape, bool))
+        right, down = seam_costs(SeamPhoto(lab), places, np.ones(mask.shape, bool))
         return int(right[near[:, 1:]].sum() + down[near[1:]].sum())
 
     assert cost(found) < cost(laid)

@@ -14,7 +14,7 @@ from oiiotex.cli.running.line_run import run
 from oiiotex.core.label_map import LabelMap
 from oiiotex.filters.texpalette import Palette
 from oiiotex.io.cryptomatte import hashed
-from oiiotex.io.paint_palette import Paint, write_palette
+from oiiotex.io.paint_palette import Swatch, write_palette
 from oiiotex.io.reading import read
 from tests import pictures
 from tests.any_filter import pixels
@@ -75,7 +75,7 @@ def test_photoshop_reads_colours_and_names(made):
 
 
 def test_names_of_all_alphabets_and_none_that_breaks_a_line(tmp_path):
-    paints = [Paint("M\u00f6rtel \U0001f9f1", 1, 2, 255), Paint("a\nb\tc", 0, 0, 0)]
+    paints = [Swatch("M\u00f6rtel \U0001f9f1", 1, 2, 255), Swatch("a\nb\tc", 0, 0, 0)]
     write_palette(tmp_path / "p.gpl", paints)
     lines = (tmp_path / "p.gpl").read_text().splitlines()[4:]
     assert lines == [f"  1   2 255\t{paints[0].name}", "  0   0   0\ta b c"]

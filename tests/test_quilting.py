@@ -15,7 +15,7 @@ from oiiotex.labels import content_table
 from oiiotex.quality.copy_detection import most_shown
 from oiiotex.quilting import quilter
 from oiiotex.quilting.quilt_plan import Grid, Plan, Renderer
-from oiiotex.quilting.repetition import UNITS, Squares
+from oiiotex.quilting.repetition import UNITS, PatchSquares
 from oiiotex.regularity.lattice import BINS, Lattice
 from oiiotex.regularity.offset_prices import InStep
 from tests import pictures
@@ -117,7 +117,7 @@ def test_shares_are_even_over_what_a_key_can_show():
     labels = np.where(np.indices((45, 53))[1] < 26, 1, 2).astype(np.uint8)
     table = exemplar(grid, labels).table
     keys = np.full(grid.shape, table.find((1, 1)), np.int32)
-    squares = Squares.of(grid, 45, 53)
+    squares = PatchSquares.of(grid, 45, 53)
     spans = squares.spans(table, keys, 1.0)
     shares = squares.shares(table.offsets, spans, keys, 1.0)
     can = table.offsets[slice(*spans[keys[0, 0], :2])]
@@ -214,7 +214,7 @@ def test_what_is_decided_stays_and_only_its_surroundings_are_cut_anew(device):
     assert (plan.offsets[~kept] != first.offsets[~kept]).any()
     y, x = np.nonzero(old != new)
     assert len(y) and y.min() >= 4 * 12 and y.max() < 6 * 12 + 4 and x.min() >= 5 * 12 and x.max() < 8 * 12 + 4
-    squares = Squares.of(grid, 80, 90)
+    squares = PatchSquares.of(grid, 80, 90)
     shown = device.read(again._buffers["shown"], (squares.rows, squares.columns), np.int32)
     np.testing.assert_array_equal(shown, squares.shown(plan.offsets.ravel()))
 

@@ -22,7 +22,7 @@ from oiiotex.errors import Error, ParameterError
 from oiiotex.io.atomic import make_folders, writing_only_below
 from oiiotex.io.checkpoint import Checkpoint
 from oiiotex.library.asset import run_line
-from oiiotex.recipes.lines import Step, require_confined, require_lines
+from oiiotex.recipes.lines import ProductStep, require_confined, require_lines
 from oiiotex.run import run
 from oiiotex.session import Session
 from tests import sources
@@ -81,7 +81,7 @@ def outcome(asset: Path, *words: str) -> str:
     """What a line says; nothing outside of the product's folder has changed."""
     before = tree(asset)
     try:
-        run_line(Step("t", words), asset)
+        run_line(ProductStep("t", words), asset)
         said = ""
     except Error as error:
         said = str(error)

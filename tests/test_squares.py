@@ -19,7 +19,7 @@ from oiiotex.errors import ImageError
 from oiiotex.opencl.device import Device
 from oiiotex.superpixels import refinement
 from oiiotex.superpixels.crumbs import without_crumbs
-from oiiotex.superpixels.refinement import Squares, refined_slots
+from oiiotex.superpixels.refinement import LabelSquares, refined_slots
 from oiiotex.superpixels.run_length import OUTSIDE, Strip, pieces_of
 from oiiotex.superpixels.slic import SeedGrid, Slic, candidates
 from oiiotex.superpixels.superpixels import superpixels
@@ -54,7 +54,7 @@ def test_pixels_choose_among_the_seeds_of_the_squares_around_them(any_lanes, pix
     grid = SeedGrid.of(WIDTH, HEIGHT, sigma, 20.0, side)
     lens = lens_of(image, resources)
     with (
-        Squares(WIDTH, HEIGHT, side, resources, True) as squares,
+        LabelSquares(WIDTH, HEIGHT, side, resources, True) as squares,
         LabGrid(image, lens, resources, side, look=squares.look) as held,
         Slic(squares, grid.of_squares, resources) as slic,
     ):

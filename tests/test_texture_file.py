@@ -17,7 +17,7 @@ from oiiotex.errors import Error, ImageError
 from oiiotex.patchmatch.wang_tiles import Edges, edges_of
 from oiiotex.service.door import answer
 from oiiotex.service.texture_file import TextureFile, read_texture_file, tile_side
-from oiiotex.service.textures import Texture, opened
+from oiiotex.service.textures import OpenTexture, opened
 from oiiotex.session import Session
 from tests import pictures
 from tests.conftest import save
@@ -237,7 +237,7 @@ def wang_set(folder: Path, count: int, edges: list[Edges], spaces: tuple[str, ..
 def test_tiles_lie_beside_tiles_with_the_same_edges(folder, session, count):
     edges = edges_of(count)
     name = wall(folder, photo=None, tiles=wang_set(folder, count, edges))
-    texture = Texture(read_texture_file(name).text(), session)
+    texture = OpenTexture(read_texture_file(name).text(), session)
     assert (texture.spec.width, texture.spec.height, texture.levels) == (1000, 70000, 1)
     place = Window(-36, -16, 300, 240)
     plane = texture.tile(0, place, session).astype(int)
@@ -251,7 +251,7 @@ def test_tiles_lie_beside_tiles_with_the_same_edges(folder, session, count):
         assert edges[one].east == edges[beside].west
     part = texture.tile(0, Window(5, 3, 50, 44), session)
     np.testing.assert_array_equal(part, plane[3 + 16 : 44 + 16, 5 + 36 : 50 + 36])
-    other = Texture(read_texture_file(f"{name}?seed=4").text(), session).tile(0, place, session)
+    other = OpenTexture(read_texture_file(f"{name}?seed=4").text(), session).tile(0, place, session)
     assert (other[..., 0] != plane[..., 0]).any()
 
 
@@ -262,25 +262,25 @@ def test_tiles_that_want_those_before_are_refused(folder, session, last):
     with pytest.raises(
         ImageError, match=rf"set\.exr: {len(edges)} tiles cannot lie anywhere: none has the edges n0e0s"
     ):
-        Texture(read_texture_file(name).text(), session)
+        OpenTexture(read_texture_file(name).text(), session)
 
 
 def test_tiles_that_lost_their_edges_or_differ_in_colour_space_are_refused(folder, session):
     name = wall(folder, photo=None, tiles=wang_set(folder, 16, []))
     with pytest.raises(ImageError, match=r"set\.exr: 16 tiles that do not say their edges .*: write the set as EXR"):
-        Texture(read_texture_file(name).text(), session)
+        OpenTexture(read_texture_file(name).text(), session)
     name = wall(folder, photo=None, tiles=wang_set(folder, 3, [], ("lin_rec709_scene", "srgb_rec709_scene")))
     with pytest.raises(ImageError, match=r"part 'tile1' is of another size, type or colour space"):
-        Texture(read_texture_file(name).text(), session)
+        OpenTexture(read_texture_file(name).text(), session)
 
 
 def test_colour_is_not_guessed_and_a_changed_photo_is_no_longer_the_same(folder, session):
     with pytest.raises(Error, match="does not say its colour space"):
-        Texture(read_texture_file(wall(folder)).text(), session)
+        OpenTexture(read_texture_file(wall(folder)).text(), session)
     file = read_texture_file(wall(folder, photo="tagged.exr"))
     os.utime(folder / "tagged.exr", ns=(1, 1))
     with pytest.raises(ImageError, match=r"tagged\.exr has changed since it was opened: open it again"):
-        Texture(file.text(), session)
+        OpenTexture(file.text(), session)
 
 
 @pytest.mark.parametrize(

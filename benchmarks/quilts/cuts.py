@@ -59,7 +59,7 @@ def by_networkx(count: int, s: np.ndarray, t: np.ndarray, c: np.ndarray) -> int:
     return int(found.graph["flow_value"])
 
 
-def arcs_of(window: tuple[np.ndarray, ...], source: seams.Source) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+def arcs_of(window: tuple[np.ndarray, ...], source: seams.SeamPhoto) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
     """The graph that `seams.cut` makes of a window."""
     held: list[tuple[int, np.ndarray, np.ndarray, np.ndarray]] = []
 
@@ -83,7 +83,7 @@ def main() -> None:
     ways = {"scipy": by_scipy, "ortools": by_ortools, "networkx": by_networkx}
     ways = {name: way for name, way in ways.items() if importlib.util.find_spec(name)}
     noise = np.random.default_rng(0).normal(0, 1, (512, 512, 3))
-    source = seams.Source(np.rint(gaussian_filter(noise, (2, 2, 0)) * 600).astype(np.int16))
+    source = seams.SeamPhoto(np.rint(gaussian_filter(noise, (2, 2, 0)) * 600).astype(np.int16))
     print(f"{'':16}" + "".join(f"{name:>10}" for name in ways))
     for side in SIDES:
         for name, window in problems(side).items():

@@ -4,16 +4,16 @@
 from ..io.atomic import OUTSIDE, OutsideError, temporary_beside, writing_only_below, written
 from ..io.disk_cache import hash_of
 from ..io.documents import read_document, require_plain
-from ..io.schema import Allowed, Seed, Share, read_as, types_of
+from ..io.schema import Allowed, Fraction, Seed, read_as, types_of
 from ..quality.limit import Limit
 
 __all__ = [
     "OUTSIDE",
     "Allowed",
+    "Fraction",
     "Limit",
     "OutsideError",
     "Seed",
-    "Share",
     "hash_of",
     "read_as",
     "read_document",

@@ -42,7 +42,7 @@ def offsets() -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Exemplar:
+class PhotoLevel:
     """The photo at one level.
 
     Attributes
@@ -63,7 +63,7 @@ class Exemplar:
     snap: np.ndarray
 
     @classmethod
-    def of(cls, lab: np.ndarray, usable: np.ndarray) -> Exemplar | None:
+    def of(cls, lab: np.ndarray, usable: np.ndarray) -> PhotoLevel | None:
         """None where no whole neighbourhood may be taken."""
         from scipy.ndimage import binary_erosion, distance_transform_edt
 
@@ -113,7 +113,7 @@ def projected(neighbourhoods: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return np.rint((neighbourhoods @ basis) / (1 << _BASIS_BITS)).astype(np.int32)
 
 
-def stack(values: np.ndarray, usable: np.ndarray | None) -> list[Exemplar]:
+def stack(values: np.ndarray, usable: np.ndarray | None) -> list[PhotoLevel]:
     """The photo, finest first, as long as it has enough to take.
 
     Raises
@@ -122,9 +122,9 @@ def stack(values: np.ndarray, usable: np.ndarray | None) -> list[Exemplar]:
         Not one whole neighbourhood may be taken.
     """
     usable = np.ones(values.shape[:2], bool) if usable is None else usable
-    levels: list[Exemplar] = []
+    levels: list[PhotoLevel] = []
     while len(levels) < _LEVELS and (not levels or min(values.shape[:2]) >= _LEAST_SIDE):
-        found = Exemplar.of(values, usable)
+        found = PhotoLevel.of(values, usable)
         if found is None or (levels and len(np.unique(found.snap)) < 64):
             break
         levels.append(found)
@@ -141,7 +141,7 @@ def synthesize(
     mesh: Mesh,
     frames: Frames,
     size: tuple[int, int],
-    levels: list[Exemplar],
+    levels: list[PhotoLevel],
     seed: int,
     name: str,
     spread: Callable[..., Iterable[np.ndarray]] = map,
@@ -155,7 +155,7 @@ def synthesize(
         Of the photo at full size.
     size : (width, height)
         Of the atlas.
-    levels : list of Exemplar
+    levels : list of PhotoLevel
         As `stack` gives them.
     name : str
         Of the mesh, for errors.
@@ -200,7 +200,7 @@ def synthesize(
     return _with_gutters(finest, levels[0].at(source), levels[0]), finest.face[finest.nearest()]
 
 
-def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: Exemplar) -> np.ndarray:
+def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: PhotoLevel) -> np.ndarray:
     """What the coarser level says of each pixel: its source there, and the step from the coarse pixel's centre on."""
     pixels = np.arange(len(surface.place))
     centres = surface.centres(pixels)
@@ -215,7 +215,7 @@ def _inherited(surface: Surface, coarse: Surface, source: np.ndarray, exemplar: 
 
 
 def _corrected(
-    surface: Surface, exemplar: Exemplar, source: np.ndarray, seed: int, level: int, first: bool,
+    surface: Surface, exemplar: PhotoLevel, source: np.ndarray, seed: int, level: int, first: bool,
     spread: Callable[..., Iterable[np.ndarray]],
 ) -> np.ndarray:  # fmt: skip
     """Sources that fit each other better: passes over four sets of pixels, none of which sees what its own set does."""
@@ -264,7 +264,7 @@ def _corrected(
     return source
 
 
-def _with_gutters(surface: Surface, source: np.ndarray, exemplar: Exemplar) -> SourceMap:
+def _with_gutters(surface: Surface, source: np.ndarray, exemplar: PhotoLevel) -> SourceMap:
     """Of all pixels of the atlas: around charts what lies beyond their borders on the surface, else the nearest."""
     nearest = surface.nearest()
     outside = np.flatnonzero(surface.index.reshape(-1) < 0)

@@ -47,7 +47,7 @@ ERROR, WARNING = "error", "warning"
 
 
 @dataclass(frozen=True)
-class Finding:
+class Fault:
     """What is wrong with a map.
 
     Attributes
@@ -87,7 +87,7 @@ class _Unusable(Exception):
 
 def check_material(
     images: tuple[Image, ...], kinds: list[str], convention: str, resources: Resources, progress: Progress
-) -> tuple[list[dict[str, Any]], list[Finding]]:
+) -> tuple[list[dict[str, Any]], list[Fault]]:
     """Look at the maps of a material, each in bands.
 
     Parameters
@@ -101,7 +101,7 @@ def check_material(
     -------
     maps : list of dict
         Name, kind, size and measures of each map.
-    findings : list of Finding
+    findings : list of Fault
     """
     maps = [_Map(image, kind, {}) for image, kind in zip(images, kinds, strict=True)]
     findings = list(_sizes(maps))
@@ -124,7 +124,7 @@ def check_material(
     return facts, findings
 
 
-def document(maps: list[dict[str, Any]], findings: list[Finding]) -> dict[str, Any]:
+def document(maps: list[dict[str, Any]], findings: list[Fault]) -> dict[str, Any]:
     """Maps and findings as JSON can hold them."""
     return {"maps": maps, "findings": [asdict(finding) for finding in findings]}
 
@@ -132,19 +132,19 @@ def document(maps: list[dict[str, Any]], findings: list[Finding]) -> dict[str, A
 # --- what any map may be ---
 
 
-def _sizes(maps: list[_Map]) -> Iterator[Finding]:
+def _sizes(maps: list[_Map]) -> Iterator[Fault]:
     first = maps[0].image
     for one in maps[1:]:
         if one.image.first.window != first.first.window:
             sizes = f"{one.image.first.window}, {first.source} is {first.first.window}"
-            yield Finding(ERROR, one.image.source, "size", f"is {sizes}: --resize makes them alike")
+            yield Fault(ERROR, one.image.source, "size", f"is {sizes}: --resize makes them alike")
         densities = [image.first.spec.get_float_attribute("XResolution", 0.0) for image in (one.image, first)]
         if all(densities) and not math.isclose(*densities, rel_tol=0.01):
             text = f"has {densities[0]:g} pixels a unit, {first.source} {densities[1]:g}: their physical sizes differ"
-            yield Finding(WARNING, one.image.source, "density", text)
+            yield Fault(WARNING, one.image.source, "density", text)
 
 
-def _alone(one: _Map, resources: Resources, progress: Progress) -> Iterator[Finding]:
+def _alone(one: _Map, resources: Resources, progress: Progress) -> Iterator[Fault]:
     try:
         _require_finite(one)
         if one.kind == "colour":
@@ -153,7 +153,7 @@ def _alone(one: _Map, resources: Resources, progress: Progress) -> Iterator[Find
             yield from {"normal": _normals, "height": _heights, "data": _data}[one.kind](one)
     except _Unusable as error:
         one.usable = False
-        yield Finding(ERROR, one.image.source, *error.args)
+        yield Fault(ERROR, one.image.source, *error.args)
 
 
 def _require_finite(one: _Map) -> None:
@@ -164,20 +164,20 @@ def _require_finite(one: _Map) -> None:
         raise _Unusable("broken", f"{counts[0]} NaN and {counts[1]} Inf values")
 
 
-def _tagged(one: _Map, resources: Resources) -> Iterator[Finding]:
+def _tagged(one: _Map, resources: Resources) -> Iterator[Fault]:
     """A colour space that a map of data says; not what readers of JPEG and PNG assume of files that say none."""
     spec, path = one.image.first.spec, one.image.source
     tag, format_name = spec.get_string_attribute(TAG), _FORMATS.get(os.path.splitext(path)[1].lower())
     assumed = format_name is not None and os.path.isfile(path) and not is_tagged(spec, format_name, path)
     if tag and not assumed and not resources.color.is_data(tag):
         text = f"says '{tag}': a renderer that believes it decodes what is no colour: {IS_DATA}"
-        yield Finding(WARNING, path, "colourspace", text)
+        yield Fault(WARNING, path, "colourspace", text)
 
 
 # --- albedo ---
 
 
-def _albedo(one: _Map, resources: Resources, progress: Progress) -> Iterator[Finding]:
+def _albedo(one: _Map, resources: Resources, progress: Progress) -> Iterator[Fault]:
     name, part = one.image.source, one.image.first
     count = len(channels_of(part.spec).colour)
     if count not in (1, 3):
@@ -207,19 +207,19 @@ def _albedo(one: _Map, resources: Resources, progress: Progress) -> Iterator[Fin
     one.measures |= {"dark": dark, "bright": bright, "impossible": impossible}
     if impossible > 0:
         text = f"{_percent(impossible)} of its pixels reflect more light than they get, or less than none"
-        yield Finding(ERROR, name, "range", text)
+        yield Fault(ERROR, name, "range", text)
     if dark > _FEW:
         text = f"{_percent(dark)} of its pixels are darker than charcoal (sRGB 30): shadow, or metal"
-        yield Finding(WARNING, name, "range", text)
+        yield Fault(WARNING, name, "range", text)
     if bright > max(_FEW, impossible):
         text = f"{_percent(bright)} of its pixels are brighter than fresh snow (sRGB 240): highlights, or metal"
-        yield Finding(WARNING, name, "range", text)
+        yield Fault(WARNING, name, "range", text)
     drift = drift_of(one.image, lens, max(1.0, 2 * max(part.window.size) * _DRIFT_SCALE), resources, progress)
     if drift is not None:
         spread = one.measures["drift"] = float(drift.level[MARGIN:-MARGIN, MARGIN:-MARGIN, 0].std())
         if spread > DRIFT:
             text = f"its lightness drifts by {spread:.1f} L over the map: baked light; --texflatten takes it out"
-            yield Finding(WARNING, name, "drift", text)
+            yield Fault(WARNING, name, "drift", text)
 
 
 def _percent(share: float) -> str:
@@ -242,7 +242,7 @@ def _decoder(one: _Map) -> Callable[[np.ndarray], np.ndarray]:
     return (lambda rows: 2 * plain(rows) - 1) if encoded else plain
 
 
-def _normals(one: _Map) -> Iterator[Finding]:
+def _normals(one: _Map) -> Iterator[Fault]:
     part, name = one.image.first, one.image.source
     count = len(channels_of(part.spec).colour)
     if count not in (2, 3):
@@ -264,28 +264,28 @@ def _normals(one: _Map) -> Iterator[Finding]:
     one.measures |= {"not_unit": float(off / total), "below": float(below / total), "lean": lean}
     if off / total > _FEW:
         text = f"{_percent(off / total)} of its vectors are longer or shorter than 1 by more than {_LENGTH:g}"
-        yield Finding(ERROR, name, "length", text)
+        yield Fault(ERROR, name, "length", text)
     if below / total > _FEW:
-        yield Finding(ERROR, name, "below", f"{_percent(below / total)} of its vectors point into the surface")
+        yield Fault(ERROR, name, "below", f"{_percent(below / total)} of its vectors point into the surface")
     if lean > _LEAN:
-        yield Finding(WARNING, name, "lean", f"leans by {lean:.1f} degrees on the average: it was not level")
+        yield Fault(WARNING, name, "lean", f"leans by {lean:.1f} degrees on the average: it was not level")
 
 
-def _heights(one: _Map) -> Iterator[Finding]:
+def _heights(one: _Map) -> Iterator[Fault]:
     part, name = one.image.first, one.image.source
     low, high = _limits(one)
     one.measures |= {"least": low, "largest": high}
     if low == high:
-        yield Finding(WARNING, name, "flat", f"all its heights are {low:g}")
+        yield Fault(WARNING, name, "flat", f"all its heights are {low:g}")
     elif part.spec.format.size() == 1:
-        yield Finding(WARNING, name, "steps", "has 8 bits: displaced it shows steps; 16 bits or floats hold slopes")
+        yield Fault(WARNING, name, "steps", "has 8 bits: displaced it shows steps; 16 bits or floats hold slopes")
 
 
-def _data(one: _Map) -> Iterator[Finding]:
+def _data(one: _Map) -> Iterator[Fault]:
     low, high = _limits(one)
     one.measures |= {"least": low, "largest": high}
     if low < 0 or high > 1:
-        yield Finding(ERROR, one.image.source, "range", f"holds values from {low:g} to {high:g}: 0 to 1 mean something")
+        yield Fault(ERROR, one.image.source, "range", f"holds values from {low:g} to {high:g}: 0 to 1 mean something")
 
 
 def _limits(one: _Map) -> tuple[float, float]:
@@ -311,7 +311,7 @@ def _slopes(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Finding]:
+def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[Fault]:
     """Which way green points, by the curl of slopes and by heights."""
     part, vectors, measures = normal.image.first, _decoder(normal), normal.measures
     channel = None if height is None else channels_of(height.image.first.spec).colour[0]
@@ -336,14 +336,14 @@ def _handedness(normal: _Map, height: _Map | None, convention: str) -> Iterator[
     if height is not None:
         measures["agrees_x"], measures["agrees_y"] = alike[1:].tolist()
         if alike[1] < -_AGREE:
-            yield Finding(ERROR, normal.image.source, "inverted", "its slopes to the right go down where heights go up")
+            yield Fault(ERROR, normal.image.source, "inverted", "its slopes to the right go down where heights go up")
         if abs(alike[2]) > _AGREE:  # heights that are upside down turn both axes
             found, by = ("opengl" if (alike[2] > 0) == (alike[1] >= -_AGREE) else "directx"), "the heights"
     measures["convention"] = found
     if found not in (None, convention):
         points = "down (DirectX)" if found == "directx" else "up (OpenGL)"
         text = f"green points {points}, by {by}: --mulc 1,-1,1 --addc 0,1,0 turns it over"
-        yield Finding(ERROR, normal.image.source, "handedness", text)
+        yield Fault(ERROR, normal.image.source, "handedness", text)
 
 
 def _along(values: np.ndarray, axis: int) -> np.ndarray:
@@ -351,7 +351,7 @@ def _along(values: np.ndarray, axis: int) -> np.ndarray:
     return (values[2:, 1:-1] - values[:-2, 1:-1]) if axis == 0 else (values[1:-1, 2:] - values[1:-1, :-2])
 
 
-def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Resources) -> Iterator[Finding]:
+def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Resources) -> Iterator[Fault]:
     """How much of the lightness follows from normals, and from heights."""
     part, name = albedo.image.first, albedo.image.source
     space = present(colour_space(albedo.image, resources.color, resources.settings.autocc))  # `_albedo` has it
@@ -379,12 +379,12 @@ def _baked(albedo: _Map, normal: _Map | None, height: _Map | None, resources: Re
             up = -1 if normal.measures["convention"] == "directx" else 1
             toward = math.degrees(math.atan2(up * gain[1], gain[0])) % 360
             text = f"{_percent(lit)} of its lightness follows the normals: light from {toward:.0f} degrees is baked in"
-            yield Finding(WARNING, name, "lit", text)
+            yield Fault(WARNING, name, "lit", text)
     if height is not None and covariance[3, 3] > 0:
         share = albedo.measures["occluded"] = float(covariance[0, 3] ** 2 / covariance[3, 3]) / own
         if share > _OCCLUDED and covariance[0, 3] > 0:
             text = f"{_percent(share)} of its lightness follows the heights: baked occlusion, or what is deep is dark"
-            yield Finding(WARNING, name, "occluded", text)
+            yield Fault(WARNING, name, "occluded", text)
 
 
 _LOOKS = {"colour": _albedo, "normal": _normals, "height": _heights, "data": _data}

@@ -137,9 +137,9 @@ def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
     The more cells there are the narrower is the peak, so it is looked for in the whole photo, where there are few, and
     from its middle outwards, where there are many; whichever makes the whole more alike is taken.
     """
-    whole, found = _View(values, usable, 1.0), []
+    whole, found = _Perspective(values, usable, 1.0), []
     for shares in _VIEWS:
-        views = [whole if share == 1 else _View(values, usable, share) for share in shares]
+        views = [whole if share == 1 else _Perspective(values, usable, share) for share in shares]
         step = _STEP / shares[0]
         grid = np.arange(-math.floor(_STEEPEST / step), math.floor(_STEEPEST / step) + 1) * step
         best = max(((x, y) for x in grid.tolist() for y in grid.tolist()), key=views[0].likeness)
@@ -153,7 +153,7 @@ def _most_alike(values: np.ndarray, usable: np.ndarray) -> np.ndarray:
     return np.array(max(found, key=whole.likeness))
 
 
-class _View:
+class _Perspective:
     """The middle of a photo, of `share` of its sides, made small."""
 
     def __init__(self, values: np.ndarray, usable: np.ndarray, share: float):

@@ -9,7 +9,7 @@ from ..deferred import np
 from .drawing import INK, PAPER, TEXT, Sheet
 
 if TYPE_CHECKING:
-    from ..dominant.diffusion import Dominant as DominantTexture
+    from ..dominant.diffusion import Dominance as DominantTexture
 
 COLOURS = ((0.10, 0.45, 0.85), (0.85, 0.35, 0.05), (0.55, 0.35, 0.65), (0.55, 0.55, 0.55))  # types 0 to III
 WIDTH, HEIGHT = 400, 320  # px of a panel
@@ -19,7 +19,7 @@ _DECADES = 12.0  # of heat and density that are shown, from the largest on
 _NAMES = ("dominant", "small group", "bridge", "scattered")
 
 
-class Panel:
+class Plot:
     """A frame with one linear scale across and one down."""
 
     def __init__(self, x: np.ndarray, y: np.ndarray):
@@ -68,11 +68,11 @@ def _limits(values: np.ndarray) -> tuple[float, float]:
     return (low, high) if high > low else (low - 0.5, low + 0.5)
 
 
-def curve_panel(texture: DominantTexture) -> Panel:
+def curve_panel(texture: DominantTexture) -> Plot:
     """Figure 3: log of the sum of weights over log epsilon; where it is steepest, and how steep."""
     kernel = texture.kernel
     curve = kernel.curve if kernel else np.zeros((0, 2))
-    panel = Panel(*curve.T)
+    panel = Plot(*curve.T)
     panel.texts.append(("log sum of weights over log epsilon", _MARGIN, TEXT))
     if kernel is None:
         panel.texts.append(("all texels are alike: there is no curve", _MARGIN, 2 * TEXT + 4))
@@ -89,12 +89,12 @@ def curve_panel(texture: DominantTexture) -> Panel:
     return panel
 
 
-def heat_panel(texture: DominantTexture) -> Panel:
+def heat_panel(texture: DominantTexture) -> Plot:
     """Figure 4: decades of density over those of heat in the last round, by type, with that round's thresholds."""
     heat = np.maximum(texture.heat, texture.heat.max(initial=-300.0) - _DECADES)
     density = np.log10(np.maximum(texture.density, 1e-9))
     density = np.maximum(density, density.max(initial=-9.0) - _DECADES)
-    panel = Panel(heat, density)
+    panel = Plot(heat, density)
     panel.texts.append(("log10 density over log10 heat", _MARGIN, TEXT))
     row, column = panel.place(heat, density)
     for kind in (3, 2, 1, 0):

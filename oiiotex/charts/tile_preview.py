@@ -26,7 +26,7 @@ HORIZON = 1.0 / 8.0  # of the picture's height, from above
 _NEAREST_HORIZON = 1e-3  # px below it, where a row ends that reaches it
 AT_ONCE = BAND_BYTES // 32  # values of a band, and of rows of a panel: they are doubles, and there are several of them
 _BYTES = 120  # of each of them; measured
-Rows = Callable[[int, int], "np.ndarray"]  # from which row to which -> (rows, width, channels)
+RowMaker = Callable[[int, int], "np.ndarray"]  # from which row to which -> (rows, width, channels)
 
 
 def area_means(image: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
@@ -137,15 +137,15 @@ class RowIntegrals:
 
 
 @dataclass(frozen=True)
-class Panel:
+class PreviewPanel:
     """One panel: its width in px, and the rows of it."""
 
     width: int
-    rows: Rows
+    rows: RowMaker
     integrals: RowIntegrals | None = None
 
 
-def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memory: bool) -> Panel:
+def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memory: bool) -> PreviewPanel:
     """An image of (width, height) laid out `times` x `times`, as `repeated` has it."""
     width = max(1, round(height * size[0] / size[1]))
     down, right = np.linspace(0, times * size[1], height + 1), np.linspace(0, times * size[0], width + 1)
@@ -156,10 +156,10 @@ def laid(size: tuple[int, int], channels: int, times: int, height: int, in_memor
         means /= np.diff(down[first : last + 1])[:, None, None]
         return area_means(means.swapaxes(0, 1), right[:-1], right[1:]).swapaxes(0, 1)
 
-    return Panel(width, _few_at_once(rows, size[0] * channels), integrals)
+    return PreviewPanel(width, _few_at_once(rows, size[0] * channels), integrals)
 
 
-def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memory: bool) -> Panel:
+def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memory: bool) -> PreviewPanel:
     """A plane covered with it, as `plane_in_perspective` has it."""
     eye, away = eye_and_away(size[0], width, height)
     horizon, across = height - len(away) + 1, np.arange(width + 1) - width / 2
@@ -176,10 +176,10 @@ def plane(size: tuple[int, int], channels: int, width: int, height: int, in_memo
                 picture[horizon + y - first] = area_means(mean, borders[:-1], borders[1:])
         return picture
 
-    return Panel(width, _few_at_once(rows, size[0] * channels), integrals)
+    return PreviewPanel(width, _few_at_once(rows, size[0] * channels), integrals)
 
 
-def reduced(photo: Part, height: int) -> Panel:
+def reduced(photo: Part, height: int) -> PreviewPanel:
     """A photo at a height, as `core.image.resized` has it."""
     whole, channels = photo.window, photo.spec.nchannels
     width = max(1, round(height * whole.width / whole.height))
@@ -208,10 +208,10 @@ def reduced(photo: Part, height: int) -> Panel:
         cells = Window(0, first, width, last).cells(across, last - first)
         return np.concatenate([cell(window) for window in cells], 1)
 
-    return Panel(width, _few_at_once(rows, round(whole.width * channels * max(1.0, scale[1]))))
+    return PreviewPanel(width, _few_at_once(rows, round(whole.width * channels * max(1.0, scale[1]))))
 
 
-def look_through(tile: Part, panels: Iterable[Panel], name: str, seamless: bool = False) -> None:
+def look_through(tile: Part, panels: Iterable[PreviewPanel], name: str, seamless: bool = False) -> None:
     """Fill in the integrals of all panels of a tile, in one look; seamless: as `made_seamless` makes it.
 
     Raises BrokenValues where there is NaN or Inf in any channel: all are counted.
@@ -235,7 +235,7 @@ def look_through(tile: Part, panels: Iterable[Panel], name: str, seamless: bool 
         raise BrokenValues(name, broken)
 
 
-def _few_at_once(rows: Rows, values: int) -> Rows:
+def _few_at_once(rows: RowMaker, values: int) -> RowMaker:
     """The same in pieces, where a row is made of so many values."""
     count = max(1, AT_ONCE // values)
 

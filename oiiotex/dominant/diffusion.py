@@ -58,7 +58,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Dominant:
+class Dominance:
     """What was found of N texels."""
 
     texels: Texels
@@ -87,7 +87,7 @@ def dominant_texture(
     mode: str = "diffusion",
     rule: str = "repaired",
     seed: int = 0,
-) -> Dominant:
+) -> Dominance:
     """LDR09 section 5 but for the mask; parameters as of --texdominant.
 
     `patch` is odd; `most` is how many texels there are at most where `step` is left out; `seed` chooses landmarks.
@@ -98,18 +98,18 @@ def dominant_texture(
         nothing = np.full(texels.count, SCATTERED, np.int8), np.zeros(texels.count), np.zeros(texels.count)
         progress.advance(2, 6)
         if not texels.count:
-            return Dominant(texels, *nothing, rejected="no patch is opaque")
+            return Dominance(texels, *nothing, rejected="no patch is opaque")
         with resources.stats.time("kernel and densities"):
             chosen = landmarks(texels, seed)
             kernel = kernel_of(texels, chosen)
             progress.advance(3, 6)
             if kernel is None:
                 alike = np.full(texels.count, DOMINANT, np.int8), np.full(texels.count, float(len(chosen)))
-                return Dominant(texels, *alike, np.zeros(texels.count))
+                return Dominance(texels, *alike, np.zeros(texels.count))
             correlation = correlated()
             if correlation < _LEAST_CORRELATION and rule != "paper":
                 why = f"a pixel says nothing of the next one (correlation {correlation:.2f}): it is noise"
-                return Dominant(texels, *nothing, kernel, rejected=why)
+                return Dominance(texels, *nothing, kernel, rejected=why)
             euclidean = mode == "euclidean"
             density = densities(texels, chosen, kernel.size, euclidean, resources)
         with resources.stats.time("neighbours"):
@@ -119,7 +119,7 @@ def dominant_texture(
             weights = neighbour_weights(squares, kernel.size, euclidean)
             if mode == "spectral":
                 types = _larger_half(texels, chosen, kernel, resources)
-                dominant = Dominant(texels, types, density, np.zeros(texels.count), kernel)
+                dominant = Dominance(texels, types, density, np.zeros(texels.count), kernel)
             else:
                 dominant = _classified(texels, kernel, density, weights, rule)
             if dominant.rejected and mode == "diffusion" and rule != "paper":
@@ -180,7 +180,7 @@ def heat_from(matrix: csr_array, seed: int, steps: int) -> np.ndarray:
     return heat
 
 
-def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: csr_array, rule: str) -> Dominant:
+def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: csr_array, rule: str) -> Dominance:
     """Step 6: groups are taken out until one is dominant."""
     count = texels.count
     matrix = (diags_array(1 / weights.sum(1)) @ weights.astype(np.float64)).tocsr()  # Table 1: A is row-normalised
@@ -199,12 +199,12 @@ def _classified(texels: Texels, kernel: Kernel, density: np.ndarray, weights: cs
         types[hot & ~group] = BRIDGE
         if not small:
             types[group] = DOMINANT
-            return Dominant(texels, types, density, heat, kernel, steps, rounds)
+            return Dominance(texels, types, density, heat, kernel, steps, rounds)
         types[group] = SMALL
         hot[seed] = True  # so that it ends
         left &= ~hot
     why = f"no group of texels holds {100 * SHARE:.0f} % of the image"
-    return Dominant(texels, types, density, heat, kernel, steps, rounds, why)
+    return Dominance(texels, types, density, heat, kernel, steps, rounds, why)
 
 
 def _literal(density: np.ndarray, heat: np.ndarray, count: int) -> tuple[float, float | None, bool]:
@@ -337,7 +337,7 @@ def spread_over(texels: Texels, values: np.ndarray, shape: tuple[int, int], outs
     return pixels
 
 
-def dominant_mask(dominant: Dominant, seen: np.ndarray) -> np.ndarray:
+def dominant_mask(dominant: Dominance, seen: np.ndarray) -> np.ndarray:
     """LDR09 step 7: centres of dominant texels dilated by a patch, (h, w) bool; never where nothing is seen."""
     centres = spread_over(dominant.texels, (dominant.types == DOMINANT).astype(np.uint8), seen.shape, 0)
     return (maximum_filter(centres, dominant.texels.patch, mode="constant") > 0) & seen

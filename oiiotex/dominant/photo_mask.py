@@ -18,7 +18,7 @@ from ..errors import ImageError
 from ..session.progress import Progress
 from ..session.resources import Resources
 from ..superpixels.superpixels import label_spec
-from .diffusion import Dominant, Round, dominant_mask, dominant_texture, spread_over, step_for
+from .diffusion import Dominance, Round, dominant_mask, dominant_texture, spread_over, step_for
 from .patch_manifold import MOST_PATCH, memory_needed
 
 log = logging.getLogger("oiiotex")
@@ -33,7 +33,7 @@ class PhotoMask:
 
     photo: Part
     pixels: LabPixels  # of the photo, reduced
-    texture: Dominant
+    texture: Dominance
     mask: np.ndarray  # (height, width) bool, of the reduced photo
 
     @property
@@ -144,7 +144,7 @@ def photo_mask(
     return PhotoMask(photo.first, pixels, texture, mask)
 
 
-def _mask(texture: Dominant, pixels: LabPixels, colours: np.ndarray | None) -> np.ndarray:
+def _mask(texture: Dominance, pixels: LabPixels, colours: np.ndarray | None) -> np.ndarray:
     """Where the texture is, (h, w) bool; by LDR09 where no colours are given."""
     from .refinement import refined_mask
 

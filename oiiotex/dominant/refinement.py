@@ -12,7 +12,7 @@ from scipy.cluster.vq import kmeans2, vq
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from ..color.lab_reduced import LabPixels
-from .diffusion import DOMINANT, Dominant, spread_over
+from .diffusion import DOMINANT, Dominance, spread_over
 
 _COLOURS = 16  # kinds of colours; 32 changed nothing
 _SAMPLE = 6000  # pixels that they are learned from
@@ -23,7 +23,7 @@ _SMOOTH = 1.0  # px: the Gaussian over log odds
 _COVERED = 1e-6  # of a patch: less is rounding
 
 
-def refined_mask(dominant: Dominant, pixels: LabPixels, colours: np.ndarray) -> np.ndarray:
+def refined_mask(dominant: Dominance, pixels: LabPixels, colours: np.ndarray) -> np.ndarray:
     """Where the dominant texture is, (h, w) bool; never where nothing is seen or no whole patch lies.
 
     Two things say whether a pixel belongs to it: which share of the texels that cover it is dominant, and how many of

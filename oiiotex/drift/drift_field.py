@@ -21,7 +21,7 @@ from ..deferred import np
 from ..scan import scan
 from ..session.progress import Progress
 from ..session.resources import Resources
-from ..stationarity.grid_statistics import MARGIN, Cells, Surface, close_margins, correlated, smoothing_taps
+from ..stationarity.grid_statistics import MARGIN, Cells, SplineSurface, close_margins, correlated, smoothing_taps
 
 _LIMIT = 2048 * SUM_STEPS  # what lies beyond is taken as this: the squares in a cell still add up exactly in doubles
 _CELLS_PER_RADIUS = 8  # the rim of a stain is followed to within one cell
@@ -300,11 +300,11 @@ class Correction:
 
     Attributes
     ----------
-    field : Surface
+    field : SplineSurface
         Four gains, then four offsets, as `Lens.values` has four values.
     """
 
-    field: Surface
+    field: SplineSurface
 
     def apply(self, values: np.ndarray, window: Window) -> None:
         """Correct (height, width, 4) float32 in place; `window` says which pixels they are."""
@@ -338,4 +338,4 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     field[..., :count] = gain
     # amount 1: (value - level) * gain + target
     field[..., 4 : 4 + count] = amount * target + (1.0 - amount) * drift.level - drift.level * gain
-    return Correction(Surface(field, drift.cells))
+    return Correction(SplineSurface(field, drift.cells))

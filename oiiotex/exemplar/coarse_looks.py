@@ -11,10 +11,10 @@ from ..core.demand import MadeRows, rows_of
 from ..core.image import Part, resized
 from ..core.source_map import SourceMap
 from ..deferred import np
-from ..session.progress import Look
+from ..session.progress import Onlooker
 
 
-def coarse_looks(photo: Part, look: Look | None) -> Callable[[SourceMap, tuple[int, int]], object] | None:
+def coarse_looks(photo: Part, look: Onlooker | None) -> Callable[[SourceMap, tuple[int, int]], object] | None:
     """What `patchmatch.optimization.synthesize` calls with its coarse levels; None where nobody looks."""
     if look is None:
         return None

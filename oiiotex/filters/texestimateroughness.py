@@ -15,7 +15,7 @@ from ..core.parameters import image, param
 from ..core.window import Window
 from ..deferred import np
 from ..session import Session
-from ..stationarity.grid_statistics import Surface
+from ..stationarity.grid_statistics import SplineSurface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ class EstimateRoughness(ScanThenMap):
                 return np.full((window.height, window.width, 1), middle)
 
             return {"roughness": Part(part.name, spec, even, ready=True)}
-        contrast = Surface(drift.level[..., :1], drift.cells)
+        contrast = SplineSurface(drift.level[..., :1], drift.cells)
 
         def fetch(window: Window) -> np.ndarray:
             seen = np.maximum(contrast.values(window), np.float32(0))

@@ -18,7 +18,7 @@ from ..core.window import Window
 from ..deferred import np
 from ..exemplar.exemplar_masks import label_levels, label_map
 from ..exemplar.exemplar_op import ExemplarPixels, LabelledExemplar
-from ..io.paint_palette import Paint
+from ..io.paint_palette import Swatch
 from ..labels.content_scan import CELL, areas_of, fullest_windows
 from ..labels.content_table import largest_window
 from ..labels.legend import Legend
@@ -109,7 +109,7 @@ class Palette(LabelledExemplar, InBands):
         self.say_what_stays()
         table = {"level": labels.level, "labels": shown, "finer": below}
         chips = functools.partial(paint_chips, [(entry, box) for _, entry, box in boxes], *source.packed.shape[::-1])
-        paints = [Paint(entry["name"], *map(int, entry["colour"].split(","))) for entry in (*shown, *below)]
+        paints = [Swatch(entry["name"], *map(int, entry["colour"].split(","))) for entry in (*shown, *below)]
         copied = source.parts("palette", self.in_any_order(photo, held), by_rows=not held)
         return copied | {"chips": chips, "paints": paints, "table": table}
 

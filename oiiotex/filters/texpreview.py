@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..charts.tile_preview import Panel, bytes_needed, laid, look_through, plane, reduced
+from ..charts.tile_preview import PreviewPanel, bytes_needed, laid, look_through, plane, reduced
 from ..color.lab import in_type
 from ..core.access import Gather
 from ..core.demand import materialized
@@ -71,13 +71,13 @@ class Preview(Gather):
                 look_through(photo, seamless, present(self.exemplar).source, seamless=True)
         return {"preview": self._sheet(tile, [panels[name] for name in names])}
 
-    def _panels(self, names: list[str], tile: Part, photo: Part | None, budget: int) -> dict[str, Panel]:
+    def _panels(self, names: list[str], tile: Part, photo: Part | None, budget: int) -> dict[str, PreviewPanel]:
         """Those that are asked for, to be filled in."""
         across, channels = self.height * 3 // 2, tile.spec.nchannels
         kept = 8 * channels * (self.height + 1)  # bytes of a column's sums
         need = sum(kept * ((photo if name in _OF_EXEMPLAR else tile) or tile).spec.width for name in names)
         here = need <= budget // 4
-        makers: dict[str, Callable[[], Panel]] = {
+        makers: dict[str, Callable[[], PreviewPanel]] = {
             "exemplar": lambda: reduced(present(photo), self.height),
             "seamless": lambda: laid(present(photo).window.size, channels, 2, self.height, here),
             "2x2": lambda: laid(tile.window.size, channels, 2, self.height, here),
@@ -86,7 +86,7 @@ class Preview(Gather):
         }
         return {name: makers[name]() for name in names}
 
-    def _sheet(self, tile: Part, panels: list[Panel]) -> Part:
+    def _sheet(self, tile: Part, panels: list[PreviewPanel]) -> Part:
         """All panels side by side, not yet drawn."""
         width = sum(panel.width for panel in panels) + _GAP * (len(panels) - 1)
         spec = derived_spec(tile.spec, width, self.height)

@@ -12,7 +12,7 @@ from ..core.image import Image, Part, measure_spec
 from ..core.op import Kind, Output
 from ..core.parameters import image, param
 from ..session import Session
-from ..stationarity.grid_statistics import Surface
+from ..stationarity.grid_statistics import SplineSurface
 from ..stationarity.measures import MEASURE, MEASURES, ORDER, cost_text, order_of
 from ..stationarity.stationarity_map import deviation_of
 
@@ -53,5 +53,5 @@ class Stationarity(InLab, ScanThenMap):
         spec = measure_spec(part.spec)
         spec.attribute(COST, deviation.cost)
         spec.attribute("oiiotex:sigma", float(sigma))
-        surface = Surface(deviation.local[..., None], deviation.cells)
+        surface = SplineSurface(deviation.local[..., None], deviation.cells)
         return {"deviation": Part(part.name, spec, surface.values, ready=True)}

@@ -25,8 +25,8 @@ from ..core.window import Domain
 from ..patchmatch.field import hash_at
 from ..regularity.offset_prices import InStep
 from .photo import Laid, Photo, held_bytes
-from .seams import Source, cut, seam_costs
-from .search import Search, search_factor
+from .seams import SeamPhoto, cut, seam_costs
+from .search import OffsetSearch, search_factor
 
 OVERLAP = 3  # patches of a first layer lie 2/3 of their side apart
 TRIES = 2  # placements of a refinement
@@ -174,9 +174,9 @@ class _Canvas:
     """What has been laid so far."""
 
     def __init__(self, photo: Photo, layout: Layout, budget: int, in_step: InStep | None):
-        self._photo, self._source = photo, Source(photo.lab)
+        self._photo, self._source = photo, SeamPhoto(photo.lab)
         self._layout = layout
-        self._search = Search(photo, layout.patch, in_step)
+        self._search = OffsetSearch(photo, layout.patch, in_step)
         self.laid = Laid(layout.height, layout.width, budget)
         self._cell = max(1, layout.patch // 4)
         self._tried = np.zeros((-(-layout.height // self._cell), -(-layout.width // self._cell)), np.uint8)

@@ -16,7 +16,7 @@ from ..core.demand import PieceCache, assembled
 from ..core.source_map import SourceMap
 from ..core.window import Window
 from ..deferred import np
-from .seams import Source, cut
+from .seams import SeamPhoto, cut
 
 if TYPE_CHECKING:
     from ..core.scratch import TileStore
@@ -74,5 +74,5 @@ class SeamOverlay:
         if not free.any():
             return SourceMap(np.where(seen, above.packed, below.packed))
         old, new = (np.stack(source.yx) for source in (below, above))
-        taken = cut(Source(self.lab), old, ~seen | free, new, seen | free)
+        taken = cut(SeamPhoto(self.lab), old, ~seen | free, new, seen | free)
         return SourceMap(np.where(taken, above.packed, below.packed))

@@ -32,7 +32,7 @@ def lengths(values: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Source:
+class SeamPhoto:
     """An exemplar as seams see it: (height, width, 3) int16 Lab in grid steps, an array or in tiles."""
 
     lab: np.ndarray | TileStore
@@ -79,7 +79,7 @@ def edges(shape: tuple[int, int], step: tuple[int, int]) -> tuple[np.ndarray, np
     return index[: shape[0] - step[0], : shape[1] - step[1]].ravel(), index[step[0] :, step[1] :].ravel()
 
 
-def seam_costs(source: Source, places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def seam_costs(source: SeamPhoto, places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Costs of the seams that are there: to the right (h, w - 1) and below (h - 1, w).
 
     Parameters
@@ -97,7 +97,7 @@ def seam_costs(source: Source, places: np.ndarray, filled: np.ndarray) -> tuple[
     return costs[0], costs[1]
 
 
-def cut(source: Source, places: np.ndarray, filled: np.ndarray, patch: np.ndarray, covers: np.ndarray) -> np.ndarray:
+def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.ndarray, covers: np.ndarray) -> np.ndarray:
     """Which pixels of a window become those of a new patch.
 
     Pixels that are not filled take the patch where it covers them; where it does not, what is there stays.

@@ -8,7 +8,7 @@ from scipy import fft
 
 from ..regularity.offset_prices import InStep
 from .photo import Photo
-from .seams import Source
+from .seams import SeamPhoto
 
 CHOICES = 4  # the best placements among which the hash chooses
 TOLERANCE = 1.3  # a placement may cost this times the best one
@@ -26,7 +26,7 @@ def search_factor(shape: tuple[int, ...]) -> int:
     return factor
 
 
-class Search:
+class OffsetSearch:
     """Where in the exemplar a patch fits what is there: sums of squared differences at all offsets, by Fourier
     transforms (KSE03 §5), over pixels that may be used.
 
@@ -48,7 +48,7 @@ class Search:
             self._offset_prices = in_step.prices((1, 1), (1, 1), patch, variance / patch**2)
 
     def placements(
-        self, source: Source, places: np.ndarray, compared: np.ndarray, wanted: np.ndarray, at: tuple[int, int]
+        self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, wanted: np.ndarray, at: tuple[int, int]
     ) -> list[tuple[int, int]]:
         """The best offsets (y, x) of the patch's corner in the exemplar, at most `CHOICES`.
 
@@ -77,7 +77,7 @@ class Search:
         return offsets if f == 1 else [self._nearby(source, places, compared, at, *offset) for offset in offsets]
 
     def _nearby(
-        self, source: Source, places: np.ndarray, compared: np.ndarray, at: tuple[int, int], y: int, x: int
+        self, source: SeamPhoto, places: np.ndarray, compared: np.ndarray, at: tuple[int, int], y: int, x: int
     ) -> tuple[int, int]:
         """The best offset around one of the reduced exemplar's."""
         rows, columns = np.nonzero(compared)
@@ -110,7 +110,7 @@ class Search:
                     best, chosen = mean, (y + dy, x + dx)
         return chosen
 
-    def _around(self, source: Source, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    def _around(self, source: SeamPhoto, y: int, x: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Colours of the exemplar's pixels from (y, x) on, in doubles, and which may be used, (height * width,)."""
         rows, columns = y + np.arange(height), x + np.arange(width)
         inside = [(at >= 0) & (at < n) for at, n in zip((rows, columns), self._photo.shape, strict=True)]

@@ -17,7 +17,7 @@ from .atomic import temporary_beside, written
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
-class Paint(NamedTuple):
+class Swatch(NamedTuple):
     """A colour, sRGB in 8 bits, and what it is called."""
 
     name: str
@@ -31,7 +31,7 @@ def require_palette(path: Path) -> None:
     _writer(path)
 
 
-def write_palette(path: Path, paints: Sequence[Paint]) -> None:
+def write_palette(path: Path, paints: Sequence[Swatch]) -> None:
     """Write a palette, whole or not at all.
 
     Raises
@@ -80,20 +80,20 @@ def write_indexed(path: Path, ids: np.ndarray, colours: Mapping[int, Sequence[in
             file.write(struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)))
 
 
-def _writer(path: Path) -> Callable[[str, Sequence[Paint]], bytes]:
+def _writer(path: Path) -> Callable[[str, Sequence[Swatch]], bytes]:
     writers = {".gpl": _gimp, ".aco": _photoshop}
     if path.suffix.lower() not in writers:
         raise ImageError(f"{path}: a palette is a .gpl (GIMP, Krita, Inkscape) or an .aco (Photoshop)")
     return writers[path.suffix.lower()]
 
 
-def _gimp(title: str, paints: Sequence[Paint]) -> bytes:
+def _gimp(title: str, paints: Sequence[Swatch]) -> bytes:
     lines = ["GIMP Palette", f"Name: {one_line(title)}", "Columns: 0", "#"]
     lines += [f"{p.red:3} {p.green:3} {p.blue:3}\t{one_line(p.name)}" for p in paints]
     return ("\n".join(lines) + "\n").encode()
 
 
-def _photoshop(_: str, paints: Sequence[Paint]) -> bytes:
+def _photoshop(_: str, paints: Sequence[Swatch]) -> bytes:
     """Two lists, for programs old and new: the second has names, as UTF-16 with their length."""
     plain, named = b"", b""
     for paint in paints:

@@ -23,7 +23,7 @@ from .documents import require_regular
 _PIECE_BYTES = 4 << 20
 _BLOCK = 16  # rows of a piece are a multiple of those compressed together, or of this where a file does not say it
 _CACHE_BYTES = 256 << 20
-_sources: weakref.WeakSet[_Source] = weakref.WeakSet()
+_sources: weakref.WeakSet[_OpenFile] = weakref.WeakSet()
 
 
 def read(
@@ -54,7 +54,7 @@ def read(
     if not os.path.exists(path):
         raise ImageError(f"{path}: no such file")
     require_regular(path)
-    source = _Source(path, config)
+    source = _OpenFile(path, config)
     cache = cache or PieceCache(_CACHE_BYTES)
     parts: list[Part] = []
     for specs in source.specs():
@@ -95,7 +95,7 @@ def error_text(geterror: Callable[[], str]) -> str:
         return one_line(error.object.decode(errors="backslashreplace"))
 
 
-class _Source:
+class _OpenFile:
     """An open file; one thread reads at a time."""
 
     def __init__(self, path: str, config: oiio.ImageSpec | None):
@@ -202,7 +202,7 @@ def _state_of(path: str) -> tuple[int, ...] | None:
     return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
 
-def _part(source: _Source, cache: PieceCache, spec: oiio.ImageSpec, where: tuple[int, int], native: bool) -> Part:
+def _part(source: _OpenFile, cache: PieceCache, spec: oiio.ImageSpec, where: tuple[int, int], native: bool) -> Part:
     name = spec.get_string_attribute("oiio:subimagename") or f"part{where[0]}"
     whole, cell = Window.data(spec), _piece_size(spec)
     dtype_of(spec)  # refuses pixels that numpy lacks

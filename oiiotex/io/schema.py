@@ -53,7 +53,7 @@ class Allowed:
 
 
 Seed = Annotated[int, Allowed(0, 2**32 - 1)]
-Share = Annotated[float, Allowed(0, 1)]
+Fraction = Annotated[float, Allowed(0, 1)]
 
 
 class _Unfit(Exception):

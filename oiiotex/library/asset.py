@@ -29,8 +29,8 @@ from ..api.materials import label_colours
 from ..deferred import np, oiio
 from ..errors import Error, MemoryBudgetError, one_line, within
 from ..recipes.found import Material, extract, link_or_copy
-from ..recipes.lines import SOURCE, Step, source_name, steps_of
-from ..recipes.recipe import Recipe
+from ..recipes.lines import SOURCE, ProductStep, source_name, steps_of
+from ..recipes.recipe import LibraryRecipe
 from .catalogue import SIDECAR
 
 SCHEMA = "oiiotex.asset/2"
@@ -52,11 +52,11 @@ class _Sidecar(TypedDict):
     files: list[_File]
 
 
-class Job(NamedTuple):
+class AssetJob(NamedTuple):
     """A material for a worker."""
 
     material: Material
-    recipe: Recipe
+    recipe: LibraryRecipe
     photos: str  # absolute, as the library
     library: str
     work: str  # the folder that it makes, below the library
@@ -88,7 +88,7 @@ class Outcome(NamedTuple):
     short_of_memory: bool = False
 
 
-def key_of(material: Material, recipe: Recipe, digests: Mapping[str, str]) -> str:
+def key_of(material: Material, recipe: LibraryRecipe, digests: Mapping[str, str]) -> str:
     """The hash of all that an asset follows from."""
     known = material.facts
     return hash_of(
@@ -98,7 +98,7 @@ def key_of(material: Material, recipe: Recipe, digests: Mapping[str, str]) -> st
     )[:16]  # fmt: skip
 
 
-def make(job: Job) -> Outcome:
+def make(job: AssetJob) -> Outcome:
     """Do a job. What is wrong with a material is its outcome and no exception: others go on."""
     start = time.perf_counter()
     if job.version != __version__:
@@ -153,7 +153,7 @@ def digest_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def run_line(step: Step, folder: Path, budget: int = 0, threads: int = 0) -> int:
+def run_line(step: ProductStep, folder: Path, budget: int = 0, threads: int = 0) -> int:
     """Run a product's line in an asset's folder, where it writes into the product's own alone; returns its exit code.
 
     Raises
@@ -174,7 +174,7 @@ def run_line(step: Step, folder: Path, budget: int = 0, threads: int = 0) -> int
 class _Making:
     """One job while it is done."""
 
-    job: Job
+    job: AssetJob
     folder: Path
 
     def sidecar(self, start: float) -> dict[str, Any]:
@@ -233,7 +233,7 @@ class _Making:
 
     # --- lines ---
 
-    def _products(self, steps: Sequence[Step]) -> tuple[dict[str, str], list[str]]:
+    def _products(self, steps: Sequence[ProductStep]) -> tuple[dict[str, str], list[str]]:
         """Run the lines, or take their files from before; gives keys of what may be taken again, and failed limits."""
         keys: dict[str, str] = {}
         failed: dict[str, str] = {}
@@ -257,7 +257,7 @@ class _Making:
                 return read_sidecar(Path(self.job.before))
         return {}
 
-    def _taken(self, step: Step, before: Mapping[str, Any]) -> bool:
+    def _taken(self, step: ProductStep, before: Mapping[str, Any]) -> bool:
         """Take a product's files from before; False where they are no more what they were."""
         old = Path(self.job.before)
         files = [file for file in before["files"] if file["path"].startswith(f"{step.product}/")]
@@ -303,7 +303,7 @@ class _Making:
             measures["height_steps"] = _steps(materials.values(maps["height"])[..., 0])
         return measures, lattice
 
-    def _labels(self, steps: Sequence[Step], colour: Image) -> list[tuple[str, float, list[float]]]:
+    def _labels(self, steps: Sequence[ProductStep], colour: Image) -> list[tuple[str, float, list[float]]]:
         """The labels of the first product that has label maps, by name, share and colour."""
         for step in steps:
             for path in sorted((self.folder / step.product).glob("*.exr")):
@@ -312,7 +312,7 @@ class _Making:
                     return labels
         return []
 
-    def _metres_a_pixel(self, tile: Step, steps: Sequence[Step]) -> tuple[float, ...]:
+    def _metres_a_pixel(self, tile: ProductStep, steps: Sequence[ProductStep]) -> tuple[float, ...]:
         """Of the tile along x and y, where the photo's size is known and no line on the way to it has resized it."""
         size, needed = self.job.material.facts.size_m, {tile.product}
         for step in reversed(steps):
@@ -373,7 +373,7 @@ def _write_texture(source: Path, target: Path) -> None:
 _sessions: list[Session] = []  # the one that this process draws with: its colour config takes a while to load
 
 
-def _session(job: Job) -> Session:
+def _session(job: AssetJob) -> Session:
     if not _sessions:
         _sessions.append(Session(threads=job.threads))
     return _sessions[0]

@@ -84,7 +84,7 @@ class Asset(NamedTuple):
     made: str = ""
 
 
-class Label(NamedTuple):
+class AssetLabel(NamedTuple):
     """A label of an asset: its name, its share of the pixels, its mean colour in CIE Lab."""
 
     name: str
@@ -180,14 +180,14 @@ class Catalogue:
         """The tags of all assets, as keys."""
         return self._gathered("SELECT asset, tag, tag FROM tags")
 
-    def labels(self) -> dict[str, list[Label]]:
+    def labels(self) -> dict[str, list[AssetLabel]]:
         """The labels of all assets that have some."""
-        gathered: dict[str, list[Label]] = {}
+        gathered: dict[str, list[AssetLabel]] = {}
         with said(self.library):
             for asset, name, share, *lab in self._data.execute(
                 "SELECT asset, name, share, l, a, b FROM labels ORDER BY asset, number"
             ):
-                gathered.setdefault(asset, []).append(Label(name, share, tuple(lab)))
+                gathered.setdefault(asset, []).append(AssetLabel(name, share, tuple(lab)))
         return gathered
 
     def _gathered(self, query: str) -> dict[str, dict[str, Any]]:
@@ -229,13 +229,13 @@ class Catalogue:
         files: Sequence[tuple[str, str, int, str]] = (),
         measures: Mapping[str, float] | None = None,
         tags: Sequence[str] = (),
-        labels: Sequence[Label] = (),
+        labels: Sequence[AssetLabel] = (),
     ) -> None:
         """An asset as it is now, in place of what it was."""
         self.put_all([(asset, files, measures or {}, tags, labels)])
 
     def put_all(
-        self, rows: Iterable[tuple[Asset, Sequence[Any], Mapping[str, float], Sequence[str], Sequence[Label]]]
+        self, rows: Iterable[tuple[Asset, Sequence[Any], Mapping[str, float], Sequence[str], Sequence[AssetLabel]]]
     ) -> None:
         """Many assets in one transaction: (asset, files, measures, tags, labels)."""
         with self._transaction():

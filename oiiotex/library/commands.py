@@ -19,7 +19,7 @@ from ..errors import Error, ParameterError, one_line
 if TYPE_CHECKING:
     from ..api.lines import Display
     from .catalogue import Catalogue
-    from .search import Search
+    from .search import AssetSearch
 
 _SHARE = re.compile(r"([1-9]\d{0,5})/([1-9]\d{0,5})", re.ASCII)
 _LEAST_MEMORY = 2048  # MB that a task of a job template asks for, when the line does not say
@@ -148,11 +148,11 @@ def _ingest(given: argparse.Namespace, words: list[str]) -> int:
         share = int(match[1]), int(match[2])
     from .catalogue import Catalogue
     from .export import blender_list, write_blender
-    from .ingest import Settings, ingest
+    from .ingest import IngestSettings, ingest
     from .report import write_report
 
     blender_list(given.library)  # what cannot be written in the end is said now
-    settings = Settings(workers, given.cache << 20, address, share)
+    settings = IngestSettings(workers, given.cache << 20, address, share)
     lines: list[str] = []
 
     def say(text: str) -> None:
@@ -208,10 +208,10 @@ def _write_template(given: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _search(given: argparse.Namespace) -> Search:
-    from .search import Search
+def _search(given: argparse.Namespace) -> AssetSearch:
+    from .search import AssetSearch
 
-    return Search(
+    return AssetSearch(
         given.name, given.status, given.tag, tuple(given.measure), given.color, given.distance, given.size, given.label
     )
 

@@ -24,9 +24,9 @@ from ..api.lines import Display, WorkerDied, memory, usable_threads, worker_proc
 from ..errors import Error, ParameterError, one_line
 from ..recipes.found import Material, materials
 from ..recipes.lines import require_confined, require_lines
-from ..recipes.recipe import Recipe
-from .asset import Job, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
-from .catalogue import PLACES, SIDECAR, Asset, Catalogue, Label
+from ..recipes.recipe import LibraryRecipe
+from .asset import AssetJob, Outcome, digest_of, faults, key_of, make, read_sidecar, role_of
+from .catalogue import PLACES, SIDECAR, Asset, AssetLabel, Catalogue
 from .digests import digests_of, is_text
 from .runs import WORK, FoldersAlone
 
@@ -36,7 +36,7 @@ _POLL = 0.3  # s between looks at what another run has
 _DIED = "its process has ended of itself: killed, or out of memory?"
 
 
-class Settings(NamedTuple):
+class IngestSettings(NamedTuple):
     """How a run goes about it.
 
     Attributes
@@ -72,7 +72,12 @@ class Tally(NamedTuple):
 
 
 def ingest(
-    photos: Path, library: Path, recipe: Recipe, settings: Settings, say: Callable[[str], object], display: Display
+    photos: Path,
+    library: Path,
+    recipe: LibraryRecipe,
+    settings: IngestSettings,
+    say: Callable[[str], object],
+    display: Display,
 ) -> Tally:
     """Bring a library up to date with a folder of photos.
 
@@ -96,19 +101,19 @@ def ingest(
         found = found[number - 1 :: count]
     with FoldersAlone(library) if count else Catalogue(library, create=True) as catalogue, catalogue.run() as run:
         digests, unread = digests_of(photos, found, catalogue)
-        work = _Run(photos, library, recipe, settings, say, display, catalogue, run)
+        work = _IngestRun(photos, library, recipe, settings, say, display, catalogue, run)
         todo = work.plan(found, digests, unread)
         return work.carry_out(todo, len(found), start)
 
 
 @dataclass
-class _Run:
+class _IngestRun:
     """One run at its work."""
 
     photos: Path
     library: Path
-    recipe: Recipe
-    settings: Settings
+    recipe: LibraryRecipe
+    settings: IngestSettings
     say: Callable[[str], object]
     display: Display
     catalogue: Catalogue | FoldersAlone
@@ -117,7 +122,7 @@ class _Run:
     made: int = 0
     total: int = 0
 
-    def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[Job]:
+    def plan(self, found: Sequence[Material], digests: dict[str, str], unread: dict[str, str]) -> list[AssetJob]:
         """What is to be made; questions and what cannot be read are recorded, and what is as it was is counted."""
         old, asked, todo = self.catalogue.assets(), list[tuple[Any, ...]](), []
         self.total = len(found)  # until it is known how many are to be made
@@ -126,7 +131,7 @@ class _Run:
             own = {role: digests.get(file.path, "") for role, file in material.maps.items()}
             key = key_of(material, self.recipe, own)
             folder = str(self.library / before.folder) if before and before.folder else ""
-            job = Job(
+            job = AssetJob(
                 material, self.recipe, str(self.photos), str(self.library), "", folder,
                 tuple(sorted(own.items())), 0, 0,
             )  # fmt: skip
@@ -165,7 +170,7 @@ class _Run:
     def _count(self, status: str) -> None:
         self.counts[status] = self.counts.get(status, 0) + 1
 
-    def carry_out(self, todo: list[Job], total: int, start: float) -> Tally:
+    def carry_out(self, todo: list[AssetJob], total: int, start: float) -> Tally:
         """Do all jobs; those that another run is at are waited for."""
         later, self.total = list(todo), self.made + len(todo)
         self.display.stage("ingest", True)
@@ -179,7 +184,7 @@ class _Run:
         self.display.stage("ingest", False)
         return Tally(self.made, total - self.made, self.counts, time.perf_counter() - start)
 
-    def _claimed(self, jobs: Sequence[Job], tried: set[str]) -> Iterator[Job]:
+    def _claimed(self, jobs: Sequence[AssetJob], tried: set[str]) -> Iterator[AssetJob]:
         """Those that nobody has made and nobody is at, each claimed when it is asked for: two runs share them."""
         for job in jobs:
             name = job.material.name
@@ -197,12 +202,12 @@ class _Run:
             else:
                 self._record(Outcome(name, there), job)
 
-    def _key(self, job: Job) -> str:
+    def _key(self, job: AssetJob) -> str:
         return key_of(job.material, self.recipe, dict(job.digests))
 
     # --- making ---
 
-    def _make(self, jobs: Iterator[Job], most: int) -> None:
+    def _make(self, jobs: Iterator[AssetJob], most: int) -> None:
         """Do jobs as they come, and record what becomes of them; there are so many at most."""
         if self.settings.cluster:
             for made, job in self._on_farm(list(jobs)):
@@ -223,10 +228,10 @@ class _Run:
             for outcome, _ in _in_processes(iter([again]), 1):
                 self._record(outcome or Outcome(job.material.name, None, _DIED), job)
 
-    def _placed(self, job: Job) -> Job:
+    def _placed(self, job: AssetJob) -> AssetJob:
         return job._replace(work=str(self.library / WORK / self.name / job.material.name))
 
-    def _on_farm(self, jobs: list[Job]) -> Iterator[tuple[Outcome, Job]]:
+    def _on_farm(self, jobs: list[AssetJob]) -> Iterator[tuple[Outcome, AssetJob]]:
         from ..farm.dask_cluster import cluster, results
 
         if not jobs:
@@ -240,7 +245,7 @@ class _Run:
 
     # --- recording ---
 
-    def _there(self, job: Job) -> dict[str, Any] | None:
+    def _there(self, job: AssetJob) -> dict[str, Any] | None:
         """What an earlier run, or a worker of a farm, has made and nobody recorded; broken folders go."""
         key = self._key(job)
         for place in PLACES:
@@ -258,7 +263,7 @@ class _Run:
             shutil.rmtree(aside, ignore_errors=True)
         return None
 
-    def _record(self, outcome: Outcome, job: Job) -> None:
+    def _record(self, outcome: Outcome, job: AssetJob) -> None:
         """Put a made folder where it belongs, then say so."""
         self.made += 1
         self.display.advance(self.made, self.total)
@@ -282,7 +287,7 @@ class _Run:
             + (f", {measures}" if measures else "")
         )
 
-    def _published(self, job: Job, sidecar: dict[str, Any]) -> str:
+    def _published(self, job: AssetJob, sidecar: dict[str, Any]) -> str:
         """The folder of an asset, below the library: renamed to there where it is not yet."""
         place = "assets" if sidecar["status"] == "ok" else "review"
         folder = Path(place) / sidecar["name"] / sidecar["key"]
@@ -313,7 +318,8 @@ def _row(library: Path, folder: str, sidecar: dict[str, Any], root: str) -> tupl
     files = [(*_texts((f["path"], f["role"])), int(f["bytes"]), *_texts([f["sha256"]])) for f in sidecar["files"]]
     files.append((SIDECAR, role_of(SIDECAR), path.stat().st_size, digest_of(path)))
     labels = [
-        Label(_texts([one["name"]])[0], float(one["share"]), _numbers(one["colour_lab"])) for one in sidecar["labels"]
+        AssetLabel(_texts([one["name"]])[0], float(one["share"]), _numbers(one["colour_lab"]))
+        for one in sidecar["labels"]
     ]
     measures = sidecar["measures"]
     return asset, files, dict(zip(measures, _numbers(measures.values()), strict=True)), _texts(sidecar["tags"]), labels
@@ -330,7 +336,7 @@ def _numbers(values: Iterable[Any]) -> tuple[float, ...]:
     return tuple(map(float, values))
 
 
-def _in_processes(jobs: Iterator[Job], workers: int) -> Iterator[tuple[Outcome | None, Job]]:
+def _in_processes(jobs: Iterator[AssetJob], workers: int) -> Iterator[tuple[Outcome | None, AssetJob]]:
     """What becomes of jobs, as they end, in processes that stay; None of one whose process dies.
 
     A job is taken when a process is free for it: another run may take it before.

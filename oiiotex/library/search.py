@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from ..api.files import Limit
 from ..errors import ParameterError
-from .catalogue import Asset, Catalogue, Label
+from .catalogue import Asset, AssetLabel, Catalogue
 
 _HEX = re.compile(r"#?([0-9a-fA-F]{6})")
 _SIZE = re.compile(r"([<>]?)(\d+(?:\.\d+)?)x(\d+(?:\.\d+)?)(m?)", re.ASCII)
@@ -20,7 +20,7 @@ _LABEL = re.compile(r"(.+?)(?:>(\d*\.?\d+))?", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Search:
+class AssetSearch:
     """What is looked for; '' and () ask for nothing.
 
     Attributes
@@ -104,7 +104,7 @@ def _lab(option: str, text: str) -> tuple[float, ...]:
     return tuple(lab_of_srgb([int(match[1][n : n + 2], 16) / 255 for n in (0, 2, 4)]))
 
 
-def _share(text: str, distance: float) -> Callable[[Sequence[Label]], float]:
+def _share(text: str, distance: float) -> Callable[[Sequence[AssetLabel]], float]:
     """How much of an asset has labels of a name or a colour, 0 where it is not more than is asked for."""
     match = _LABEL.fullmatch(text)
     wanted, least = (match[1], float(match[2] or 0)) if match else ("", 0.0)
@@ -112,7 +112,7 @@ def _share(text: str, distance: float) -> Callable[[Sequence[Label]], float]:
         raise ParameterError(f"--label {text}: expected NAME or #RRGGBB, and >SHARE behind it, less than 1")
     lab = _lab("--label", wanted) if wanted.startswith("#") else ()
 
-    def share_of(labels: Sequence[Label]) -> float:
+    def share_of(labels: Sequence[AssetLabel]) -> float:
         share = sum(
             one.share
             for one in labels

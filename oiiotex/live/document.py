@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-from ..api.files import Allowed, Seed, Share, read_as, read_document, types_of, written
+from ..api.files import Allowed, Fraction, Seed, read_as, read_document, types_of, written
 from ..api.painting import MEASURES, PRESETS
 from ..errors import Error, ImageError, ParameterError
 
@@ -19,24 +19,24 @@ _MOST_THUMBNAIL = 60_000  # letters
 
 KEPT = "Until the computer is restarted, the next --texlive of this document finds it in"
 
-State = dict[str, Any]
+Values = dict[str, Any]
 
 
 # JSON's numbers hold fewer digits
-_Whole = Annotated[str, Allowed(most=80, pattern=r"[+-]?\d+", words="of an integer")]
+_IntegerText = Annotated[str, Allowed(most=80, pattern=r"[+-]?\d+", words="of an integer")]
 _Side = Annotated[int, Allowed(16, 16384)]
 _Painted = Annotated[int, Allowed(LEAST_PAINTED, MOST_PAINTED)]
-_Label = Annotated[int, Allowed(0, 255)]
+_LabelNumber = Annotated[int, Allowed(0, 255)]
 _Octaves = Annotated[float, Allowed(0, 60)]
-_Name = Annotated[str, Allowed(most=200)]
+_ShortText = Annotated[str, Allowed(most=200)]
 
 
-class _Tile(TypedDict):
-    flatten: Share | None
+class _TileRoom(TypedDict):
+    flatten: Fraction | None
     sigma: Annotated[float, Allowed(0.5, 1e6)] | None
-    amount: Share | None
-    contrast: Share | None
-    structure: Share
+    amount: Fraction | None
+    contrast: Fraction | None
+    structure: Fraction
     seed: Seed
     measure: Annotated[str, Allowed(among=MEASURES)]
     preset: Annotated[str, Allowed(among=PRESETS)] | None
@@ -47,54 +47,55 @@ class _Tile(TypedDict):
     within: Literal["", "brush"]
 
 
-class _View(TypedDict):
-    display: _Name
-    view: _Name
+class _ViewRoom(TypedDict):
+    display: _ShortText
+    view: _ShortText
     exposure: Annotated[float, Allowed(-20, 20)]
 
 
 class _Variant(TypedDict):
-    tile: _Tile
+    tile: _TileRoom
     thumbnail: Annotated[str, Allowed(most=_MOST_THUMBNAIL)]
 
 
-class _Variants(TypedDict):
+class _VariantsRoom(TypedDict):
     list: Annotated[list[_Variant], Allowed(most=MOST_VARIANTS)]
 
 
 class _Key(TypedDict):
-    x: _Whole
-    y: _Whole
+    x: _IntegerText
+    y: _IntegerText
     zoom: _Octaves
 
 
-class _Zoom(_Key):
+class _ZoomRoom(_Key):
     seed: Seed
     lock: Annotated[int, Allowed(0, 1)]
     keys: Annotated[list[_Key], Allowed(most=256)]
     frames: Annotated[int, Allowed(2, 1 << 16)]
 
 
-class _Paint(TypedDict):
+class _PaintRoom(TypedDict):
     width: _Painted
     height: _Painted
     layer: Literal["coarse", "fine"]
-    label: _Label
-    finer: _Label
+    label: _LabelNumber
+    finer: _LabelNumber
     brush: Annotated[float, Allowed(1, 1024)]
     seed: Seed
 
 
-class _History(TypedDict):
+class _HistoryRoom(TypedDict):
     step: Annotated[int, Allowed(-1, 999_999)]
 
 
 _ROOMS: dict[str, Any] = {
-    "tile": _Tile, "view": _View, "variants": _Variants, "zoom": _Zoom, "paint": _Paint, "history": _History,
+    "tile": _TileRoom, "view": _ViewRoom, "variants": _VariantsRoom, "zoom": _ZoomRoom, "paint": _PaintRoom,
+    "history": _HistoryRoom,
 }  # fmt: skip
 
 
-def default_state(display: str, view: str, side: int) -> State:
+def default_state(display: str, view: str, side: int) -> Values:
     """A new document's.
 
     Parameters
@@ -104,7 +105,7 @@ def default_state(display: str, view: str, side: int) -> State:
     side : int
         px; of a photo, or of a graph's root: a zoom begins in its middle.
     """
-    tile: State = dict.fromkeys(types_of(_Tile))
+    tile: Values = dict.fromkeys(types_of(_TileRoom))
     tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "within": ""}
     middle = str((side // 2) << PLACE_BITS)
     return {
@@ -143,7 +144,7 @@ class Document:
     """
 
     def __init__(
-        self, path: Path, state: State, source: str, views: Mapping[str, Sequence[str]], left: Path | None = None
+        self, path: Path, state: Values, source: str, views: Mapping[str, Sequence[str]], left: Path | None = None
     ):
         self.path, self.state, self._source, self._views, self._left = path, state, source, views, left
         self._changes = self._saved = 0
@@ -169,7 +170,7 @@ class Document:
                 checked = {name: value for name, value in checked.items() if name not in ("display", "view")}
             self.state[room] |= checked
 
-    def change(self, room: str, values: Mapping[str, Any]) -> State:
+    def change(self, room: str, values: Mapping[str, Any]) -> Values:
         """Take new values of a room; what has changed.
 
         Raises
@@ -188,7 +189,7 @@ class Document:
             self._changes += 1
         return changed
 
-    def _checked(self, room: str, values: Mapping[str, Any]) -> State:
+    def _checked(self, room: str, values: Mapping[str, Any]) -> Values:
         """Values of a room, each of its type and in its range."""
         if room not in _ROOMS or not isinstance(values, Mapping):
             raise ParameterError(f"there is no room '{room}'")

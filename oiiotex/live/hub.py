@@ -37,7 +37,7 @@ log = logging.getLogger("oiiotex")
 
 
 @dataclass(frozen=True)
-class Source:
+class PageSource:
     """What the page is of.
 
     Attributes
@@ -92,7 +92,7 @@ class Hub:
 
     Parameters
     ----------
-    source : Source
+    source : PageSource
     document : Document
     session : Session
         Whose settings the resident process has; whose colours pictures are shown by.
@@ -107,7 +107,7 @@ class Hub:
         Rooms that have work of their own to save: `save_work` and, at the end, `close`.
     """
 
-    def __init__(self, source: Source, document: Document, session: Session, spare: Path):
+    def __init__(self, source: PageSource, document: Document, session: Session, spare: Path):
         self.source, self.document, self.session, self.spare = source, document, session, spare
         self.unsaved, self.keepers = "", list[Any]()
         self.pages: set[Page] = set()

@@ -24,8 +24,8 @@ from .document import KEPT
 from .history import Steps, fine_of, paintings_in
 from .hub import Hub, Page
 from .lines import line, output_name, word_of
-from .palette import COARSE, FINE, LAYERS, Layers, Palette, extended, palette_of, step_facts
-from .sewing import Sewing
+from .palette import COARSE, FINE, LAYERS, LabelPalette, Layers, extended, palette_of, step_facts
+from .sewing import LiveSewing
 
 _MOST_TIMES = 64
 _OWN = {"width", "height", "seed"}  # values of the document that are the painting's
@@ -43,8 +43,8 @@ class PaintRoom:
         self._hub = hub
         hub.keepers.append(self)
         self._steps = Steps(hub.document.beside("paint"), hub.spare)
-        self._sewing = Sewing(hub, self._steps, hub.document.beside("palette.json"))
-        self._palette: Palette | None = None
+        self._sewing = LiveSewing(hub, self._steps, hub.document.beside("palette.json"))
+        self._palette: LabelPalette | None = None
         self._step, self._seed, self._change = -1, 0, ""
         self._going: tuple[Page, list[int]] | None = None  # whose stroke goes on, and looks at it so far
         self._wanted: set[str] = set()  # of _OWN, what a page has set and the painting has not yet
@@ -125,7 +125,7 @@ class PaintRoom:
 
     # --- what can be painted with ---
 
-    async def _opened_palette(self) -> Palette:
+    async def _opened_palette(self) -> LabelPalette:
         if self._palette is None:
             self._palette, self._sewing.table = await palette_of(self._hub, self._sewing.table)
         return self._palette

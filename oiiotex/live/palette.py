@@ -31,7 +31,7 @@ COARSE, FINE = LAYERS = "coarse", "fine"
 Layers = dict[str, "np.ndarray"]  # by name: (height, width) uint8, numbers of a palette's labels
 
 
-class Palette:
+class LabelPalette:
     """Numbers of labels in a painting's two layers, 8 bits each: the page's, and those of indexed PNGs.
 
     Coarse ones are the labels' ids. Of the finer map, which may have thousands, those are numbered that have a swatch;
@@ -178,7 +178,7 @@ def extended(layers: Layers, width: int, height: int) -> Layers:
 
 
 def step_facts(path: Path, cache: PieceCache) -> dict[str, Any]:
-    """What `Palette.write` was told of a step: its seed, and what has changed in it.
+    """What `LabelPalette.write` was told of a step: its seed, and what has changed in it.
 
     Raises
     ------
@@ -213,7 +213,7 @@ def require_replaceable(table: Path) -> None:
     raise ImageError(f"{table}: is no palette's table, and would be replaced by one: give it another name")
 
 
-async def palette_of(hub: Hub, table: Path) -> tuple[Palette, Path]:
+async def palette_of(hub: Hub, table: Path) -> tuple[LabelPalette, Path]:
     """Of the hub's photo, by --texlabel and --texpalette, and where its table is: in memory if `table` is unwritable.
 
     Raises
@@ -234,7 +234,7 @@ async def palette_of(hub: Hub, table: Path) -> tuple[Palette, Path]:
     advance = hub.advancing("Making swatches of the labels")
     request = client.make("palette", [made["number"]], values, priority=BRUSH, read="", keep=False, on_progress=advance)
     _, (picture,) = await asyncio.wrap_future(request)
-    palette = Palette(read_document(made_table), as_float(picture))
+    palette = LabelPalette(read_document(made_table), as_float(picture))
     with contextlib.suppress(Error), written(table) as file:
         file.write(made_table.read_bytes())
         made_table = table

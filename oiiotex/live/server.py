@@ -102,7 +102,7 @@ def _hub(
     image: Image | None, session: Session, words: tuple[str, ...], graph: Path | None, document: Path | None
 ) -> Hub:
     """The document's hub with its rooms."""
-    from .hub import Hub, Source
+    from .hub import Hub, PageSource
     from .paint_room import PaintRoom
     from .tile_room import TileRoom
     from .zoom_room import ZoomRoom
@@ -122,7 +122,7 @@ def _hub(
     path = document or Path(f"{stem}.texlive.json")
     spare = reserved_folder(path)
     opened = Document(path, state, name, views(session.resources.color), spare / "document.json")
-    source = Source(image, "" if graph is None else str(graph), words, stem, space, side)
+    source = PageSource(image, "" if graph is None else str(graph), words, stem, space, side)
     hub = Hub(source, opened, session, spare)
     hub.rooms = {"tile": TileRoom(hub), "paint": PaintRoom(hub), "zoom": ZoomRoom(hub)}
     return hub

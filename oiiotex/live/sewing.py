@@ -18,7 +18,7 @@ from .palette import COARSE, FINE
 _PATCHES = 16, 64  # px, the least and the largest
 
 
-class Sewing:
+class LiveSewing:
     """--texpaint of steps.
 
     Parameters

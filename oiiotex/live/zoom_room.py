@@ -24,7 +24,7 @@ _AT_ONCE = 6  # that the resident process is asked for
 _KEPT = 1024  # tiles
 _FRAME = 1280, 720  # px, of a path's frames
 
-Tile = tuple[int, int, int]  # level, column, row
+TilePlace = tuple[int, int, int]  # level, column, row
 
 
 class ZoomRoom:
@@ -37,9 +37,9 @@ class ZoomRoom:
 
     def __init__(self, hub: Hub):
         self._hub = hub
-        self._wanted: dict[Page, list[Tile]] = {}
-        self._asked: dict[Tile, Request | None] = {}
-        self._tiles: OrderedDict[Tile, np.ndarray] = OrderedDict()
+        self._wanted: dict[Page, list[TilePlace]] = {}
+        self._asked: dict[TilePlace, Request | None] = {}
+        self._tiles: OrderedDict[TilePlace, np.ndarray] = OrderedDict()
         self._turn = 0  # of seed and lock: tiles of another are not these
 
     async def greet(self, page: Page) -> None:
@@ -83,10 +83,10 @@ class ZoomRoom:
 
     # --- tiles ---
 
-    def _is_wanted(self, tile: Tile) -> bool:
+    def _is_wanted(self, tile: TilePlace) -> bool:
         return any(tile in wanted for wanted in self._wanted.values())
 
-    def _drop(self, tiles: set[Tile]) -> None:
+    def _drop(self, tiles: set[TilePlace]) -> None:
         for tile in tiles:
             request = self._asked.pop(tile)
             if request is not None:
@@ -107,7 +107,7 @@ class ZoomRoom:
                     self._asked[tile] = None
                     self._hub.begin(self._make(tile))
 
-    async def _make(self, tile: Tile) -> None:
+    async def _make(self, tile: TilePlace) -> None:
         turn = self._turn
         try:
             client = await self._hub.client()
@@ -137,7 +137,7 @@ class ZoomRoom:
                 self._tiles.popitem(last=False)
         self._ask()
 
-    def _show(self, tile: Tile, page: Page) -> None:
+    def _show(self, tile: TilePlace, page: Page) -> None:
         level, x, y = tile
         picture = self._hub.picture(as_float(self._tiles[tile]), self._hub.shown())
         self._hub.show({"room": "zoom", "level": level, "x": str(x), "y": str(y)}, picture, page)

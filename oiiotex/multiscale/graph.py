@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from ..errors import ImageError
 from ..io.documents import read_document
-from ..io.schema import Allowed, Seed, Share, read_as
+from ..io.schema import Allowed, Fraction, Seed, read_as
 
 LOOP_R = 1  # of an exemplar to itself where nobody says it
 _ALIKE = 0.02  # of an octave: ratios this close to a power of two are one
@@ -39,15 +39,15 @@ class Edge(NamedTuple):
     r: int
 
 
-_Name = Annotated[str, Allowed(pattern="(?s).+", words="of one letter or more")]
+_NonEmpty = Annotated[str, Allowed(pattern="(?s).+", words="of one letter or more")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Node:
+class _ExemplarEntry:
     """An exemplar as a document says it."""
 
-    file: _Name
-    id: _Name | None = None
+    file: _NonEmpty
+    id: _NonEmpty | None = None
     wrap: Literal["periodic", "mirror"] | None = None
     title: Any = None
     note: Any = None
@@ -58,7 +58,7 @@ class _Node:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Edge:
+class _EdgeEntry:
     """An edge, the same."""
 
     source: str = field(metadata={"key": "from"})
@@ -70,14 +70,14 @@ class _Edge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Document:
+class _GraphDocument:
     """All of it."""
 
-    exemplars: tuple[_Node, ...] | None = None
-    nodes: tuple[_Node, ...] | None = None
+    exemplars: tuple[_ExemplarEntry, ...] | None = None
+    nodes: tuple[_ExemplarEntry, ...] | None = None
     root: str | None = None
-    edges: tuple[_Edge, ...] = ()
-    jitter: Share | tuple[Share, ...] | None = None
+    edges: tuple[_EdgeEntry, ...] = ()
+    jitter: Fraction | tuple[Fraction, ...] | None = None
     seed: Seed | None = None
     resample: bool = False
     title: Any = None
@@ -173,7 +173,7 @@ def read_graph(path: str | Path) -> Graph:
 def parse_graph(document: Any, path: Path) -> Graph:
     """The graph that a document says; raises as `read_graph` does."""
     where = str(path)
-    top: _Document = read_as(_Document, document, where)
+    top: _GraphDocument = read_as(_GraphDocument, document, where)
     if top.exemplars is not None and top.nodes is not None:
         raise ImageError(f"{where}: exemplars and nodes are the same: expected one of them")
     nodes = top.exemplars or top.nodes
@@ -193,7 +193,7 @@ def parse_graph(document: Any, path: Path) -> Graph:
     return Graph(names, files, root, edges, factors, wraps, jitter, top.seed)
 
 
-class _Drawn(NamedTuple):
+class _DrawnEdge(NamedTuple):
     """An edge as a document says it."""
 
     source: int
@@ -206,17 +206,17 @@ class _Drawn(NamedTuple):
         return f"edge {names[self.source]} -> {names[self.destination]}"
 
 
-def _drawn(edge: _Edge, names: tuple[str, ...], where: str) -> _Drawn:
+def _drawn(edge: _EdgeEntry, names: tuple[str, ...], where: str) -> _DrawnEdge:
     said = f"{where}: edge {edge.source} -> {edge.destination}"
     for end in (edge.source, edge.destination):
         if end not in names:
             raise ImageError(f"{said}: there is no exemplar '{end}'; there is {', '.join(names)}")
     source, destination = names.index(edge.source), names.index(edge.destination)
     if edge.scale is not None:
-        return _Drawn(source, destination, math.log2(edge.scale), edge.r)
+        return _DrawnEdge(source, destination, math.log2(edge.scale), edge.r)
     if edge.r is None:
         raise ImageError(f"{said}: expected r or scale, which says how their pixels relate")
-    return _Drawn(source, destination, float(edge.r), None)
+    return _DrawnEdge(source, destination, float(edge.r), None)
 
 
 def _root(wanted: Any, names: tuple[str, ...], edges: list[tuple[int, int]], where: str) -> int:
@@ -273,7 +273,7 @@ def _first_ways(edges: Iterable[Edge], start: int, octave: int) -> dict[int, int
 
 
 def _placed(
-    drawn: list[_Drawn], root: int, names: tuple[str, ...], resample: bool, where: str
+    drawn: list[_DrawnEdge], root: int, names: tuple[str, ...], resample: bool, where: str
 ) -> tuple[tuple[Edge, ...], tuple[float, ...]]:
     """Whole r for all edges, and how exemplars are resampled for it.
 

@@ -31,7 +31,7 @@ from .candidate_sets import Analysis, analyse
 from .coverage import MUCH, RARE, shares, unmatched
 from .graph import Graph, read_graph
 from .stacks import Exemplar, load_exemplars, nearest_opaque, shown_level
-from .synthesizer import KEPT_IN_LOOPS, LatticeSteps, PlaneSettings, State, Synthesizer, default_jitter
+from .synthesizer import KEPT_IN_LOOPS, LatticeSteps, PlaneSettings, PlaneState, Synthesizer, default_jitter
 from .targets import stacks_of
 
 log = logging.getLogger("oiiotex")
@@ -92,7 +92,7 @@ class Plane:
         stacks = self.analysis.stacks
         return hash_of(__version__, _LAYOUT, stacks.levels, settings, level, stacks.planes, *arrays)
 
-    def pixels(self, state: State) -> np.ndarray:
+    def pixels(self, state: PlaneState) -> np.ndarray:
         """What pixels look like: (height, width, channels) of the root's pixel type.
 
         All channels of what they copy, with their offset added in Lab.
@@ -107,7 +107,7 @@ class Plane:
                 self._move(state.offset[piece], out[piece])
         return out
 
-    def source(self, state: State) -> SourceMap:
+    def source(self, state: PlaneState) -> SourceMap:
         """What pixels copy; exemplars' numbers are those of the stack's levels."""
         return SourceMap(state.texel, self.analysis.stacks.side_bits)
 
@@ -216,9 +216,9 @@ class States:
         row = _STATE_BYTES * self.place.width
         height = max(32, min(512, resources.cache.limit // 3 // row))
         self._cell = max(32, _CELL // height), height
-        self._ahead: dict[Window, Callable[[], State]] = {}
+        self._ahead: dict[Window, Callable[[], PlaneState]] = {}
 
-    def read(self, window: Window) -> State:
+    def read(self, window: Window) -> PlaneState:
         """The pixels of a window."""
         cache, cells = self._resources.cache, cells_of(window, self._cell, self.place)
         following = dict(itertools.pairwise(cells))
@@ -227,7 +227,7 @@ class States:
             return cache.get((self, at), lambda: self._kept(at, following.get(at)))
 
         packed = assembled(window, self._cell, self.place, piece)
-        return State(packed[..., 0], packed[..., 1:].view(np.int16) if packed.shape[2] > 1 else None)
+        return PlaneState(packed[..., 0], packed[..., 1:].view(np.int16) if packed.shape[2] > 1 else None)
 
     def _kept(self, place: Window, following: Window | None) -> np.ndarray:
         """(height, width, 1 or 3) uint32: a texel number, and where there are such the four halves of an offset."""
@@ -250,5 +250,5 @@ class States:
         packed[..., 0], packed[..., 1:] = texel, offset.view(np.uint32)
         return packed
 
-    def _begun(self, place: Window) -> Callable[[], State]:
+    def _begun(self, place: Window) -> Callable[[], PlaneState]:
         return self._maker.begin(self._level, place.shifted(*self._shift))

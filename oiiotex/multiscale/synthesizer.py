@@ -170,7 +170,7 @@ def default_jitter(finest: int, endless: bool = False) -> tuple[float, ...]:
     return 0.0, *jittered, 0.0
 
 
-class State(NamedTuple):
+class PlaneState(NamedTuple):
     """Pixels of a window: texel numbers (height, width) uint32, transfer functions (height, width, 4) int16.
 
     No transfer functions, None, is all of them the identity.
@@ -189,12 +189,12 @@ class _Pending:
     _offset: Download | None
     _release: Callable[[], None]
 
-    def state(self) -> State:
+    def state(self) -> PlaneState:
         """Its pixels, as soon as they are there; to be asked for once."""
         texel = self._texel.array()[self._inside]
         offset = None if self._offset is None else self._offset.array()[self._inside]
         self._release()
-        return State(texel, offset)
+        return PlaneState(texel, offset)
 
 
 class Synthesizer:
@@ -243,7 +243,7 @@ class Synthesizer:
         other._settings = settings
         return other
 
-    def window(self, level: int, window: Window) -> State:
+    def window(self, level: int, window: Window) -> PlaneState:
         """The pixels of a window of a level's plane.
 
         Raises
@@ -254,7 +254,7 @@ class Synthesizer:
         """
         return self.begin(level, window)()
 
-    def begin(self, level: int, window: Window) -> Callable[[], State]:
+    def begin(self, level: int, window: Window) -> Callable[[], PlaneState]:
         """The same, without waiting for it: what is called for it waits, to be called once."""
         if not 0 <= level <= MOST_LEVEL:
             raise ParameterError(f"level={level}: expected a whole number >= 0 and <= {MOST_LEVEL}")
@@ -264,7 +264,7 @@ class Synthesizer:
             except OutOfDeviceMemory as error:
                 return functools.partial(self._in_pieces, level, window, error)
 
-        def state() -> State:
+        def state() -> PlaneState:
             try:
                 return begun.state()
             except OutOfDeviceMemory as error:
@@ -272,14 +272,14 @@ class Synthesizer:
 
         return state
 
-    def _in_pieces(self, level: int, window: Window, error: OutOfDeviceMemory) -> State:
+    def _in_pieces(self, level: int, window: Window, error: OutOfDeviceMemory) -> PlaneState:
         """A window in squares until they fit: what it holds depends on nothing but its place."""
         side = max(window.width, window.height)
         if side <= _LEAST_SIDE:
             raise error
         log.warning("%s; going on in smaller pieces", error)
 
-        def of_squares(side: int) -> State:
+        def of_squares(side: int) -> PlaneState:
             texel = np.empty((window.height, window.width), np.uint32)
             offset = np.empty((window.height, window.width, 4), np.int16) if self._moves else None
             for cell in window.cells(side, side):
@@ -288,7 +288,7 @@ class Synthesizer:
                 texel[at] = one.texel
                 if offset is not None:
                     offset[at] = present(one.offset)
-            return State(texel, offset)
+            return PlaneState(texel, offset)
 
         with self._turn:
             self._free.clear()

@@ -15,7 +15,7 @@ from ..deferred import np
 from ..errors import ImageError, present
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
-from ..projections.histograms import BINS, INVERSE, OUTSIDE, Source
+from ..projections.histograms import BINS, INVERSE, OUTSIDE, RowSource
 from ..projections.projection import Projecting
 from .field import Geometry, allowed_patches, bands_of, box_sums
 
@@ -128,12 +128,12 @@ class VaryingProjection:
         With sigmas as by `octaves`.
     width : int
         px.
-    places : Source
+    places : RowSource
         Of `places_of`, in a buffer.
     """
 
     def __init__(
-        self, device: Device, buffers: Buffers, projections: list[Projecting], width: int, places: Source
+        self, device: Device, buffers: Buffers, projections: list[Projecting], width: int, places: RowSource
     ):  # fmt: skip
         self._buffers, self._projections, self._width, self._places = buffers, projections, width, places
         self.channels, self.held = projections[0].channels, projections[0].held
@@ -151,7 +151,7 @@ class VaryingProjection:
         span = math.log(float(sigmas.max()) / float(sigmas.min()))
         return (np.log(sigmas / sigmas.min()) * ((count - 1) / max(span, 1e-9))).astype(np.float32)
 
-    def learning(self, image: Source) -> Iterator[None]:
+    def learning(self, image: RowSource) -> Iterator[None]:
         """As `histograms.Projection.learning`."""
         for projection in self._projections:
             yield from projection.learning(image)
@@ -160,7 +160,7 @@ class VaryingProjection:
         """As `histograms.Projection.last_row`."""
         return min(projection.last_row(top) for projection in self._projections)
 
-    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+    def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
         """As `histograms.Projection.match`."""
         b, count, size, first = self._buffers, len(self._projections), (self._width, bottom - top), top
         place_at = top - self._places.load(top, bottom)

@@ -17,7 +17,7 @@ from ..opencl.device import Device
 from ..opencl.rows import Rows
 from .field import Geometry
 
-Piece = tuple[int, int]
+RowRange = tuple[int, int]
 """Patches of the exemplar, by the rows that they begin in: from, to."""
 
 LEAST_ROWS = 16  # of a piece, or a band
@@ -53,8 +53,8 @@ class ExemplarRows:
         held = min(held, buffers["penalty"].size // (4 * g.exemplar_width))
         self.whole = held >= g.exemplar_height
         self._most = g.exemplar_rows if self.whole else held - piece_halo(g.patch)
-        self._at: Piece | None = None
-        self._loaded: dict[str, Piece] = {}
+        self._at: RowRange | None = None
+        self._loaded: dict[str, RowRange] = {}
         self._rows: dict[str, Rows] = {}
         self.plane("exemplar", image)
 
@@ -87,7 +87,7 @@ class ExemplarRows:
         """Of pieces."""
         return -(-self._geometry.exemplar_rows // self._most)
 
-    def pieces(self, *names: str) -> Iterator[Piece]:
+    def pieces(self, *names: str) -> Iterator[RowRange]:
         """One after another, while planes of those names hold what they need of it."""
         rows, step = self._geometry.exemplar_rows, self._most
         pieces = [(first, min(first + step, rows)) for first in range(0, rows, step)]
@@ -99,13 +99,13 @@ class ExemplarRows:
             self._at = piece
             yield piece
 
-    def _load(self, name: str, piece: Piece) -> None:
+    def _load(self, name: str, piece: RowRange) -> None:
         if not self.whole and self._loaded.get(name) != piece:
             first, last = piece
             self._rows[name].load(first, last + (self._geometry.patch - 1 if name == "exemplar" else 0))
             self._loaded[name] = piece
 
-    def keep_penalty(self, piece: Piece) -> None:
+    def keep_penalty(self, piece: RowRange) -> None:
         """What buffer `penalty` holds is that of a piece."""
         if not self.whole:
             first, last = piece

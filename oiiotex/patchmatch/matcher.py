@@ -15,7 +15,7 @@ from ..errors import ImageError
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
 from ..regularity.offset_prices import Prices
-from .exemplar_rows import LEAST_ROWS, ExemplarRows, Piece, piece_halo
+from .exemplar_rows import LEAST_ROWS, ExemplarRows, RowRange, piece_halo
 from .field import Geometry, allowed_patches, variance_of
 from .level_rows import JUMPS, LevelRows
 
@@ -41,16 +41,16 @@ class AddsPrices(Protocol):
     def begin(self) -> None:
         """A field is about to be counted."""
 
-    def count(self, rows: int, piece: Piece) -> None:
+    def count(self, rows: int, piece: RowRange) -> None:
         """Count the first rows of buffer `field`, where it names patches of the piece."""
 
     def ascend(self) -> None:
         """All is counted."""
 
-    def around(self, piece: Piece) -> Piece:
+    def around(self, piece: RowRange) -> RowRange:
         """The patches whose uses the prices of a piece hang on."""
 
-    def add(self, piece: Piece, counted: Piece) -> None:
+    def add(self, piece: RowRange, counted: RowRange) -> None:
         """Add to buffer `penalty` of a piece, by what was counted and uses in buffer `count`, of patches `counted`."""
 
 
@@ -195,7 +195,7 @@ class Matcher:
             self.rows.field.save_later(top, bottom, first, into=self.rows.next_field)
             self._buffers.swap("field", "field_next")
 
-    def _change(self) -> Iterator[tuple[Piece, tuple[int, ...]]]:
+    def _change(self) -> Iterator[tuple[RowRange, tuple[int, ...]]]:
         """Pieces in which the field is looked over, and what kernels are told; then the next field is the present."""
         for n, piece in enumerate(self.exemplar.pieces("exemplar", "penalty")):
             yield piece, (() if self.exemplar.whole else (int(n > 0),))

@@ -56,7 +56,7 @@ class ExemplarHeld:
 
 
 @dataclass(frozen=True)
-class Plan:
+class MemoryPlan:
     """Memory of a synthesis.
 
     Attributes
@@ -87,7 +87,7 @@ def level_sigmas(constraints: Constraints, geometry: Geometry, scale: float) -> 
 def plan_memory(
     device: Device, shape: tuple[int, ...], recipe: Recipe, geometries: list[Geometry], scales: list[float],
     constraints: Constraints, budget: int, held: ExemplarHeld,
-) -> Plan:  # fmt: skip
+) -> MemoryPlan:  # fmt: skip
     """The plan that makes the least copies of those that fit; where none does, one that `Buffers` refuses.
 
     Parameters
@@ -125,15 +125,15 @@ def plan_memory(
     whole = needed(None, cells)
     with contextlib.suppress(DeviceError, MemoryBudgetError):
         require_room(device, whole, budget, "", on_host + _FIELD_BYTES * pixels)
-        return Plan(whole, on_host + _FIELD_BYTES * pixels, 0)
+        return MemoryPlan(whole, on_host + _FIELD_BYTES * pixels, 0)
 
     def room_beside(on_host: int) -> int:
         return device.memory_budget(budget) - device.taken - (0 if device.own_memory else on_host)
 
-    def banded(on_host: int, rows: int | None, exemplar_rows: int | None = None) -> Plan:
+    def banded(on_host: int, rows: int | None, exemplar_rows: int | None = None) -> MemoryPlan:
         layout = needed(rows, cells, exemplar_rows)
         left = max(0, budget - on_host - (0 if device.own_memory else sum(layout.values())))
-        return Plan(layout, on_host + left, left, exemplar_rows is None)
+        return MemoryPlan(layout, on_host + left, left, exemplar_rows is None)
 
     def rows_in(room: float, *exemplar_rows: int) -> int:
         rows = _most(lambda n: size(n, cells, *exemplar_rows) - size(least, cells, *exemplar_rows) <= room, least)

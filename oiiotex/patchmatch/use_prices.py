@@ -21,7 +21,7 @@ from ..core.source_map import SourceMap
 from ..deferred import np
 from ..opencl.buffers import Buffers
 from ..opencl.device import Device
-from .exemplar_rows import REGION, Piece
+from .exemplar_rows import REGION, RowRange
 from .field import BAND, Geometry, bands_of, box_sums
 
 KINDS = 16  # of patches, by their activity
@@ -244,7 +244,7 @@ class UsePrices:
         """Nothing of the present field is counted."""
         self._device.fill(self._buffers["kind_counts"], np.int32(0), KINDS)
 
-    def count(self, rows: int, piece: Piece) -> None:
+    def count(self, rows: int, piece: RowRange) -> None:
         """Count the first rows of buffer `field`, where it names patches of the piece."""
         g, b, field = self._geometry, self._buffers, (self._geometry.columns, rows)
         self._run("count", field, b["field"], b["kinds"], b["kind_counts"], *field, g.exemplar_columns, *piece)
@@ -257,13 +257,13 @@ class UsePrices:
             patches, *self._steps,
         )  # fmt: skip
 
-    def around(self, piece: Piece) -> Piece:
+    def around(self, piece: RowRange) -> RowRange:
         """The patches whose uses the prices of a piece hang on: those of regions, which are pushed inside."""
         rows = self._geometry.exemplar_rows
         first, last = (max(0, min(at - self._side // 2, rows - self._side)) for at in (piece[0], piece[1] - 1))
         return first, min(rows, last + self._side)
 
-    def add(self, piece: Piece, counted: Piece) -> None:
+    def add(self, piece: RowRange, counted: RowRange) -> None:
         """Add to buffer `penalty` of a piece what the present field makes dear; `counted` are patches of `count`."""
         g, b, width = self._geometry, self._buffers, self._geometry.exemplar_columns
         held = width, counted[1] - counted[0]

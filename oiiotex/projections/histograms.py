@@ -28,7 +28,7 @@ _CELL_GROUP = 4  # cells that a CPU's thread sums at a time: there may be few, a
 _COUNT_PARTS = 32  # of an image whose values are counted
 
 
-class Source(Protocol):
+class RowSource(Protocol):
     """An image whose rows can be had in buffer `name`: `patchmatch.rows.Rows`."""
 
     name: str
@@ -190,7 +190,7 @@ class Projection(HeldCells):
         self._taps = [(device.upload(taps.astype(np.float32)), len(taps) // 2) for taps in grid.taps()]
         self._inverse: cl.Buffer | None = None
 
-    def learning(self, image: Source) -> Iterator[None]:
+    def learning(self, image: RowSource) -> Iterator[None]:
         """Look at all of an image, at every step at some of its rows: behind the last one, `match` may be called."""
         grid, sums = self._grid, np.empty((self.channels, self._grid.down, BINS), np.float32)
         for top in range(0, grid.down, self._held):
@@ -205,7 +205,7 @@ class Projection(HeldCells):
             sums = coming.array()
         self._inverse = self._device.upload(self._inverse_of(sums))
 
-    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+    def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
         """Match rows of an image that was learned; returns which row lies at the start of its buffer.
 
         Parameters
@@ -226,7 +226,7 @@ class Projection(HeldCells):
         )  # fmt: skip
         return first
 
-    def _gather_around(self, image: Source, top: int, bottom: int) -> None:
+    def _gather_around(self, image: RowSource, top: int, bottom: int) -> None:
         """The cumulatives of the cells that rows of pixels see, from the cells around them."""
         above, below, first, last = seen_cells(self._grid, top, bottom)
         self._clear()
@@ -242,7 +242,7 @@ class Projection(HeldCells):
         pitch_x, pitch_y = (np.float32(n) / np.float32(cells) for n, cells in zip(grid.size, grid.counts, strict=True))
         self._device.fill(self._buffers[self._name], np.float32(1e-6) * pitch_x * pitch_y, size)
 
-    def _gather(self, image: Source, top: int, count: int, at: int) -> Iterator[None]:
+    def _gather(self, image: RowSource, top: int, count: int, at: int) -> Iterator[None]:
         """Sum rows of cells, held from row `at` on."""
         grid, narrow = self._grid, self._device.lanes == 1
         # then a work-group sums a channel of a cell, else an item sums a cell

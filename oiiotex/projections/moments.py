@@ -22,7 +22,7 @@ from ..opencl.device import Device
 from ..opencl.rows import unwrapped
 from ..stationarity.grid_statistics import CellGrid, correlated
 from .held_cells import HeldCells, cell_rows_held, seen_cells
-from .histograms import BINS, INVERSE, Source
+from .histograms import BINS, INVERSE, RowSource
 from .pearson_table import KURTOSES, SCORES, SKEWNESSES, quantile_table, shares_below, table_place, table_shares
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class MomentProjection(HeldCells):
         tables = (quantile_table(), table_shares()) if order > 2 else (np.zeros(1), np.zeros(1))
         self._tables = [device.upload(table.astype(np.float32)) for table in tables]
 
-    def learning(self, image: Source) -> Iterator[None]:
+    def learning(self, image: RowSource) -> Iterator[None]:
         """As `histograms.Projection.learning`."""
         grid, powers = self._grid, np.zeros(0)
         rows = np.empty((self.channels, grid.down, 5))
@@ -87,7 +87,7 @@ class MomentProjection(HeldCells):
         inverse = self._inverse(overall) if self._order > 2 else np.zeros(1)
         self._overall = [self._device.upload(t.astype(np.float32)) for t in (inverse, overall[:, :2])]
 
-    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+    def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
         """As `histograms.Projection.match`."""
         grid, b = self._grid, self._buffers
         if not self.whole:
@@ -100,7 +100,7 @@ class MomentProjection(HeldCells):
         )  # fmt: skip
         return first
 
-    def _describe_around(self, image: Source, top: int, bottom: int) -> None:
+    def _describe_around(self, image: RowSource, top: int, bottom: int) -> None:
         """Bring the descriptions of the cells that rows of pixels see."""
         above, below, first, last = seen_cells(self._grid, top, bottom)
         for _ in self._gather(image, first, last):
@@ -108,7 +108,7 @@ class MomentProjection(HeldCells):
         self._describe(self._powers(last - first), above - first, below - first, False)
         self._first_cells = above
 
-    def _gather(self, image: Source, first: int, last: int) -> Iterator[None]:
+    def _gather(self, image: RowSource, first: int, last: int) -> Iterator[None]:
         """Sum rows of cells; they are counted on beyond a border that wraps."""
         grid, b, all_rows = self._grid, self._buffers, self.channels * self._held
         self._device.fill(b["sums"], np.float32(0), _SUMS * grid.across * all_rows)

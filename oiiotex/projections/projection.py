@@ -12,7 +12,7 @@ from ..opencl.device import Device
 from ..opencl.rows import Rows
 from ..stationarity.grid_statistics import CellGrid
 from . import histograms
-from .histograms import Projection, Source
+from .histograms import Projection, RowSource
 
 
 class Projecting(Protocol):
@@ -22,13 +22,13 @@ class Projecting(Protocol):
     looks_beyond: bool  # what is made of a row hangs on others, which must stay till then
     held: int | None  # rows that it can look at at once, where its own memory limits them
 
-    def learning(self, image: Source) -> Iterator[None]:
+    def learning(self, image: RowSource) -> Iterator[None]:
         """Look at all of an image, at every step at some of its rows."""
 
     def last_row(self, top: int) -> int:
         """Up to which row it can be matched at once from row `top` on."""
 
-    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+    def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
         """Write rows to buffer `matched`, which holds the rows that the image's buffer then holds, from which on is
         returned.
         """

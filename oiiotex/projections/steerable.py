@@ -19,7 +19,7 @@ from ..opencl.device import Device
 from ..stationarity.grid_statistics import CellGrid
 from ..stationarity.steerable import ORIENTATIONS, RADIUS, filter_bank
 from . import histograms
-from .histograms import Projection, Source
+from .histograms import Projection, RowSource
 
 _BEFORE = tuple(f"before{o}" for o in range(ORIENTATIONS))
 _AFTER = tuple(f"after{o}" for o in range(ORIENTATIONS))
@@ -70,7 +70,7 @@ class SteerableProjection:
             for (least, most), own in zip(ranges, _grids(name), strict=True)
         ]
 
-    def learning(self, image: Source) -> Iterator[None]:
+    def learning(self, image: RowSource) -> Iterator[None]:
         """As `histograms.Projection.learning`."""
         sources = self._responses.of(image)
         # side by side, so that responses to rows are made once for all
@@ -81,7 +81,7 @@ class SteerableProjection:
         """As `histograms.Projection.last_row`."""
         return min(p.last_row(top - RADIUS) for p in self._projections) - RADIUS
 
-    def match(self, image: Source, top: int, bottom: int, matched: str, strength: float) -> int:
+    def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
         """As `histograms.Projection.match`, of the image that was learned."""
         responses = self._responses
         *bands, rest = responses.around(top, bottom)
@@ -108,12 +108,12 @@ class _Responses:
         self._taps, self._angular, *self._range = (
             device.upload(table.astype(np.float32)) for table in (*filter_bank(), np.asarray(low), np.asarray(high))
         )
-        self.image: Source  # that `of` was given
+        self.image: RowSource  # that `of` was given
         self.height = grid.height
         self.held = buffers["derivatives"].size // (4 * ORIENTATIONS * len(low) * grid.width)  # rows
         self._made = self._wanted = (0, 0)  # rows of the rest
 
-    def of(self, image: Source) -> list[_Response]:
+    def of(self, image: RowSource) -> list[_Response]:
         """Those of an image, bands and the rest; none are made."""
         self.image, self._made = image, (0, 0)
         return self.around(0, 0)
@@ -191,7 +191,7 @@ class _Responses:
 
 
 class _Response:
-    """A `Source` of what is made of an image as it is asked for."""
+    """A `RowSource` of what is made of an image as it is asked for."""
 
     def __init__(self, responses: _Responses, name: str, more: int):
         self._responses, self.name, self._more = responses, name, more

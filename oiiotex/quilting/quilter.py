@@ -28,7 +28,7 @@ from ..opencl.buffers import Buffers, offset_table
 from ..opencl.device import Device
 from ..regularity.offset_prices import InStep
 from .quilt_plan import AT_ONCE, Grid, Plan, Renderer, plan_bytes
-from .repetition import GROWTH, Squares, laid
+from .repetition import GROWTH, PatchSquares, laid
 
 GUIDE = 4  # samples of the guide along a side of a cell, cl/quilting.cl
 LABEL_STEP, _BINS, _COARSE = 4, 256, 4  # cl/quilting.cl
@@ -112,7 +112,7 @@ def layout(exemplar: QuiltExemplar, grid: Grid, rules: Rules, guided: bool, pixe
     """
     cells, wave = math.prod(grid.shape), min(grid.shape[0], (grid.shape[1] + 1) // 2)
     area, patch = exemplar.lab.shape[0] * exemplar.lab.shape[1], grid.patch
-    table, squares = exemplar.table, Squares.of(grid, *exemplar.lab.shape[:2])
+    table, squares = exemplar.table, PatchSquares.of(grid, *exemplar.lab.shape[:2])
     labels = math.prod(-(-n // LABEL_STEP) for n in exemplar.lab.shape[:2])
     return {
         "exemplar": 6 * area,
@@ -189,7 +189,7 @@ class Quilt:
             self._waves = np.append(0, keep.cumsum())[self._waves]
             order = order[keep]
         self._kept = math.prod(g.shape) - len(order)
-        squares = Squares.of(g, *e.lab.shape[:2])
+        squares = PatchSquares.of(g, *e.lab.shape[:2])
         spans = squares.spans(t, self.demand.keys, self.rules.reuse)
         inputs = {
             "exemplar": e.lab, "coarse": reduced(e.lab),  # rows x columns x 3, both
@@ -230,7 +230,7 @@ class Quilt:
 
     def _weights(self, levels: int) -> tuple[np.int64, ...]:
         """Costs of one sample of a histogram too much, of one sample that is not the guide's, of use and of step."""
-        g, squares = self.grid, Squares.of(self.grid, *self.exemplar.lab.shape[:2])
+        g, squares = self.grid, PatchSquares.of(self.grid, *self.exemplar.lab.shape[:2])
         variance = total_variance(self.exemplar.lab)
         overlaps = variance * 2 * g.patch * g.overlap  # usual beside theirs, about
         costs = (

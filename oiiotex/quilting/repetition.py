@@ -26,7 +26,7 @@ _SQUARES = 6  # along the side of what a patch shows, at least
 
 
 @dataclass(frozen=True)
-class Squares:
+class PatchSquares:
     """The squares of an exemplar, as patches of a grid show them.
 
     Attributes
@@ -48,7 +48,7 @@ class Squares:
     columns: int
 
     @classmethod
-    def of(cls, grid: Grid, height: int, width: int) -> Squares:
+    def of(cls, grid: Grid, height: int, width: int) -> PatchSquares:
         """Of an exemplar of that size."""
         side = max(1, grid.step // _SQUARES)
         count, before = grid.step // side, grid.overlap // 2
@@ -100,7 +100,7 @@ def laid(offsets: np.ndarray) -> np.ndarray:
     return offsets[offsets != NONE]
 
 
-def _spread(corners: np.ndarray, squares: Squares) -> np.ndarray:
+def _spread(corners: np.ndarray, squares: PatchSquares) -> np.ndarray:
     """Counts of first squares -> counts of all squares that belong to them."""
     sums = np.zeros((squares.rows + 1, squares.columns + 1), np.int64)
     sums[1:, 1:] = corners.reshape(squares.rows, squares.columns).cumsum(0).cumsum(1)

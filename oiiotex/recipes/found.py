@@ -18,7 +18,7 @@ from pathlib import Path, PurePosixPath
 from ..api.lines import nearest
 from ..api.materials import PACKED, PACKED_ROLES, Name, read_name
 from ..errors import Error, ParameterError
-from .recipe import Facts, Recipe, facts_beside
+from .recipe import Facts, LibraryRecipe, facts_beside
 
 LIBRARY = "library.sqlite"  # the file by which a library is known
 _IMAGES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".hdr", ".webp", ".tga", ".bmp", ".psd", ".dpx"}
@@ -85,7 +85,7 @@ class _Candidate:
     name: Name
 
 
-def materials(photos: Path, recipe: Recipe) -> list[Material]:
+def materials(photos: Path, recipe: LibraryRecipe) -> list[Material]:
     """All materials below a folder, by name.
 
     Raises
@@ -215,7 +215,7 @@ def _images(photos: Path, path: str) -> list[MapFile]:
     ]
 
 
-def _key(path: str, recipe: Recipe) -> tuple[str, str]:
+def _key(path: str, recipe: LibraryRecipe) -> tuple[str, str]:
     """Of which material a NAME.toml speaks; the one without a name, where it is called material.toml."""
     stem = PurePosixPath(path).stem
     return str(PurePosixPath(path).parent), "" if stem == "material" else read_name(stem, recipe.words).material
@@ -242,7 +242,7 @@ def _safe(text: str) -> str:
     return re.sub(r"[^\w.-]+", "_", text).strip("._-") or "material"
 
 
-def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: Recipe) -> Material:
+def _material(name: str, candidates: list[_Candidate], facts: Facts, recipe: LibraryRecipe) -> Material:
     """The maps of a group, each role by one file, or a question."""
     questions = []
     maps: dict[str, MapFile] = {}

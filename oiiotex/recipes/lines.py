@@ -20,7 +20,7 @@ from ..api.materials import COLOURS, ROLES
 from ..deferred import np
 from ..errors import Error, ParameterError, within
 from .found import MapFile
-from .recipe import Deliver, Recipe
+from .recipe import Deliver, LibraryRecipe
 
 SOURCE = "source"  # the folder of a material's maps while lines run
 _HOLE = re.compile(r"\$(?:(\$)|\{([a-z_0-9.]+)\}|([a-z_0-9]+(?:\.[a-z_0-9]+)?))")
@@ -35,7 +35,7 @@ _EVERY_MAP = {role: MapFile(f"{role}.png", hand="opengl") for role in ROLES}
 _KINDS = {"color": "colour", "normal": "normal", "height": "height"}
 
 
-class Step(NamedTuple):
+class ProductStep(NamedTuple):
     """A product's line for one material.
 
     Attributes
@@ -55,7 +55,7 @@ class Step(NamedTuple):
     outputs: Mapping[str, str] = {}
 
 
-def steps_of(recipe: Recipe, maps: Mapping[str, MapFile]) -> list[Step]:
+def steps_of(recipe: LibraryRecipe, maps: Mapping[str, MapFile]) -> list[ProductStep]:
     """The lines of a recipe for a material with these maps.
 
     A line that asks for a map which the material does not have is left out, and what takes its files, too.
@@ -65,7 +65,7 @@ def steps_of(recipe: Recipe, maps: Mapping[str, MapFile]) -> list[Step]:
     ParameterError
         A line asks for what no material can have.
     """
-    steps: list[Step] = []
+    steps: list[ProductStep] = []
     names = [product.name for product in recipe.products]
     made: set[str] = set()
     for number, product in enumerate(recipe.products):
@@ -79,12 +79,12 @@ def steps_of(recipe: Recipe, maps: Mapping[str, MapFile]) -> list[Step]:
             for text in texts:
                 words += filler.filled(text, words)
         if not filler.lacking:
-            steps.append(Step(product.name, tuple(words), tuple(sorted(filler.takes)), filler.outputs))
+            steps.append(ProductStep(product.name, tuple(words), tuple(sorted(filler.takes)), filler.outputs))
             made.add(product.name)
     return steps
 
 
-def require_lines(recipe: Recipe) -> str:
+def require_lines(recipe: LibraryRecipe) -> str:
     """Refuse what a line alone can show to be wrong; returns the product that is delivered, whose line has `$outputs`.
 
     Raises
@@ -103,7 +103,7 @@ def require_lines(recipe: Recipe) -> str:
     return delivered[0]
 
 
-def require_confined(recipe: Recipe) -> None:
+def require_confined(recipe: LibraryRecipe) -> None:
     """Refuse files outside of a product's folder, as far as expressions and control flow say it without pixels.
 
     The lines are looked through as a run does it, in a folder like an asset's; what depends on pixels the run refuses.
@@ -134,7 +134,7 @@ def require_confined(recipe: Recipe) -> None:
                 pass
 
 
-def _require_deliverable(step: Step) -> None:
+def _require_deliverable(step: ProductStep) -> None:
     """Refuse what would wait for somebody, spread or share the line itself, or read images behind what is delivered."""
     command = parse(list(step.words), LANGUAGE)
     named = {*command.settings, *(each.option.name for each in command.steps if each.option)}
@@ -172,7 +172,7 @@ class _Filler:
     """Fills in the words of one product's line."""
 
     product: str
-    recipe: Recipe
+    recipe: LibraryRecipe
     maps: Mapping[str, MapFile]
     before: Sequence[str]
     made: set[str]

@@ -103,7 +103,7 @@ class _Judge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Document:
+class _RecipeDocument:
     """A recipe as it is written."""
 
     schema: Annotated[Literal[1], Allowed(words="(what this version reads)")]
@@ -116,7 +116,7 @@ class _Document:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recipe:
+class LibraryRecipe:
     """A recipe, checked."""
 
     products: tuple[Product, ...]
@@ -145,7 +145,7 @@ def commented_recipe() -> str:
     return (Path(__file__).parent / "recipe.toml").read_text()
 
 
-def load_recipe(path: Path) -> Recipe:
+def load_recipe(path: Path) -> LibraryRecipe:
     """Read a recipe.
 
     Raises
@@ -156,9 +156,9 @@ def load_recipe(path: Path) -> Recipe:
     return recipe_of(read_toml(path), str(path))
 
 
-def recipe_of(document: Mapping[str, Any], name: str) -> Recipe:
+def recipe_of(document: Mapping[str, Any], name: str) -> LibraryRecipe:
     """The recipe that a document is; `name` is for messages."""
-    said: _Document = read_as(_Document, document, name, ParameterError)
+    said: _RecipeDocument = read_as(_RecipeDocument, document, name, ParameterError)
     for role in said.roles:
         _require_among(f"{name}: roles", role, tuple(ROLES))
     if not said.product:
@@ -166,7 +166,7 @@ def recipe_of(document: Mapping[str, Any], name: str) -> Recipe:
     names = [product.name for product in said.product]
     if len(set(names)) < len(names):
         raise ParameterError(f"{name}: two products have one name")
-    return Recipe(
+    return LibraryRecipe(
         find=said.find, roles=said.roles, products=said.product, deliver=said.deliver, assets=said.assets,
         limits=tuple(Limit.read(text, "limits") for text in said.judge.limits),
     )  # fmt: skip

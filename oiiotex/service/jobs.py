@@ -22,7 +22,7 @@ _numbers = itertools.count()
 
 
 @dataclass(eq=False)
-class Job:
+class DeviceJob:
     """Something to be done.
 
     Attributes
@@ -36,7 +36,7 @@ class Job:
     """
 
     priority: int
-    work: Callable[[Job], Any]
+    work: Callable[[DeviceJob], Any]
     report: Callable[[str, Any], None]
     cancelled: bool = False
     log: list[tuple[str, str]] = field(default_factory=list)
@@ -44,7 +44,7 @@ class Job:
     _number: int = field(default_factory=lambda: next(_numbers))
     _told: float = 0.0
 
-    def __lt__(self, other: Job) -> bool:
+    def __lt__(self, other: DeviceJob) -> bool:
         return (self.priority, self._number) < (other.priority, other._number)
 
     def advance(self, done: int, total: int) -> bool:
@@ -62,14 +62,14 @@ class Jobs:
     """Jobs that wait, and the thread that does them."""
 
     def __init__(self) -> None:
-        self._waiting: list[Job] = []
-        self._running: list[Job] = []  # the last one works, those before it wait for it
+        self._waiting: list[DeviceJob] = []
+        self._running: list[DeviceJob] = []  # the last one works, those before it wait for it
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="oiiotex-jobs", daemon=True)
         self._thread.start()
 
     @property
-    def running(self) -> Job | None:
+    def running(self) -> DeviceJob | None:
         """The job that works."""
         return self._running[-1] if self._running else None
 
@@ -78,14 +78,14 @@ class Jobs:
         """How many wait or run."""
         return len(self._waiting) + len(self._running)
 
-    def add(self, job: Job) -> None:
+    def add(self, job: DeviceJob) -> None:
         """Have a job done."""
         job._jobs = self
         with self._changed:
             heapq.heappush(self._waiting, job)
             self._changed.notify()
 
-    def cancel(self, job: Job) -> None:
+    def cancel(self, job: DeviceJob) -> None:
         """Leave a job undone, or end it where it next reports progress."""
         with self._changed:
             job.cancelled = True
@@ -96,7 +96,7 @@ class Jobs:
         if waited:
             job.report("cancelled", None)
 
-    def let_in(self, job: Job) -> None:
+    def let_in(self, job: DeviceJob) -> None:
         """Do what is more urgent than a job that runs."""
         while not job.cancelled:
             with self._changed:
@@ -113,7 +113,7 @@ class Jobs:
                 job = heapq.heappop(self._waiting)
             self._do(job)
 
-    def _do(self, job: Job) -> None:
+    def _do(self, job: DeviceJob) -> None:
         self._running.append(job)
         try:
             result = job.work(job)

@@ -28,7 +28,7 @@ from ..machine import usable_threads
 from ..session import Session
 from ..session.progress import Progress
 from ..session.resources import Resources
-from .jobs import Job, Jobs
+from .jobs import DeviceJob, Jobs
 from .messages import Link, LinkError
 from .pictures import image_of
 from .settings import ResidentSettings
@@ -55,7 +55,7 @@ class Resident:
         self._session = Session.of(Resources(settings), Progress())
         self._session.resources.memory = settings.budget // MEMORY_SHARE
         self.jobs = Jobs()
-        self._clients: set[_Client] = set()
+        self._clients: set[_Connection] = set()
         self._busy = time.monotonic()
         self._end = False
         log.setLevel(logging.INFO)
@@ -98,11 +98,11 @@ class Resident:
             if len(self._clients) >= MOST_CLIENTS or _user_of(connection) != os.geteuid():
                 connection.close()
                 continue
-            client = _Client(self, connection, Bench(self._session))
+            client = _Connection(self, connection, Bench(self._session))
             self._clients.add(client)
             threading.Thread(target=client.serve, name="oiiotex-client", daemon=True).start()
 
-    def leave(self, client: _Client) -> None:
+    def leave(self, client: _Connection) -> None:
         """Forget a client."""
         self._clients.discard(client)
         self._busy = time.monotonic()
@@ -120,11 +120,11 @@ class Resident:
         }  # fmt: skip
 
 
-class _Client:
+class _Connection:
     def __init__(self, resident: Resident, connection: socket.socket, bench: Bench):
         self._resident, self._bench = resident, bench
         self._link = Link(connection)
-        self._jobs: dict[int, Job] = {}
+        self._jobs: dict[int, DeviceJob] = {}
 
     def serve(self) -> None:
         """Answer until the client hangs up, dies or talks nonsense."""
@@ -178,7 +178,7 @@ class _Client:
         def look(pixels: Any, whole: bool) -> None:
             self._answer(number, "look", {"whole": whole}, [pixels])
 
-        def work(job: Job) -> Any:
+        def work(job: DeviceJob) -> Any:
             if asked["do"] == "make":
                 return self._bench.make(job, asked, look if asked.get("look") else None)
             return {"read": self._bench.read, "texture": self._bench.texture, "tile": self._bench.tile}[asked["do"]](
@@ -195,7 +195,7 @@ class _Client:
                 facts = value.facts() | {"log": job.log}
             self._answer(number, state, facts, arrays)
 
-        job = self._jobs[number] = Job(int(asked.get("priority", 5)), work, report)
+        job = self._jobs[number] = DeviceJob(int(asked.get("priority", 5)), work, report)
         self._resident.jobs.add(job)
 
     def _answer(self, number: Any, state: str, facts: dict[str, Any], arrays: list[Any] | tuple[()] = ()) -> None:

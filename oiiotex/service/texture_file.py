@@ -42,26 +42,26 @@ _QUERY = ("seed", "size", "level", "colorspace", "device")
 _SIZE = re.compile(r"([1-9]\d{0,9})x([1-9]\d{0,9})", re.ASCII)
 
 
-_Text = Annotated[
+_LinkedText = Annotated[
     str, Allowed(most=MOST_TEXT, pattern=r"(?s)[^\0]+", words=f"of 1 to {MOST_TEXT} letters, none of them NUL")
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Document:
+class _TextureDocument:
     """What a document says, with what stands behind '?'."""
 
     oiiotex: Annotated[Literal[1], Allowed(words="(the version of the format)")]
-    photo: _Text | None = None
-    graph: _Text | None = None
-    tiles: _Text | None = None
+    photo: _LinkedText | None = None
+    graph: _LinkedText | None = None
+    tiles: _LinkedText | None = None
     size: str | None = None
-    plan: _Text | None = None
+    plan: _LinkedText | None = None
     seed: Seed | None = None
     level: Annotated[int, Allowed(0, MOST_LEVEL)] | None = None
-    colorspace: _Text | None = None
+    colorspace: _LinkedText | None = None
     autocc: bool = False
-    device: _Text | None = None
+    device: _LinkedText | None = None
     title: Any = None  # for people
     note: Any = None
 
@@ -144,7 +144,7 @@ def read_texture_file(name: str) -> TextureFile:
     document = read_document(path)
     if query and isinstance(document, dict):
         document |= _asked(query, where)
-    return _checked(read_as(_Document, document, where), path)
+    return _checked(read_as(_TextureDocument, document, where), path)
 
 
 def _asked(query: str, where: str) -> dict[str, Any]:
@@ -158,7 +158,7 @@ def _asked(query: str, where: str) -> dict[str, Any]:
     return values
 
 
-def _checked(document: _Document, path: Path) -> TextureFile:
+def _checked(document: _TextureDocument, path: Path) -> TextureFile:
     where = str(path)
     given = [key for key in _FILES[:3] if getattr(document, key) is not None]
     if len(given) != 1:

@@ -31,7 +31,7 @@ _MOST = 1 << 24  # px of a window that is asked for
 _PLANE = Window(-(1 << 40), -(1 << 40), 1 << 40, 1 << 40)
 
 
-class Texture:
+class OpenTexture:
     """A texture file that has been opened.
 
     Parameters
@@ -50,7 +50,7 @@ class Texture:
     def __init__(self, text: str, session: Session):
         self._text, file = text, TextureFile.of_text(text)
         file.require_unchanged()
-        kind = _Quilt if file.plan else _Tiles if file.tiles else _Endless
+        kind = _QuiltTexture if file.plan else _TilesTexture if file.tiles else _EndlessTexture
         self._made = kind(file, session)
         self.spec, self.levels = self._made.spec, self._made.levels
         tile = tile_side(self.spec.width, self.spec.height)
@@ -81,7 +81,7 @@ class Texture:
         return assembled(window, (self._side, self._side), _PLANE, block)
 
 
-class _Endless:
+class _EndlessTexture:
     """A plane of --texsynth. Beyond its level 0, where a pixel is as large as the exemplar, there is one colour."""
 
     def __init__(self, file: TextureFile, session: Session):
@@ -107,7 +107,7 @@ class _Endless:
         return part
 
 
-class _Quilt:
+class _QuiltTexture:
     """What --texquilt:render=1 makes of a plan. It has one level: hosts that want more make them."""
 
     levels = 1
@@ -130,7 +130,7 @@ class _Quilt:
         return out
 
 
-class _Tiles:
+class _TilesTexture:
     """Tiles beside each other. They have one level, as a quilt has."""
 
     levels = 1
@@ -161,9 +161,9 @@ def _spec_of(part: Part, file: TextureFile) -> oiio.ImageSpec:
     return spec
 
 
-def opened(text: str, session: Session) -> Texture:
+def opened(text: str, session: Session) -> OpenTexture:
     """The texture of that text, which is remembered."""
-    return session.resources.remembered(("texture", text), lambda: Texture(text, session))
+    return session.resources.remembered(("texture", text), lambda: OpenTexture(text, session))
 
 
 def _opened(path: str, file: TextureFile, session: Session) -> Image:

@@ -17,7 +17,7 @@ from ..errors import ImageError, Interrupted, ParameterError
 from ..run import run
 from ..session import Session
 from ..session.progress import Progress
-from .jobs import Job
+from .jobs import DeviceJob
 from .pictures import image_facts, window_of
 from .textures import opened
 
@@ -64,12 +64,12 @@ class Bench:
             raise ImageError(f"there is no image {number}")
         return self._images[number]
 
-    def make(self, job: Job, asked: dict[str, Any], look: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
+    def make(self, job: DeviceJob, asked: dict[str, Any], look: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
         """Use an op.
 
         Parameters
         ----------
-        job : Job
+        job : DeviceJob
         asked : dict
             op, its name; images, numbers of those it always takes, and of a material's further maps behind them;
             optional, by parameter a number of an image or a name of a part; values, by modifier a text as on the
@@ -116,7 +116,7 @@ class Bench:
             arrays.append(_pixels(results[0].image, asked["read"], None))
         return {"images": images, "said": said, "log": job.log, "failed": failed}, arrays
 
-    def read(self, job: Job, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    def read(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
         """Pixels of a window: number of the image, name of the part ('' is the first), left, top, right, bottom.
 
         Raises
@@ -126,7 +126,7 @@ class Bench:
         """
         return {}, [_pixels(self.image(asked["image"]), asked.get("part", ""), asked.get("window"))]
 
-    def texture(self, job: Job, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    def texture(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
         """What a host must know of a texture file: its spec, as XML of OpenImageIO, and how many levels it has.
 
         Raises
@@ -138,7 +138,7 @@ class Bench:
         texture = session.resources.on_a_device(lambda: opened(asked["texture"], session))
         return {"spec": texture.spec.to_xml(), "levels": texture.levels}, []
 
-    def tile(self, job: Job, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
+    def tile(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
         """Pixels of a level of a texture file: left, top, right, bottom.
 
         Raises

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Unpack
 
-from .progress import Look, Progress, Say, Tell
+from .progress import Onlooker, Progress, Say, Tell
 from .resources import Resources
 from .settings import Changes, Settings
 
@@ -33,7 +33,7 @@ class Session:
         self,
         *,
         progress: Tell | None = None,
-        look: Look | None = None,
+        look: Onlooker | None = None,
         say: Say | None = None,
         measure: bool = False,
         **settings: Unpack[Changes],

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 Tell = Callable[[int, int], bool | None]
-Look = Callable[["np.ndarray", bool], object]
+Onlooker = Callable[["np.ndarray", bool], object]
 Say = Callable[[str], object]
 
 
@@ -35,7 +35,7 @@ class Progress:
     """
 
     tell: Tell | None = None
-    look: Look | None = None
+    look: Onlooker | None = None
     say: Say | None = None
     measure: bool = False
 

@@ -238,7 +238,7 @@ def _along(grid: np.ndarray, taps: np.ndarray, axis: int, wraps: bool) -> np.nda
 # --- reading a grid as a surface ---
 
 
-class Surface:
+class SplineSurface:
     """A cubic B-spline over a grid of cells.
 
     Parameters

@@ -103,7 +103,7 @@ def merged(
     levels : iterable of (n, 3) float64
         For every level after the first, sums of Lab over each finest superpixel in that level's image.
     """
-    graph = _Graph(sizes, positions, edges)
+    graph = _RegionGraph(sizes, positions, edges)
     counts = [len(sizes)]
     area = int(sizes.sum())
     for sigma, sums in zip(sigmas[1:].tolist(), levels, strict=False):
@@ -114,7 +114,7 @@ def merged(
     return Hierarchy(merges, np.asarray(sigmas, np.float64), np.array(counts, np.int64))
 
 
-class _Graph:
+class _RegionGraph:
     """What is left of the region adjacency graph."""
 
     def __init__(self, sizes: np.ndarray, positions: np.ndarray, edges: np.ndarray):

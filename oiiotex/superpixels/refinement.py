@@ -41,7 +41,7 @@ class Reduced:
     sums: np.ndarray
 
 
-class Squares:
+class LabelSquares:
     """Sums and means of squares, taken while the image is read; a `LabGrid` of squares. Give it back by `with`.
 
     Parameters
@@ -65,7 +65,7 @@ class Squares:
         self._sums = Buffers(self._device, {"sums": 16 * self.width * self._rows}, resources.budget, asker)
         self.reduced = Reduced(side, np.zeros((self.height, self.width, 4), np.int32))
 
-    def __enter__(self) -> Squares:
+    def __enter__(self) -> LabelSquares:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -93,7 +93,7 @@ class Squares:
 
 
 def refined_slots(
-    lab: LabGrid, grid: SeedGrid, squares: Squares, settled: Slic, centres: np.ndarray, resources: Resources
+    lab: LabGrid, grid: SeedGrid, squares: LabelSquares, settled: Slic, centres: np.ndarray, resources: Resources
 ) -> Iterator[tuple[Band, Any]]:
     """As `Slic.slots` of the image: which of nine seeds a pixel chooses, band by band.
 

@@ -26,7 +26,7 @@ from ..opencl.buffers import Buffers
 from ..session.resources import Resources
 
 if TYPE_CHECKING:
-    from .refinement import Squares
+    from .refinement import LabelSquares
 
 NONE = 255  # the slot of transparent pixels
 _STRIP = 16  # rows that one work-item looks at
@@ -207,7 +207,7 @@ class Slic:
     lab : LabGrid
     """
 
-    def __init__(self, lab: LabGrid | Squares, grid: SeedGrid, resources: Resources):
+    def __init__(self, lab: LabGrid | LabelSquares, grid: SeedGrid, resources: Resources):
         self._lab, self.grid, self._device = lab, grid, resources.device
         self._run = self._device.program("superpixels")
         self._strips = grid.strips(lab.band_rows)

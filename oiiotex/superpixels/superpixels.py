@@ -26,7 +26,7 @@ from ..errors import present
 from ..opencl.buffers import Buffers, in_smaller_pieces, offset_table
 from ..session.resources import Resources
 from .crumbs import without_crumbs
-from .refinement import WIDEST, Reduced, Squares, refined_slots
+from .refinement import WIDEST, LabelSquares, Reduced, refined_slots
 from .run_length import OUTSIDE, Pieces, Runs, Strip, pieces_of, without_small
 from .slic import NINE, NONE, SeedGrid, Slic, least_bytes
 
@@ -158,7 +158,7 @@ def superpixels(
         """With so many bytes of the image on the device at a time."""
         best: Superpixels | None = None
         with contextlib.ExitStack() as opened:
-            squares = opened.enter_context(Squares(window.width, window.height, side, resources, on_squares))
+            squares = opened.enter_context(LabelSquares(window.width, window.height, side, resources, on_squares))
             lab = opened.enter_context(LabGrid(image, lens, resources, side, most, squares.look))
             advance(1, 2 * runs + 1)
             settled, settling = (squares, grid.of_squares) if on_squares else (lab, grid)

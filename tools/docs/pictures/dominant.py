@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from benchmarks.dominant.composites import TWELVE, composite, seen_as
 from oiiotex import filters
-from oiiotex.charts.dominant_chart import COLOURS, Panel
+from oiiotex.charts.dominant_chart import COLOURS, Plot
 from oiiotex.dominant.diffusion import dominant_texture
 from oiiotex.dominant.refinement import refined_mask
 from oiiotex.session import Session
@@ -125,7 +125,7 @@ def texel_points(name: str = "stained_plaster_wall.jpg", side: int = 384) -> Non
     of_type = np.array(COLOURS)[found.types]
     panels = []
     for across, up, shown in ((0, 1, colours), (2, 1, colours), (0, 1, of_type)):
-        panel = Panel(found.texels.values[:, across], found.texels.values[:, up])
+        panel = Plot(found.texels.values[:, across], found.texels.values[:, up])
         panel.texts.append((f"component {up + 1} over {across + 1}", 44, 16))
         row, column = panel.place(found.texels.values[:, across], found.texels.values[:, up])
         panel.pixels[row[order], column[order]] = shown[order]
