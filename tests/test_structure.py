@@ -144,6 +144,20 @@ def test_modules_stay_small_and_say_their_licence(path):
     assert lines[0] == "# SPDX-License-Identifier: Apache-2.0"
 
 
+def test_a_type_has_a_name_of_its_own():
+    """Classes and aliases of types; those of host ops are called as oiiotool's options."""
+    places: dict[str, set[str]] = {}
+    for path in (p for p in PACKAGE.rglob("*.py") if p.relative_to(PACKAGE).parts[0] != "host"):
+        for node in ast.parse(path.read_text()).body:
+            names = [node.name] if isinstance(node, ast.ClassDef) else []
+            if isinstance(node, ast.Assign) and "TypeVar(" not in ast.unparse(node.value):
+                names = [target.id for target in node.targets if isinstance(target, ast.Name)]
+            for name in names:
+                if name[0].isupper() and not name.isupper():
+                    places.setdefault(name, set()).add(str(path.relative_to(PACKAGE)))
+    assert {name: sorted(found) for name, found in places.items() if len(found) > 1} == {}
+
+
 def test_kernel_names_start_with_their_file():
     for path in (PACKAGE / "cl").glob("*.cl"):
         names = [

@@ -86,21 +86,7 @@ def _smoothed(mesh: Mesh, normal: np.ndarray, wanted: np.ndarray, opposite: np.n
 
 
 def covered(mesh: Mesh, width: int, height: int, scale: tuple[float, float], name: str = "") -> np.ndarray:
-    """Which face covers the centre of each pixel: (height, width) int32, -1 for none.
-
-    Parameters
-    ----------
-    width, height : int
-    scale : (x, y)
-        Pixels that the unit square is wide and high.
-    name : str
-        Of the mesh, where pixels that two faces cover are to be refused.
-
-    Raises
-    ------
-    ImageError
-        Charts lie over each other.
-    """
+    """Which face covers the centre of each pixel: (height, width) int32, -1 for none."""
     place = in_pixels(mesh.uv, scale)
     owner = np.full(width * height, len(mesh.faces), np.int64)
     times = np.zeros(width * height if name else 0, np.uint8)
@@ -156,19 +142,7 @@ def walk(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Go straight along the surface: over an edge the way goes on in the next face, turned about the edge.
 
-    Parameters
-    ----------
-    face : (n,) int
-    weights : (n, 3) float64
-        Where in it: barycentric coordinates.
-    step : (n, 3) float64
-        In the plane of the face.
-
-    Returns
-    -------
-    face : (n,) int64
-        In which the way ends; where the surface ends before it, at its border.
-    weights : (n, 3) float64
+    `face` (n,) int; `weights` (n, 3) float64; `step` (n, 3) float64; returns (n,) int64, (n, 3) float64.
     """
     face, weights, step = face.astype(np.int64), weights.copy(), step.copy()
     corners = mesh.corners

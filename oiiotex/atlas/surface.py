@@ -18,33 +18,18 @@ FARTHEST = 2  # px from where a step leads to the pixel that stands for it
 class Surface:
     """The pixels of an atlas whose centres lie in charts, at one level of scale.
 
-    Attributes
-    ----------
-    frames : Frames
-        Of the photo at this level.
-    shape : (height, width)
-    scale : (float, float)
-        Pixels that the unit square is wide and high.
-    face : (n,) int32
-        That covers the pixel.
-    place : (n,) int64
-        Of the pixel in the atlas, row by row.
-    index : (height, width) int32
-        Its inverse; -1 outside of charts.
-    step : (faces, 2, 2) float64
-        What pixels of the atlas, x and y, a step in the photo, x and y, is inside of a face.
-    inverse : (faces, 2, 2) float64
+    `step` (faces, 2, 2) float64: what pixels of the atlas, x and y, a step in the photo, x and y, is inside of a face.
     """
 
     mesh: Mesh
-    frames: Frames
-    shape: tuple[int, int]
-    scale: tuple[float, float]
-    face: np.ndarray
-    place: np.ndarray
-    index: np.ndarray
+    frames: Frames  # Of the photo at this level
+    shape: tuple[int, int]  # (height, width)
+    scale: tuple[float, float]  # Pixels that the unit square is wide and high
+    face: np.ndarray  # (n,) int32: that covers the pixel
+    place: np.ndarray  # (n,) int64: of the pixel in the atlas, row by row
+    index: np.ndarray  # (height, width) int32: its inverse; -1 outside of charts
     step: np.ndarray
-    inverse: np.ndarray
+    inverse: np.ndarray  # (faces, 2, 2) float64
 
     @classmethod
     def of(cls, mesh: Mesh, frames: Frames, width: int, height: int, level: int, name: str = "") -> Surface:
@@ -76,19 +61,7 @@ class Surface:
     def around(self, pixels: np.ndarray, steps: np.ndarray, nearest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixels where steps along the surface lead from some pixels, over borders of charts.
 
-        Parameters
-        ----------
-        pixels : (n,) int
-        steps : (n, 3) float64
-            In the planes of their faces.
-        nearest : (height, width) int32
-            As `nearest` gives it: the last pixel of a chart stands for what it covers in part.
-
-        Returns
-        -------
-        there : (n,) int32
-        rest : (n, 2) float64
-            How far the centre of that pixel lies from where the step leads, in pixels of the photo.
+        `pixels` (n,) int; `steps` (n, 3) float64; `nearest` (height, width) int32; returns (n,) int32, (n, 2) float64.
         """
         face = self.face[pixels]
         corners = in_pixels(self.mesh.uv[face], self.scale)
@@ -161,10 +134,7 @@ class Neighbours:
     def of(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The nearest pixels, and from the offset to their centres, x and y in `ONE`ths of a pixel of the photo.
 
-        Returns
-        -------
-        there : (n, offsets) int32
-        rest : (n, offsets, 2) int16
+        Returns (n, offsets) int32, (n, offsets, 2) int16.
         """
         there, rest = self._straight(pixels), self._rest[self._surface.face[pixels]]
         row = self._row[pixels]

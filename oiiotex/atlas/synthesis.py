@@ -43,24 +43,12 @@ def offsets() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class PhotoLevel:
-    """The photo at one level.
+    """The photo at one level."""
 
-    Attributes
-    ----------
-    colour : (height * width, channels) int16
-        Lab on the fine grid.
-    looks : (height * width, dimensions) int32
-        Neighbourhoods, projected.
-    basis : (25 * channels, dimensions) float64
-        Of whole numbers, so that products are exact in any order.
-    snap : (height, width) int32
-        The nearest pixel whose whole neighbourhood may be taken.
-    """
-
-    colour: np.ndarray
-    looks: np.ndarray
-    basis: np.ndarray
-    snap: np.ndarray
+    colour: np.ndarray  # (height * width, channels) int16: Lab on the fine grid
+    looks: np.ndarray  # (height * width, dimensions) int32: neighbourhoods, projected
+    basis: np.ndarray  # (25 * channels, dimensions) float64: of whole numbers, so that products are exact in any order
+    snap: np.ndarray  # (height, width) int32: the nearest pixel whose whole neighbourhood may be taken
 
     @classmethod
     def of(cls, lab: np.ndarray, usable: np.ndarray) -> PhotoLevel | None:

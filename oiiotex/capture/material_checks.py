@@ -48,24 +48,12 @@ ERROR, WARNING = "error", "warning"
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with a map.
+    """What is wrong with a map."""
 
-    Attributes
-    ----------
-    level : str
-        `ERROR`: it renders wrong; `WARNING`: it may.
-    map : str
-        The map's name.
-    check : str
-        One word for machines.
-    text : str
-        What is wrong and what helps, for people.
-    """
-
-    level: str
-    map: str
-    check: str
-    text: str
+    level: str  # `ERROR`: it renders wrong; `WARNING`: it may
+    map: str  # The map's name
+    check: str  # One word for machines
+    text: str  # What is wrong and what helps, for people
 
     def __str__(self) -> str:
         return f"{self.level}: {self.map}: {self.text}"

@@ -30,15 +30,10 @@ _DIRECTED = 1.4  # power along over across, from where light has a direction; 3 
 class Relief:
     """Heights that a photo's shading says.
 
-    Attributes
-    ----------
-    heights : (height, width) float32
-        px, 0 on the average; larger is nearer.
-    light : float or None
-        Where light was taken to come from, degrees counterclockwise from the right; None: an overcast sky.
+    `light`: where light was taken to come from, degrees counterclockwise from the right; None: an overcast sky.
     """
 
-    heights: np.ndarray
+    heights: np.ndarray  # (height, width) float32: px, 0 on the average; larger is nearer
     light: float | None
 
 
@@ -111,14 +106,7 @@ def integrated(slope: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.n
 
     The nearest by their weighted norm: slopes along the direction count once, all others, which would be 0, `_ACROSS`.
 
-    Parameters
-    ----------
-    slope : (height, columns) complex128
-        Spectrum of the slope.
-    along : the same
-        j w l: the derivative along the direction.
-    square : (height, columns) float64
-        |w|^2.
+    `slope` (height, columns) complex128; `square` (height, columns) float64.
     """
     weight = np.abs(along) ** 2 + _ACROSS * square
     weight[0, 0] = 1.0
@@ -132,10 +120,7 @@ def light_of(shading: np.ndarray) -> float | None:
     (Knill, Estimating illuminant direction and degree of surface relief, JOSA A 7, 1990). The two ends cannot be told
     apart: the upper one is taken, of two at about the same height the left one, as people do.
 
-    Parameters
-    ----------
-    shading : (height, width) float64
-        Nothing of it mirrored, which would turn the light.
+    `shading` (height, width) float64.
     """
     tapers = [np.sin(np.pi * (np.arange(n) + 0.5) / n) for n in shading.shape]
     spectrum = np.fft.rfft2(shading * tapers[0][:, None] * tapers[1][None])

@@ -43,21 +43,11 @@ _STEPS = 64  # places along each side of the lattice where a rectangle may begin
 
 @dataclass(frozen=True)
 class SlantedLattice:
-    """A lattice in perspective.
+    """A lattice in perspective."""
 
-    Attributes
-    ----------
-    vanishing : (2,) float64
-        l, per px.
-    middle : (2,) float64
-        The photo's middle, px, where x is 0.
-    cell : (2, 2) float64
-        Its sides at the middle, px: to the right, down.
-    """
-
-    vanishing: np.ndarray
-    middle: np.ndarray
-    cell: np.ndarray
+    vanishing: np.ndarray  # (2,) float64: l, per px
+    middle: np.ndarray  # (2,) float64: the photo's middle, px, where x is 0
+    cell: np.ndarray  # (2, 2) float64: its sides at the middle, px: to the right, down
 
     def cells_at(self, points: np.ndarray) -> np.ndarray:
         """Points of the photo (n, 2), px, in cells along its two sides."""

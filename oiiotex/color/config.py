@@ -209,13 +209,7 @@ def _lab_config() -> ocio.Config:
 
 
 def space_of(image: Image, config: ColorConfig, autocc: bool = False) -> str:
-    """The image's colour space: its tag, else the config's file rules where `autocc` asks for them.
-
-    Raises
-    ------
-    ColorError
-        Neither says; colour is never guessed.
-    """
+    """The image's colour space: its tag, else the config's file rules where `autocc` asks for them."""
     tag = image.first.spec.get_string_attribute(TAG)
     if tag:
         return config.resolve(tag)

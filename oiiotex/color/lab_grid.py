@@ -50,10 +50,7 @@ def mean_lab(sums: np.ndarray) -> np.ndarray:
 def seen_on_grid(values: np.ndarray, opaque: np.ndarray | None) -> np.ndarray:
     """What a `Lens` shows, (h, w, 4) float32, which is used up, on the fine grid.
 
-    Returns
-    -------
-    (h, w, 4) int16
-        L, a, b in steps; 1 where opaque, else all 0.
+    Returns (h, w, 4) int16.
     """
     grid = to_grid(values, FINE_STEPS, used_up=True)
     grid[..., 3] = 1

@@ -39,15 +39,8 @@ class _Mapped(Op):
     ) -> Part:
         """A part of the same size, window by window, computed on all threads when it is asked for.
 
-        Parameters
-        ----------
-        part : Part
-            Where pixels come from.
-        work : callable
-            (pixels of the part, window) -> pixels of the result there. It must give a pixel the same value in any
-            window. With a halo the pixels are those of the window grown by it, as far as the part goes.
-        spec : oiio.ImageSpec, optional
-            Of the result; the part's own when left out.
+        `work`: (pixels of the part, window) -> pixels of the result there. It must give a pixel the same value in any
+        window. With a halo the pixels are those of the window grown by it, as far as the part goes.
         """
         return mapped(part, work, session.resources, spec, self.halo())
 

@@ -97,13 +97,7 @@ def _timecode(text: str) -> np.ndarray:
 
 
 def attribute_type(type_name: str) -> oiio.TypeDesc:
-    """The type of that name.
-
-    Raises
-    ------
-    ParameterError
-        There is none.
-    """
+    """The type of that name."""
     described = oiio.TypeDesc(type_name)
     if described == oiio.TypeDesc() or oiio.BASETYPE(described.basetype) == oiio.UNKNOWN:
         raise ParameterError(f"no type '{type_name}'; there is int, float, string, float[3], color, matrix ...")

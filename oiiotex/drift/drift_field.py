@@ -43,22 +43,15 @@ _RIDGE = 0.02  # of sigma^2, in the fit of a slope: nothing where there is somet
 class Drift:
     """Local and global statistics of an image.
 
-    Attributes
-    ----------
-    level : (down + 4, across + 4, channels) float
-        Local level at the cells' centres, with the margin of `grid_statistics.MARGIN`.
-    contrast : same shape
-        Median over the disc of the standard deviation in a cell, once the local level is subtracted.
-    overall_level, overall_contrast : (channels,) float
-        Medians of both over the image.
-    spots : (down + 4, across + 4) float
-        Where a stain smaller than the disc was found, 0 to 1: it may change contrast more than the texture does.
+    `level` (down + 4, across + 4, channels) float: local level at the cells' centres, with the margin of
+    `grid_statistics.MARGIN`; `spots` (down + 4, across + 4) float: where a stain smaller than the disc was found, 0 to
+    1: it may change contrast more than the texture does.
     """
 
     cells: Cells
     level: np.ndarray
-    contrast: np.ndarray
-    overall_level: np.ndarray
+    contrast: np.ndarray  # Median over the disc of the standard deviation in a cell, once the local level is subtracted
+    overall_level: np.ndarray  # (channels,) float: medians of both over the image
     overall_contrast: np.ndarray
     spots: np.ndarray
 
@@ -125,14 +118,8 @@ def cell_sums(values: np.ndarray, opaque: np.ndarray | None, cells: Cells) -> np
 
     Integers held in doubles, which add them exactly in any order.
 
-    Parameters
-    ----------
-    values : (height, width, channels) float32
-    opaque : (height, width) bool or None
-
-    Returns
-    -------
-    (across, 1 + 2 channels) float64
+    `values` (height, width, channels) float32; `opaque` (height, width) bool or None; returns (across, 1 + 2 channels)
+    float64.
     """
     height, width, count = values.shape
     starts = cells.starts
@@ -296,15 +283,9 @@ def _moments(taps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Correction:
-    """What removes drift from an image: value * gain + offset, per channel.
+    """What removes drift from an image: value * gain + offset, per channel."""
 
-    Attributes
-    ----------
-    field : SplineSurface
-        Four gains, then four offsets, as `Lens.values` has four values.
-    """
-
-    field: SplineSurface
+    field: SplineSurface  # Four gains, then four offsets, as `Lens.values` has four values
 
     def apply(self, values: np.ndarray, window: Window) -> None:
         """Correct (height, width, 4) float32 in place; `window` says which pixels they are."""
@@ -321,13 +302,7 @@ def correction(drift: Drift, amount: float, contrast: float, target: np.ndarray)
     what has no detail must not have its noise raised. A stain may lend its color to every element, so contrast goes
     down to 1/16 there. Pixels outside a mask are corrected by what lies around it.
 
-    Parameters
-    ----------
-    amount : float
-        0: nothing happens; 1: all of it.
-    contrast : float
-        0: contrast stays; 1: it becomes even, as far as the limits let it.
-    target : (channels,) float
+    `target` (channels,) float.
     """
     count = drift.level.shape[-1]
     gain = ((drift.overall_contrast + _NOISE) / (drift.contrast + _NOISE)) ** contrast

@@ -134,11 +134,7 @@ def _with_neighbours(lab: np.ndarray, usable: np.ndarray) -> np.ndarray:
 class Laid:
     """Which pixel of a photo lies where in a result, `NONE` where none does; threads may share it by windows.
 
-    Parameters
-    ----------
-    height, width : int
-    budget : int
-        Bytes; beyond a quarter of it the map lies in a file.
+    `budget`: bytes; beyond a quarter of it the map lies in a file.
     """
 
     def __init__(self, height: int, width: int, budget: int):

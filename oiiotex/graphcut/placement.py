@@ -124,14 +124,7 @@ def graph_cut(
 
 
 def waves(layout: Layout, squares: list[tuple[int, int, int]]) -> list[list[int]]:
-    """Squares (y, x, side) by number, in waves: each in one behind all those before it that it touches.
-
-    Parameters
-    ----------
-    layout : Layout
-        Where they lie; one may reach beyond the border, where it begins anew or there is nothing.
-    squares : list of (int, int, int)
-    """
+    """Squares (y, x, side) by number, in waves: each in one behind all those before it that it touches."""
     cell = max(2, layout.patch // 16)  # px, how exactly it is looked at what touches
     last = np.full((-(-layout.height // cell), -(-layout.width // cell)), -1, np.int32)  # wave that touched it
     by_wave: list[list[int]] = []

@@ -44,18 +44,7 @@ class SeamPhoto:
     def costs(self, a: np.ndarray, b: np.ndarray, step: tuple[int, int]) -> np.ndarray:
         """M(s, t, A, B) of KSE03 eq. 2 in whole numbers, for edges from s to t = s + step.
 
-        Parameters
-        ----------
-        a : (2, n) int
-            Source (y, x) of s in patch A.
-        b : (2, n) int
-            Source (y, x) of t in patch B.
-        step : (int, int)
-
-        Returns
-        -------
-        (n,) int64
-            0 where A and B are the same patch.
+        `a` (2, n) int; `b` (2, n) int; returns (n,) int64.
         """
         offset = np.array(step)[:, None]
         same = (a + offset == b).all(axis=0)
@@ -82,11 +71,7 @@ def edges(shape: tuple[int, int], step: tuple[int, int]) -> tuple[np.ndarray, np
 def seam_costs(source: SeamPhoto, places: np.ndarray, filled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Costs of the seams that are there: to the right (h, w - 1) and below (h - 1, w).
 
-    Parameters
-    ----------
-    places : (2, h, w) int
-        Source (y, x) of every pixel.
-    filled : (h, w) bool
+    `places` (2, h, w) int; `filled` (h, w) bool.
     """
     flat, there, shape = places.reshape(2, -1), filled.ravel(), filled.shape
     costs = []
@@ -102,20 +87,7 @@ def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.nda
 
     Pixels that are not filled take the patch where it covers them; where it does not, what is there stays.
 
-    Parameters
-    ----------
-    places : (2, h, w) int
-        Source (y, x) of what is there.
-    filled : (h, w) bool
-        Where something is there.
-    patch : (2, h, w) int
-        Source (y, x) of the new patch.
-    covers : (h, w) bool
-        Where it may be taken.
-
-    Returns
-    -------
-    (h, w) bool
+    `places` (2, h, w) int; `filled` (h, w) bool; `patch` (2, h, w) int; `covers` (h, w) bool; returns (h, w) bool.
     """
     shape = filled.shape
     there, covered = filled.ravel(), covers.ravel()
@@ -160,15 +132,7 @@ def cut(source: SeamPhoto, places: np.ndarray, filled: np.ndarray, patch: np.nda
 def minimum_cut(count: int, arcs: list[tuple[np.ndarray, np.ndarray, np.ndarray]], lean: np.ndarray) -> np.ndarray:
     """x in {0, 1}^count that minimises sum lean_i x_i + sum capacity_st (1 - x_s) x_t, the one with the most ones.
 
-    Parameters
-    ----------
-    arcs : list of (s, t, capacity)
-        Capacities are not negative.
-    lean : (count,) int64
-
-    Returns
-    -------
-    (count,) bool
+    `lean` (count,) int64; returns (count,) bool.
     """
     from scipy.sparse import csr_array  # when it is needed: it is slow to import
     from scipy.sparse.csgraph import breadth_first_order, maximum_flow

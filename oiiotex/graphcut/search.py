@@ -52,14 +52,7 @@ class OffsetSearch:
     ) -> list[tuple[int, int]]:
         """The best offsets (y, x) of the patch's corner in the exemplar, at most `CHOICES`.
 
-        Parameters
-        ----------
-        places : (2, h, w) int
-            Source of what is there, a pixel wider on every side than the patch.
-        compared, wanted : (h, w) bool
-            Where the patch must look like what is there; where it should bring something new.
-        at : (int, int)
-            Row and column of the patch's corner in the result.
+        `places` (2, h, w) int; `compared`, `wanted` (h, w) bool.
         """
         f = self._factor
         grid = (slice(1 + f // 2, -1, f),) * 2

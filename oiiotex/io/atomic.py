@@ -107,13 +107,7 @@ def written(path: Path) -> Iterator[BinaryIO]:
 
 
 def held_beside(path: Path) -> Path:
-    """An empty hidden file beside `path`, for as long as nobody calls `release`; `part_of` names more of its kind.
-
-    Raises
-    ------
-    ImageError, OutsideError
-        As `require_place`.
-    """
+    """An empty hidden file beside `path`, for as long as nobody calls `release`; `part_of` names more of its kind."""
     return _claimed(path, 0o600)
 
 

@@ -170,15 +170,6 @@ def warn_of_loss(
     """Warn, in one line, of what the parts of a file do not say of what they should, or say otherwise.
 
     Of what oiiotool would write alike, only that colours would be taken for others.
-
-    Parameters
-    ----------
-    path : path
-        For the text.
-    format_name : str
-        As OpenImageIO calls it.
-    wanted, arrived : sequence of oiio.ImageSpec
-        Of the parts as they should be, and as they are read.
     """
     pairs = zip(wanted, arrived, strict=False)  # what a format holds of further parts has been said before
     missing = dict.fromkeys(loss for want, have in pairs for loss in _lost(want, have))

@@ -38,13 +38,7 @@ def require_regular(path: str | os.PathLike[str]) -> None:
 
 
 def read_text(path: Path) -> str:
-    """The text of a document.
-
-    Raises
-    ------
-    ImageError
-        It is not there, no regular file, too large, or not UTF-8.
-    """
+    """The text of a document."""
     require_regular(path)
     try:
         with open(path, "rb") as file:

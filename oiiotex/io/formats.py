@@ -69,22 +69,7 @@ class Format:
 
 
 def fitted(image: Image, out: oiio.ImageOutput, path: Path, how: Format) -> Image:
-    """The image as far as the format has channels, windows and origins for it, as oiiotool fits it.
-
-    Parameters
-    ----------
-    image : Image
-    out : oiio.ImageOutput
-        Of the format; not opened.
-    path : Path
-        For messages.
-    how : Format
-
-    Raises
-    ------
-    ImageError
-        There are several parts in a format of one image, a deep one in a format of flat images, or no pixel is left.
-    """
+    """The image as far as the format has channels, windows and origins for it, as oiiotool fits it."""
     if len(image.parts) > 1 and not out.supports("multiimage"):
         names = ", ".join(p.name for p in image.parts)
         raise ImageError(f"{path}: {out.format_name()} holds one image, here are {names}; use EXR or TIFF")

@@ -178,13 +178,7 @@ class _OpenFile:
             return buffer
 
     def thumbnail(self, subimage: int) -> oiio.ImageBuf:
-        """The thumbnail of a subimage.
-
-        Raises
-        ------
-        ImageError
-            The file has none that can be read.
-        """
+        """The thumbnail of a subimage."""
         with self._lock:
             small = self._input.get_thumbnail(subimage)
             message = error_text(self._input.geterror)

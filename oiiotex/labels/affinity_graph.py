@@ -37,18 +37,12 @@ _BINS_PER_OCTAVE_BITS = 7  # of relative distances, when r is looked for
 class Nearest(NamedTuple):
     """Neighbours of n points.
 
-    Attributes
-    ----------
-    indices : (n, k) int32
-        In rising order.
-    squared : (n, k) int32
-        Squared distances to them.
-    scales : (n,) int32
-        Squared distance to the sixth closest point, copies counted; 0 where more than so many are equal.
+    `scales` (n,) int32: squared distance to the sixth closest point, copies counted; 0 where more than so many are
+    equal.
     """
 
-    indices: np.ndarray
-    squared: np.ndarray
+    indices: np.ndarray  # (n, k) int32: in rising order
+    squared: np.ndarray  # (n, k) int32: squared distances to them
     scales: np.ndarray
 
 
@@ -56,26 +50,15 @@ class Nearest(NamedTuple):
 class AffinityGraph:
     """The similarity graph of m points, equal ones taken together: n nodes.
 
-    Attributes
-    ----------
-    scaled : Sparse
-        T^-1/2 W T^-1/2, (n, n), symmetric: W holds similarities between nodes, counted for all the points that they
-        stand for, T its column sums.
-    mass : (n,) float64
-        Those sums: what the walk tends to, but for a factor.
-    node : (m,) int64
-        The node of every point.
-    counts : (n,) int64
-        How many points a node stands for.
-    r : float
-        The global normalisation of LSA16 eq. 5.
+    `scaled`: T^-1/2 W T^-1/2, (n, n), symmetric: W holds similarities between nodes, counted for all the points that
+    they stand for, T its column sums.
     """
 
     scaled: Sparse
-    mass: np.ndarray
-    node: np.ndarray
-    counts: np.ndarray
-    r: float
+    mass: np.ndarray  # (n,) float64: those sums: what the walk tends to, but for a factor
+    node: np.ndarray  # (m,) int64: the node of every point
+    counts: np.ndarray  # (n,) int64: how many points a node stands for
+    r: float  # The global normalisation of LSA16 eq. 5
 
     def weights(self) -> Any:
         """W, a scipy.sparse.csr_array."""
@@ -122,14 +105,7 @@ def nearest(points: np.ndarray, count: int, resources: Resources, copies: np.nda
 
     In 15 dimensions and more a tree looks at nearly all points: so does this, two coordinates to a multiplication.
 
-    Parameters
-    ----------
-    points : (n, d) int16
-        No two of them farther apart than 46340.
-    count : int
-        Below n.
-    copies : (n,) int, optional
-        How many points each stands for; 1 when left out.
+    `points` (n, d) int16; `copies` (n,) int.
     """
     device, (n, d) = resources.device, points.shape
     width, pairs = -(-n // _BLOCK) * _BLOCK, -(-d // 2)

@@ -35,15 +35,7 @@ Features = Callable[[np.ndarray], np.ndarray]
 
 
 def features_of(kind: str, superpixels: Superpixels, small: SmallLab, resources: Resources) -> Features:
-    """The features of that kind, of any level of a hierarchy.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    small : SmallLab
-        As `small_lab` makes it of them.
-    """
+    """The features of that kind, of any level of a hierarchy."""
     if kind == "moments":
         return lambda groups: moments(present(superpixels.power_sums), superpixels.sizes, groups)
     if kind == "quadtree":
@@ -206,18 +198,7 @@ def _texton_histograms(small: SmallLab, superpixels: Superpixels, resources: Res
 def pooled(counts: np.ndarray, positions: np.ndarray, sigma: float, resources: Resources) -> np.ndarray:
     """Counts with those of what is near, by Gaussian weights in steps of 1/4096, of itself 1.
 
-    Parameters
-    ----------
-    counts : (n, k) int
-    positions : (n, 2) float64
-        px.
-    sigma : float
-        px.
-
-    Returns
-    -------
-    (n, k) int64
-        In those steps.
+    `counts` (n, k) int; `positions` (n, 2) float64: px; `sigma`: px; returns (n, k) int64.
     """
     unit = _PLACE_STEPS / sigma
     places = np.rint(positions * unit).astype(np.int32)

@@ -153,11 +153,7 @@ def texton_map(
 def nearest_centres(planes: np.ndarray, centres: np.ndarray, resources: Resources) -> np.ndarray:
     """The centre nearest to every pixel, the first of equal ones, (n,) uint8.
 
-    Parameters
-    ----------
-    planes : (24, n) int16
-    centres : (k, 24) int32
-        256 at most; both below 2048, so that a distance fits 32 bits.
+    `planes` (24, n) int16; `centres` (k, 24) int32.
     """
     device, pixels = resources.device, planes.shape[1]
     tables = device.upload(2 * centres), device.upload((centres**2).sum(1, dtype=np.int32))

@@ -17,16 +17,7 @@ UNLIKELY = 1e-3  # of a label that a superpixel does not belong to at all
 def settled(likely: np.ndarray, edges: np.ndarray, resources: Resources) -> np.ndarray:
     """Labels of superpixels that mind their neighbours.
 
-    Parameters
-    ----------
-    likely : (r, n) float
-        How likely each is of a label by itself.
-    edges : (m, 2) int
-        Pairs of neighbours.
-
-    Returns
-    -------
-    (n,) int64
+    `likely` (r, n) float; `edges` (m, 2) int; returns (n,) int64.
     """
     labels, places = likely.shape
     ends = np.concatenate([edges, edges[:, ::-1]])

@@ -73,13 +73,7 @@ def wide_of(resources: Resources) -> int:
 
 
 class Spread:
-    """Products of one sparse matrix, which stays on the device.
-
-    Parameters
-    ----------
-    width : int
-        Columns of what it is multiplied with, a multiple of `LANES`.
-    """
+    """Products of one sparse matrix, which stays on the device."""
 
     def __init__(self, matrix: Sparse, width: int, resources: Resources):
         self._resources, self._shape = resources, (matrix.rows, width)

@@ -33,18 +33,8 @@ _LOST = 1e-6  # of a column's length that is left after those before it are take
 class Walk:
     """Steps of the random walk on a graph.
 
-    Attributes
-    ----------
-    n : int
-        Nodes.
-    mass : (n,) float64
-        What the walk tends to, but for a factor.
-    steps : int
-        s.
-    left, right : (n, k) float32
-        D^s is left right^T.
-    norm : float
-        |D^s|^2, Frobenius.
+    `n`: nodes; `mass` (n,) float64: what the walk tends to, but for a factor; `steps`: s; `left`, `right` (n, k)
+    float32: D^s is left right^T; `norm`: |D^s|^2, Frobenius.
     """
 
     def __init__(self, graph: AffinityGraph, resources: Resources, persistence: float, slowest: float = SLOWEST):

@@ -194,14 +194,7 @@ def label_levels(
 ) -> tuple[LabelLevel, ...]:
     """The levels of labels, finest first, as a tree.
 
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-        Of n finest superpixels.
-    edges : (m, 2) int
-        Pairs of finest superpixels that touch.
-    coarsest : callable
-        Gives a level above all when the others are there: (n,) int64, labels from 0 on; or None.
+    `edges` (m, 2) int.
     """
     levels = _bottom_up(hierarchy, features, settings, edges, resources)
     top = coarsest()
@@ -214,13 +207,7 @@ def label_levels(
 
 
 def labelled(points: np.ndarray, settings: LabelSettings, level: int, resources: Resources) -> Factors:
-    """Labels of m points, (m, d), found at that level (0: the finest). Every label has a point.
-
-    Raises
-    ------
-    ImageError
-        Clusters are asked for that need scikit-learn, and it is not there.
-    """
+    """Labels of m points, (m, d), found at that level (0: the finest). Every label has a point."""
     m = len(points)
     if m > MOST:
         return _labelled_by_sample(points, settings, level, resources)

@@ -69,15 +69,7 @@ class Factors:
 
 
 def factored(walk: Power, resources: Resources, seed: int = 0, tries: int = 0) -> Factors:
-    """The stochastic factorization of LSA16 eq. 8.
-
-    Parameters
-    ----------
-    seed : int
-        Of the random starts.
-    tries : int
-        0: one deterministic start; else so many random ones, joined by boosting.
-    """
+    """The stochastic factorization of LSA16 eq. 8."""
     factors = _descended(walk, resources, probe_cover(walk))
     if tries == 0:
         return factors
@@ -150,18 +142,7 @@ def memberships_of(
 ) -> np.ndarray:
     """Rows x on the simplex that minimise x Q x^T / 2 - x c^T, (n, r) float32.
 
-    Parameters
-    ----------
-    start : (n, r) float32
-        On the simplex.
-    quadratic : (r, r) float32
-        Q, of no negative numbers.
-    linear : (n, r) float32
-        A c for every row.
-    inverse : (r + 8,) float32
-        1 / 0 (any number), 1 / 1, 1 / 2, ...
-    steps : int
-        At most.
+    `start` (n, r) float32; `quadratic` (r, r) float32; `linear` (n, r) float32; `inverse` (r + 8,) float32.
     """
     device, (n, r) = resources.device, start.shape
     at, tables = padded(start), {"quadratic": padded(quadratic), "linear": padded(linear, _FAR)}
@@ -180,15 +161,7 @@ def distributions(
 ) -> np.ndarray:
     """Columns on the simplex, F (n, r) float32, that minimise tr(F Q F^T) / 2 - tr(F C), by a few steps.
 
-    Parameters
-    ----------
-    start : (n, r) float32
-    quadratic : (r, r) float32
-        Q, of no negative numbers.
-    linear : (r, n) float32
-        C.
-    inverse : (n + 8,) float32
-        1 / 0 (any number), 1 / 1, 1 / 2, ...
+    `start` (n, r) float32; `quadratic` (r, r) float32; `linear` (r, n) float32; `inverse` (n + 8,) float32.
     """
     device, (n, r) = resources.device, start.shape
     at = padded(start.T)

@@ -68,24 +68,13 @@ class AssetJob(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What has become of a job.
-
-    Attributes
-    ----------
-    name : str
-    sidecar : dict or None
-        What asset.json says; None where it failed.
-    error : str
-    seconds : float
-    short_of_memory : bool
-        More memory would help.
-    """
+    """What has become of a job."""
 
     name: str
-    sidecar: dict[str, Any] | None
+    sidecar: dict[str, Any] | None  # What asset.json says; None where it failed
     error: str = ""
     seconds: float = 0.0
-    short_of_memory: bool = False
+    short_of_memory: bool = False  # More memory would help
 
 
 def key_of(material: Material, recipe: LibraryRecipe, digests: Mapping[str, str]) -> str:
@@ -118,13 +107,7 @@ def make(job: AssetJob) -> Outcome:
 
 
 def read_sidecar(folder: Path) -> dict[str, Any]:
-    """What a folder says it is.
-
-    Raises
-    ------
-    Error
-        It cannot be read, is of another schema, or lacks something.
-    """
+    """What a folder says it is."""
     try:
         sidecar = json.loads((folder / SIDECAR).read_bytes())
     except (OSError, ValueError) as error:

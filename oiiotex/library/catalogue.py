@@ -52,34 +52,20 @@ _ASSETS = (
 
 
 class Asset(NamedTuple):
-    """A row of the catalogue.
-
-    Attributes
-    ----------
-    status : str
-        ok; review: beyond a limit; failed: could not be made; asked: the recipe must say something.
-    folder : str
-        Below the library; '' where there is none.
-    reasons : tuple of str
-        Why it is not ok.
-    root : str
-        The folder of photos that it was found in.
-    lab : tuple of float
-        Its mean colour; () where there is none.
-    """
+    """A row of the catalogue."""
 
     name: str
     key: str
-    status: str
-    folder: str = ""
-    reasons: tuple[str, ...] = ()
-    root: str = ""
+    status: str  # ok; review: beyond a limit; failed: could not be made; asked: the recipe must say something
+    folder: str = ""  # Below the library; '' where there is none
+    reasons: tuple[str, ...] = ()  # Why it is not ok
+    root: str = ""  # The folder of photos that it was found in
     licence: str = ""
     author: str = ""
     width: int = 0
     height: int = 0
     size_m: tuple[float, ...] = ()
-    lab: tuple[float, ...] = ()
+    lab: tuple[float, ...] = ()  # Its mean colour; () where there is none
     seconds: float = 0.0
     made: str = ""
 

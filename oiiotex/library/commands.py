@@ -27,13 +27,7 @@ _LOG = "ingest.log"
 
 
 def run(words: list[str]) -> int:
-    """Do what a command line says; returns the exit code.
-
-    Raises
-    ------
-    Error
-        Something is wrong.
-    """
+    """Do what a command line says; returns the exit code."""
     given = _parser().parse_args(words or ["--help"])
     level = logging.INFO if given.debug else logging.ERROR
     logging.basicConfig(format="%(message)s", level=level)

@@ -23,12 +23,6 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
     """Copy assets that have a folder into another, each under its name, with an index and Blender's catalogue.
 
     Returns how many were copied: the others are as they were.
-
-    Raises
-    ------
-    Error
-        The folder cannot be written, lies in the library, or has something of an asset's, the index' or the list's name
-        that is none.
     """
     count, index = 0, []
     if target.resolve().is_relative_to(catalogue.library.resolve()):
@@ -64,24 +58,12 @@ def export(catalogue: Catalogue, target: Path, chosen: Sequence[Asset], done: Ca
 
 
 def write_blender(catalogue: Catalogue, folder: Path) -> None:
-    """Blender's list of catalogues: one for each first tag, and one for what has none; what others put there stays.
-
-    Raises
-    ------
-    Error
-        As `blender_list`.
-    """
+    """Blender's list of catalogues: one for each first tag, and one for what has none; what others put there stays."""
     _write(folder / materials.BLENDER, _blender_text(catalogue, folder))
 
 
 def blender_list(folder: Path) -> str:
-    """Blender's list of catalogues as it is there; '' where there is none.
-
-    Raises
-    ------
-    Error
-        There is something of its name that is no such list.
-    """
+    """Blender's list of catalogues as it is there; '' where there is none."""
     path = folder / materials.BLENDER
     if not os.path.lexists(path):
         return ""

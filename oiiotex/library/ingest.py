@@ -39,21 +39,12 @@ _DIED = "its process has ended of itself: killed, or out of memory?"
 class IngestSettings(NamedTuple):
     """How a run goes about it.
 
-    Attributes
-    ----------
-    workers : int
-        Processes; 0: as many as there are threads and materials.
-    budget : int
-        Bytes of memory for all of them; 0: a quarter of what there is.
-    cluster : str
-        Address of a Dask scheduler that does the work; '': processes of this machine do.
-    share : (int, int)
-        Make these of the materials and leave the catalogue alone: number and count; (0, 0): all.
+    `share`: make these of the materials and leave the catalogue alone: number and count; (0, 0): all.
     """
 
-    workers: int = 0
-    budget: int = 0
-    cluster: str = ""
+    workers: int = 0  # Processes; 0: as many as there are threads and materials
+    budget: int = 0  # Bytes of memory for all of them; 0: a quarter of what there is
+    cluster: str = ""  # Address of a Dask scheduler that does the work; '': processes of this machine do
     share: tuple[int, int] = (0, 0)
 
 
@@ -79,13 +70,7 @@ def ingest(
     say: Callable[[str], object],
     display: Display,
 ) -> Tally:
-    """Bring a library up to date with a folder of photos.
-
-    Raises
-    ------
-    Error
-        The recipe is wrong, the folder cannot be read, or the library is none.
-    """
+    """Bring a library up to date with a folder of photos."""
     start = time.perf_counter()
     require_lines(recipe)
     require_confined(recipe)

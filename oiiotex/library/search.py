@@ -23,40 +23,22 @@ _LABEL = re.compile(r"(.+?)(?:>(\d*\.?\d+))?", re.ASCII)
 class AssetSearch:
     """What is looked for; '' and () ask for nothing.
 
-    Attributes
-    ----------
-    name : str
-        With * and ?.
-    status, tag : str
-    measures : tuple of str
-        NAME>NUMBER or NAME<NUMBER: all must hold.
-    color : str
-        RRGGBB in sRGB.
-    distance : float
-        From it to the mean colour, Lab, at most.
-    size : str
-        WIDTHxHEIGHT, px, or with an m behind it, metres; behind > or <: larger or smaller along both sides, or equal.
-    label : str
-        NAME, with * and ?, or #RRGGBB, of labels; NAME>SHARE: which together cover more than that share, 0 to 1.
+    `size`: WIDTHxHEIGHT, px, or with an m behind it, metres; behind > or <: larger or smaller along both sides, or
+    equal; `label`: NAME, with * and ?, or #RRGGBB, of labels; NAME>SHARE: which together cover more than that share, 0
+    to 1.
     """
 
-    name: str = ""
+    name: str = ""  # With * and ?
     status: str = ""
     tag: str = ""
-    measures: tuple[str, ...] = ()
-    color: str = ""
-    distance: float = 15.0
+    measures: tuple[str, ...] = ()  # NAME>NUMBER or NAME<NUMBER: all must hold
+    color: str = ""  # RRGGBB in sRGB
+    distance: float = 15.0  # From it to the mean colour, Lab, at most
     size: str = ""
     label: str = ""
 
     def assets(self, catalogue: Catalogue) -> list[tuple[Asset, dict[str, float]]]:
-        """What fits, with its measures; by colour the nearest first, by label the most first, else by name.
-
-        Raises
-        ------
-        ParameterError
-            A term is none, or speaks of a measure that no asset has.
-        """
+        """What fits, with its measures; by colour the nearest first, by label the most first, else by name."""
         limits = [Limit.read(text, "--measure") for text in self.measures]
         if not self.distance >= 0:
             raise ParameterError(f"--distance {self.distance:g}: expected a number >= 0")

@@ -62,13 +62,7 @@ def orphans(catalogue: Catalogue) -> list[Path]:
 
 
 def collect_garbage(catalogue: Catalogue) -> tuple[int, int]:
-    """Remove what newer assets have replaced: (folders, bytes).
-
-    Raises
-    ------
-    Error
-        A run is at work: what it has made and not yet recorded would go.
-    """
+    """Remove what newer assets have replaced: (folders, bytes)."""
     with catalogue.run() as run:
         if len(list((catalogue.library / WORK).glob("run-*"))) > 1:
             raise Error(f"{catalogue.library}: a run is at work: gc when it has ended")
@@ -84,13 +78,7 @@ def collect_garbage(catalogue: Catalogue) -> tuple[int, int]:
 
 
 def shown(catalogue: Catalogue, name: str) -> dict[str, Any]:
-    """All that is known of an asset.
-
-    Raises
-    ------
-    Error
-        There is none of that name.
-    """
+    """All that is known of an asset."""
     asset = catalogue.asset(name)
     if asset is None:
         raise Error(f"{catalogue.library}: no asset '{name}': oiiotex-library list {catalogue.library} lists them")

@@ -98,12 +98,7 @@ _ROOMS: dict[str, Any] = {
 def default_state(display: str, view: str, side: int) -> Values:
     """A new document's.
 
-    Parameters
-    ----------
-    display, view : str
-        Of the colour config.
-    side : int
-        px; of a photo, or of a graph's root: a zoom begins in its middle.
+    `side`: px; of a photo, or of a graph's root: a zoom begins in its middle.
     """
     tile: Values = dict.fromkeys(types_of(_TileRoom))
     tile |= {"structure": 0.5, "seed": 0, "measure": "histogram", "mask": "", "within": ""}
@@ -122,26 +117,7 @@ PLACE_BITS = 96  # of fraction in a place of the zoom: pixels of the root in 1/2
 
 
 class Document:
-    """A document and its file.
-
-    Parameters
-    ----------
-    path : Path
-    state : dict
-        What it begins with where there is no such file.
-    source : str
-        The photo, or the graph: another one's document is refused.
-    views : dict of str -> list of str
-        Displays of the colour config, and their views: no others can be set. A document that was made with another
-        config may name others; those of `state` then stay.
-    left : Path, optional
-        Where `save` writes what cannot be written to `path`.
-
-    Raises
-    ------
-    Error
-        The file is no such document, of a later version, or of another photo.
-    """
+    """A document and its file."""
 
     def __init__(
         self, path: Path, state: Values, source: str, views: Mapping[str, Sequence[str]], left: Path | None = None
@@ -171,13 +147,7 @@ class Document:
             self.state[room] |= checked
 
     def change(self, room: str, values: Mapping[str, Any]) -> Values:
-        """Take new values of a room; what has changed.
-
-        Raises
-        ------
-        ParameterError
-            There is no such value, or it is not allowed.
-        """
+        """Take new values of a room; what has changed."""
         checked = self._checked(room, values)
         if room == "view" and not checked.keys().isdisjoint(("display", "view")):
             wanted = self.state[room] | checked
@@ -223,13 +193,7 @@ class Document:
         return write
 
     def save(self) -> None:
-        """Write it, if something has changed; where that fails, to `left`, from which the next server reads it.
-
-        Raises
-        ------
-        ImageError
-            It cannot be written.
-        """
+        """Write it, if something has changed; where that fails, to `left`, from which the next server reads it."""
         if write := self.unsaved():
             try:
                 write()

@@ -32,13 +32,7 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 
 def token_for(host: str, given: str) -> str:
-    """The token of the URL.
-
-    Raises
-    ------
-    ParameterError
-        It is too short, or there is none for a host that others reach.
-    """
+    """The token of the URL."""
     if given:
         if len(given) < LEAST_TOKEN or not given.isascii() or not given.isalnum():
             raise ParameterError(f"token: expected at least {LEAST_TOKEN} letters and digits")

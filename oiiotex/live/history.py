@@ -25,13 +25,6 @@ class Steps:
 
     A step is made in `spare` and moved to `folder` by `save`: a full disk loses none. What a process that was killed
     left in `spare` belongs to the history, after the steps of `folder`.
-
-    Parameters
-    ----------
-    folder : Path
-        Made when the first step is saved.
-    spare : Path
-        A folder in memory, of this painting and of one process at a time.
     """
 
     def __init__(self, folder: Path, spare: Path):
@@ -89,13 +82,7 @@ class Steps:
     # --- more of them ---
 
     def start(self) -> int:
-        """The number of a new step, whose files are to be made.
-
-        Raises
-        ------
-        ImageError
-            There are a million.
-        """
+        """The number of a new step, whose files are to be made."""
         step = 1 + max(self._taken(self.folder) | self._unsaved, default=-1)
         if step >= _MOST_STEPS:
             raise ImageError(f"{self.folder}: has {_MOST_STEPS} steps: document=FILE begins another painting")
@@ -135,13 +122,7 @@ class Steps:
         return bool(self._unsaved & _whole(self._spare))
 
     def save(self) -> None:
-        """Move what is in memory alone to the folder.
-
-        Raises
-        ------
-        ImageError
-            It cannot be written; what was not moved is still in memory.
-        """
+        """Move what is in memory alone to the folder."""
         if not self.unsaved:
             return
         for step in sorted(self._unsaved & _whole(self._spare)):
@@ -165,23 +146,11 @@ class Steps:
     # --- their plans ---
 
     def enlarged(self, step: int, times: int, budget: int) -> Path:
-        """A plan of the painting so many times larger, beside the step's, as `painting.regridded` makes it.
-
-        Raises
-        ------
-        ImageError
-            The plan cannot be read within `budget` bytes, or the larger one not be written.
-        """
+        """A plan of the painting so many times larger, beside the step's, as `painting.regridded` makes it."""
         return self._written(self.plan(step).with_suffix(f".x{times}.npz"), regridded(self.plan(step), budget, times))
 
     def resized(self, step: int, size: tuple[int, int], budget: int) -> Path:
-        """A plan of another width and height with the step's patches where they are, to begin the next step with.
-
-        Raises
-        ------
-        ImageError
-            As by `enlarged`.
-        """
+        """A plan of another width and height with the step's patches where they are, to begin the next step with."""
         return self._written(self._spare / "resized.npz", regridded(self.plan(step), budget, size=size))
 
     def _written(self, path: Path, arrays: dict[str, np.ndarray]) -> Path:

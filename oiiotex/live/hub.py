@@ -38,30 +38,14 @@ log = logging.getLogger("oiiotex")
 
 @dataclass(frozen=True)
 class PageSource:
-    """What the page is of.
+    """What the page is of."""
 
-    Attributes
-    ----------
-    image : Image or None
-        The photo; None of a graph.
-    graph : str
-        The graph's file; '' of a photo.
-    words : tuple of str
-        The line up to the photo.
-    stem : str
-        Of files' names.
-    space : str or None
-        Its colour space, as the config calls it; None where it says none.
-    side : int
-        px; of the square that a zoom takes of it.
-    """
-
-    image: Image | None
-    graph: str
-    words: tuple[str, ...]
-    stem: str
-    space: str | None
-    side: int
+    image: Image | None  # The photo; None of a graph
+    graph: str  # The graph's file; '' of a photo
+    words: tuple[str, ...]  # The line up to the photo
+    stem: str  # Of files' names
+    space: str | None  # Its colour space, as the config calls it; None where it says none
+    side: int  # px; of the square that a zoom takes of it
 
 
 class Page:
@@ -90,21 +74,8 @@ class Page:
 class Hub:
     """The document's pages, its rooms, and the resident process that works for them.
 
-    Parameters
-    ----------
-    source : PageSource
-    document : Document
-    session : Session
-        Whose settings the resident process has; whose colours pictures are shown by.
-    spare : Path
-        A folder in memory, where rooms keep what the disk does not take.
-
-    Attributes
-    ----------
-    unsaved : str
-        Why something is not saved; '': all is.
-    keepers : list
-        Rooms that have work of their own to save: `save_work` and, at the end, `close`.
+    `unsaved`: why something is not saved; '': all is; `keepers`: rooms that have work of their own to save: `save_work`
+    and, at the end, `close`.
     """
 
     def __init__(self, source: PageSource, document: Document, session: Session, spare: Path):

@@ -32,12 +32,7 @@ _OWN = {"width", "height", "seed"}  # values of the document that are the painti
 
 
 class PaintRoom:
-    """What pages see of a painting.
-
-    Parameters
-    ----------
-    hub : Hub
-    """
+    """What pages see of a painting."""
 
     def __init__(self, hub: Hub):
         self._hub = hub

@@ -37,12 +37,7 @@ class LabelPalette:
     Coarse ones are the labels' ids. Of the finer map, which may have thousands, those are numbered that have a swatch;
     0 is none: there the coarse label stays as it is.
 
-    Parameters
-    ----------
-    table : dict
-        As --texpalette writes it.
-    picture : (height, width, channels) float32
-        Its swatches.
+    `picture` (height, width, channels) float32.
     """
 
     def __init__(self, table: Mapping[str, Any], picture: np.ndarray):
@@ -75,13 +70,7 @@ class LabelPalette:
         fine[self._parents[fine] != layers[COARSE][place]] = 0
 
     def read_layers(self, files: Mapping[str, Path], cache: PieceCache) -> Layers:
-        """A painting's layers, from files of which the fine one may not be there.
-
-        Raises
-        ------
-        ImageError
-            It is too small, too large, of two sizes, or not of this photo's labels.
-        """
+        """A painting's layers, from files of which the fine one may not be there."""
         layers: Layers = {}
         for layer, path in files.items():
             if layer == FINE and (path.is_symlink() or not path.exists()):
@@ -99,13 +88,7 @@ class LabelPalette:
         return layers
 
     def read(self, layer: str, image: Image) -> np.ndarray:
-        """Numbers of a painting: ids of labels, or their colours; those of soft brushes are taken for the nearest.
-
-        Raises
-        ------
-        ImageError
-            It has what is no label of the palette, or is a painting of another one.
-        """
+        """Numbers of a painting: ids of labels, or their colours; those of soft brushes are taken for the nearest."""
         part = image.first
         self._require_same_labels(layer, image)
         channels = channels_of(part.spec)
@@ -147,18 +130,7 @@ class LabelPalette:
     def write(self, layer: str, path: Path, numbers: np.ndarray, facts: Mapping[str, Any]) -> None:
         """Write a layer as an indexed PNG with its legend: colours are those of the table, so that --texpaint reads it.
 
-        Parameters
-        ----------
-        layer : str
-        path : Path
-        numbers : (height, width) uint8
-        facts : mapping
-            Of the step, as `step_facts` gives them back.
-
-        Raises
-        ------
-        ImageError
-            The file cannot be written.
+        `numbers` (height, width) uint8.
         """
         entries = self._entries[layer]
         colours = {number: tuple(map(int, entry["colour"].split(","))) for number, entry in entries.items()}
@@ -178,13 +150,7 @@ def extended(layers: Layers, width: int, height: int) -> Layers:
 
 
 def step_facts(path: Path, cache: PieceCache) -> dict[str, Any]:
-    """What `LabelPalette.write` was told of a step: its seed, and what has changed in it.
-
-    Raises
-    ------
-    ImageError
-        They are broken.
-    """
+    """What `LabelPalette.write` was told of a step: its seed, and what has changed in it."""
     text = read(path, cache).first.spec.get_string_attribute(_FACTS) or "{}"
     facts = None
     if len(text) <= _MOST_FACTS:
@@ -197,13 +163,7 @@ def step_facts(path: Path, cache: PieceCache) -> dict[str, Any]:
 
 
 def require_replaceable(table: Path) -> None:
-    """Refuse to write a palette's table over what is none.
-
-    Raises
-    ------
-    ImageError
-        There is something else of its name.
-    """
+    """Refuse to write a palette's table over what is none."""
     if not os.path.lexists(table):
         return
     with contextlib.suppress(ImageError):

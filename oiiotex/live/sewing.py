@@ -19,15 +19,7 @@ _PATCHES = 16, 64  # px, the least and the largest
 
 
 class LiveSewing:
-    """--texpaint of steps.
-
-    Parameters
-    ----------
-    hub : Hub
-    steps : Steps
-    table : Path
-        Of the palette; another one where that could not be written.
-    """
+    """--texpaint of steps."""
 
     def __init__(self, hub: Hub, steps: Steps, table: Path):
         self._hub, self._steps, self.table = hub, steps, table

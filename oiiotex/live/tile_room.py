@@ -22,12 +22,7 @@ _BRUSHES = {"mask": "mask.png", "within": "within.png"}
 
 
 class TileRoom:
-    """What pages see of the tile.
-
-    Parameters
-    ----------
-    hub : Hub
-    """
+    """What pages see of the tile."""
 
     def __init__(self, hub: Hub):
         self._hub = hub

@@ -28,12 +28,7 @@ TilePlace = tuple[int, int, int]  # level, column, row
 
 
 class ZoomRoom:
-    """What pages see of a plane.
-
-    Parameters
-    ----------
-    hub : Hub
-    """
+    """What pages see of a plane."""
 
     def __init__(self, hub: Hub):
         self._hub = hub

@@ -158,15 +158,8 @@ def hex_tiled(texels: np.ndarray, across: int, side: int) -> np.ndarray:
     a place blends the three around it by the seventh powers of its barycentric coordinates (M. S. Mikkelsen, Practical
     Real-Time Hex-Tiling, JCGT 11(2), 2022).
 
-    Parameters
-    ----------
-    texels : (h, w, c) float
-    across, side : int
-        Tiles along a side of the picture, and its px.
-
-    Returns
-    -------
-    (side, side, c) float32
+    `texels` (h, w, c) float; `across`, `side`: tiles along a side of the picture, and its px; returns (side, side, c)
+    float32.
     """
     fine = _fitted(texels, (max(8, side // across),) * 2)
     at = (np.arange(side, dtype=np.float64) + 0.5) / side * across

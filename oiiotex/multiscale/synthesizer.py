@@ -87,20 +87,11 @@ class LatticeSteps(NamedTuple):
 
     Not in HRRG08. Jitter and candidates take pixels of a level to places that look alike on that level, and coarse
     levels hold nothing of a lattice that is finer than they are.
-
-    Attributes
-    ----------
-    phases : tuple of int
-        As `offset_prices.Prices.phases`, on level L.
-    moves : tuple of int
-        How far a texel moves for a whole cycle of phase u, x and y, and of v; 1/256 px.
-    vectors : tuple of int
-        Of the lattice, the same.
     """
 
-    phases: tuple[int, ...]
-    moves: tuple[int, ...]
-    vectors: tuple[int, ...]
+    phases: tuple[int, ...]  # As `offset_prices.Prices.phases`, on level L
+    moves: tuple[int, ...]  # How far a texel moves for a whole cycle of phase u, x and y, and of v; 1/256 px
+    vectors: tuple[int, ...]  # Of the lattice, the same
 
     @classmethod
     def of(cls, kept: InStep) -> LatticeSteps:
@@ -121,32 +112,16 @@ class LatticeSteps(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneSettings:
-    """How a plane is made.
-
-    Attributes
-    ----------
-    jitter : tuple of float
-        rho by level, 0 to 1; the last holds for all finer levels.
-    passes : int
-        Of correction, four subpasses each.
-    penalty : float
-        kappa, 1 to 2: second candidates' distances count so many times.
-    kept : float
-        How much of its parents' transfer function a pixel inherits.
-    around : (int, int) or None
-        Width and height, on `around_level`, after which the plane repeats.
-    steps : LatticeSteps or None
-        Of the one exemplar, where the plane keeps its lattice.
-    """
+    """How a plane is made."""
 
     seed: int = 0
-    jitter: tuple[float, ...] = (0.0,)
-    passes: int = PASSES
-    penalty: float = PENALTY
-    kept: float = 1.0
-    around: tuple[int, int] | None = None
+    jitter: tuple[float, ...] = (0.0,)  # rho by level, 0 to 1; the last holds for all finer levels
+    passes: int = PASSES  # Of correction, four subpasses each
+    penalty: float = PENALTY  # kappa, 1 to 2: second candidates' distances count so many times
+    kept: float = 1.0  # How much of its parents' transfer function a pixel inherits
+    around: tuple[int, int] | None = None  # Width and height, on `around_level`, after which the plane repeats
     around_level: int = 0
-    steps: LatticeSteps | None = None
+    steps: LatticeSteps | None = None  # Of the one exemplar, where the plane keeps its lattice
 
     def rho(self, level: int) -> int:
         """Jitter of a level in 1/256."""
@@ -200,10 +175,7 @@ class _Pending:
 class Synthesizer:
     """Makes windows; holds what they look up on the device. Any thread may ask; they take turns.
 
-    Parameters
-    ----------
-    budget : int
-        Bytes of memory that there are.
+    `budget`: bytes of memory that there are.
     """
 
     def __init__(self, device: Device, analysis: Analysis, settings: PlaneSettings, budget: int):
@@ -244,14 +216,7 @@ class Synthesizer:
         return other
 
     def window(self, level: int, window: Window) -> PlaneState:
-        """The pixels of a window of a level's plane.
-
-        Raises
-        ------
-        DeviceError
-            It does not fit; ask for a smaller one. Where the device turns out to have less memory than it says, that
-            is done here.
-        """
+        """The pixels of a window of a level's plane."""
         return self.begin(level, window)()
 
     def begin(self, level: int, window: Window) -> Callable[[], PlaneState]:

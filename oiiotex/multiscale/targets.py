@@ -16,15 +16,7 @@ _DULL = 0.75  # share of a level's texels that are not jumped to in a loop
 
 
 def stacks_of(graph: Graph, exemplars: Sequence[Exemplar], literal: bool = False) -> Stacks:
-    """The stack levels that synthesis can come to, and which of their texels may be candidates.
-
-    Parameters
-    ----------
-    exemplars : sequence of Exemplar
-        All of one side.
-    literal : bool
-        HRRG08 by the letter: loops turn anywhere, and to any texel.
-    """
+    """The stack levels that synthesis can come to, and which of their texels may be candidates."""
     root = exemplars[graph.root]
     finest = root.side.bit_length() - 1
     levels = unrolled(graph, finest, () if literal else _left_early(graph, exemplars, finest), literal)
@@ -79,18 +71,7 @@ def lively_texels(levels: Levels, planes: np.ndarray, periodic: Sequence[bool], 
     to come than `_DULL` of all: squared differences to the level where they turn, summed up over what a neighbourhood
     sees.
 
-    Parameters
-    ----------
-    planes : (levels, side, side, 4) int16
-        As by `stacks.grid_stack`.
-    periodic : sequence of bool
-        Of every level, whether it is a torus.
-    loops : collection of int
-        Numbers of the exemplars that are in a loop.
-
-    Returns
-    -------
-    (levels, side, side) bool
+    `planes` (levels, side, side, 4) int16; returns (levels, side, side) bool.
     """
     lively = np.ones(planes.shape[:3], bool)
     for number, (exemplar, level) in enumerate(levels.stacks):

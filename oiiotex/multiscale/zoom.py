@@ -85,14 +85,7 @@ def taps(begin: int, end: int, corner: Fraction, step: float) -> Taps:
     The filter is Lanczos' with three lobes, as wide as a reduction asks for: it leaves whole octaves as they are, and
     takes half as much of the sharpness between them as a cubic does.
 
-    Parameters
-    ----------
-    begin, end : int
-        px of the view.
-    corner : Fraction
-        Where the view begins on the axis of the level, in its pixels.
-    step : float
-        Pixels of the level to one of the view.
+    `begin`, `end`: px of the view.
     """
     wide = max(1.0, step)
     at = float(corner - math.floor(corner)) + (np.arange(begin, end) + 0.5) * step

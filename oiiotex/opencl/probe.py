@@ -45,15 +45,7 @@ __kernel void probe(const __global short *numbers, __global int *sums) {
 
 
 def _lanes(device: cl.Device) -> int:
-    """Build and run the kernel; the lanes that it was built for.
-
-    Raises
-    ------
-    cl.Error
-        It cannot be built or started.
-    ArithmeticError
-        Its answer is wrong.
-    """
+    """Build and run the kernel; the lanes that it was built for."""
     include_no_headers_of(cl)
     context = cl.Context([device])
     queue = cl.CommandQueue(context)
@@ -73,17 +65,7 @@ def _lanes(device: cl.Device) -> int:
 
 
 def main(platform: str, version: str, number: str, cpu: str) -> None:
-    """Print the lanes, or end with what went wrong as the last line of stderr.
-
-    Parameters
-    ----------
-    platform, version : str
-        Of the platform, as it calls itself.
-    number : str
-        The device's place in it, from 0.
-    cpu : str
-        What PoCL is told the machine's CPU is; empty: nothing.
-    """
+    """Print the lanes, or end with what went wrong as the last line of stderr."""
     devices = next(p.get_devices() for p in cl.get_platforms() if (p.name, p.version) == (platform, version))
     device = devices[int(number)]
     try:

@@ -123,13 +123,7 @@ def include_no_headers_of(pyopencl: ModuleType) -> None:
 
 
 def load(threads: int = 0) -> ModuleType:
-    """pyopencl, with the environment prepared for `threads` CPU threads (0: as many as the process may use).
-
-    Raises
-    ------
-    DeviceError
-        pyopencl is not installed or its OpenCL loader is broken.
-    """
+    """pyopencl, with the environment prepared for `threads` CPU threads (0: as many as the process may use)."""
     cache_folder()
     _prepared(threads)
     try:
@@ -144,15 +138,7 @@ def load(threads: int = 0) -> ModuleType:
 
 
 def tried(device: cl.Device, again: bool = False) -> Trial:
-    """What came of trying the device: in this process or an earlier one, else now.
-
-    Parameters
-    ----------
-    device : pyopencl.Device
-        Not used yet: what PoCL is told holds only before the first context.
-    again : bool
-        Do not believe an earlier process that found nothing that works.
-    """
+    """What came of trying the device: in this process or an earlier one, else now."""
     key = device.int_ptr
     if key not in _trials:
         trial = _kept(device)
@@ -174,13 +160,7 @@ def keep(device: cl.Device, trial: Trial) -> None:
 
 
 def use(device: cl.Device) -> None:
-    """Prepare this process for the attempt that works, before the device's first context.
-
-    Raises
-    ------
-    DeviceError
-        PoCL lies otherwise in this process's memory than in that of the probe.
-    """
+    """Prepare this process for the attempt that works, before the device's first context."""
     works = tried(device).works
     if works is None or device.int_ptr in _used:
         return

@@ -120,16 +120,7 @@ class VaryingProjection:
     The paper does not say how. Departure: a pixel's projection is blended, linearly in log sigma, from the projections
     at the two nearest of a few sigmas an octave apart; all of them are made of the whole image.
 
-    Parameters
-    ----------
-    buffers : Buffers
-        With the memory of all projections, and `layout()`.
-    projections : list of Projecting
-        With sigmas as by `octaves`.
-    width : int
-        px.
-    places : RowSource
-        Of `places_of`, in a buffer.
+    `width`: px.
     """
 
     def __init__(
@@ -221,11 +212,6 @@ def first_level(allowed: np.ndarray | None, geometries: list[Geometry], ruled_ou
     A mask shrinks with every level while patches stay as large. On a level too coarse for it there is no whole patch,
     or a few from its thickest spots alone: the texture would start as copies of these, and finer levels, which search
     near by, would not leave them.
-
-    Raises
-    ------
-    ImageError
-        The finest has none.
     """
     if allowed is None:
         return 0

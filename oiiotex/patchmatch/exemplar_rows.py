@@ -32,15 +32,8 @@ def piece_halo(patch: int) -> int:
 class ExemplarRows:
     """The exemplar and the prices of its patches on one level.
 
-    Parameters
-    ----------
-    buffers : Buffers
-        `Geometry.layout()`; a level with no more rows than they take is held whole.
-    image : (exemplar_height, exemplar_width, channels) int16
-    allowed : (exemplar_rows, exemplar_columns) bool
-        Patches that may be matched.
-    price : (exemplar_rows, exemplar_columns) float32 or None
-        What the use of a patch costs beside that of others; None: 1 for all.
+    `image` (exemplar_height, exemplar_width, channels) int16; `allowed` (exemplar_rows, exemplar_columns) bool; `price`
+    (exemplar_rows, exemplar_columns) float32 or None.
     """
 
     def __init__(

@@ -133,14 +133,8 @@ def random_field(
 
     Blocks keep the exemplar's detail where single pixels would not.
 
-    Parameters
-    ----------
-    allowed : (exemplar_rows, exemplar_columns) bool
-        Patches that may be named, at least one.
-    weights : (exemplar_rows, exemplar_columns) float32 or None
-        Places are drawn as often as they weigh; None: all alike.
-    out : (rows, columns) uint32 or None
-        Where it is put, an array or rows that are kept elsewhere; None: a new array.
+    `allowed` (exemplar_rows, exemplar_columns) bool; `weights` (exemplar_rows, exemplar_columns) float32 or None; `out`
+    (rows, columns) uint32 or None.
     """
     patch, draw = geometry.patch, _RandomPlaces(allowed, weights)
     columns = np.arange(geometry.columns)[None, :]
@@ -161,11 +155,6 @@ def shifted_field(
 
     Long lines and large shapes are whole from the first iteration on; only the exemplar's border, which now lies inside
     the tile, must be resynthesized. A larger target starts as several exemplars, each with its own shift.
-
-    Parameters
-    ----------
-    geometry, allowed, seed, out
-        As of `random_field`.
     """
     g = geometry
     down, right = (max(1, round(n / own)) for n, own in ((g.height, g.exemplar_height), (g.width, g.exemplar_width)))
@@ -231,13 +220,7 @@ class _RandomPlaces:
 def only_allowed(field: SourceMap, allowed: np.ndarray, seed: int, step: int = 0xB10E) -> SourceMap:
     """The field with every match that is not allowed replaced by a random one that is.
 
-    Parameters
-    ----------
-    field : SourceMap
-        (rows, columns); it is changed.
-    allowed : (exemplar_rows, exemplar_columns) bool
-    seed, step : int
-        Of the random numbers.
+    `allowed` (exemplar_rows, exemplar_columns) bool.
     """
     if allowed.all():
         return field
@@ -288,18 +271,7 @@ def upsample_field(
     Patch centres are scaled; the offset inside a coarse pixel is kept, so that neighbours stay coherent. Coarse levels
     do not resolve a fine lattice: as soon as it is seen, matches move to the nearest place that is in step with it.
 
-    Parameters
-    ----------
-    field : SourceMap
-        (coarse.rows, coarse.columns)
-    coarse, fine : Geometry
-        Of one patch size.
-    allowed : (fine.exemplar_rows, fine.exemplar_columns) bool
-        Matches elsewhere are replaced by random ones.
-    out : (fine.rows, fine.columns) uint32 or None
-        As of `random_field`.
-    in_step : Prices or None
-        Of the lattice that is kept, on the finer level.
+    `allowed` (fine.exemplar_rows, fine.exemplar_columns) bool; `out` (fine.rows, fine.columns) uint32 or None.
     """
 
     def axis(n: int, from_n: int, ratio: float) -> tuple[np.ndarray, np.ndarray]:

@@ -25,13 +25,7 @@ _PIECE = 1 << 21  # matches kept at a time
 
 
 class LevelCheckpoint:
-    """What is kept of one synthesis.
-
-    Parameters
-    ----------
-    exemplar, allowed, recipe, constraints
-        As of `optimization.synthesize`; another synthesis finds nothing of this one.
-    """
+    """What is kept of one synthesis."""
 
     def __init__(
         self, keeper: Checkpoint, exemplar: SomeRows, allowed: np.ndarray | None, recipe: Recipe,

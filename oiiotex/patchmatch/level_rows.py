@@ -28,12 +28,7 @@ def halo(patch: int) -> int:
 class LevelRows:
     """The planes of one level.
 
-    Parameters
-    ----------
-    buffers : Buffers
-        `Geometry.layout()`; a level of less rows than they take is held whole.
-    memory : int
-        Bytes of the host's memory for planes that the buffers do not hold; what is beyond goes to a file.
+    `memory`: bytes of the host's memory for planes that the buffers do not hold; what is beyond goes to a file.
     """
 
     def __init__(self, device: Device, buffers: Buffers, geometry: Geometry, memory: int = 0):

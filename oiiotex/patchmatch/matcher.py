@@ -28,15 +28,9 @@ PICK_SIGMA = 3.0  # px; how fast a patch's say in the last vote falls off from i
 
 
 class AddsPrices(Protocol):
-    """What makes more than single patches dear.
+    """What makes more than single patches dear."""
 
-    Attributes
-    ----------
-    kinds : (exemplar_rows, exemplar_columns) uint8
-        What it is to have in buffer `kinds`.
-    """
-
-    kinds: SomeRows
+    kinds: SomeRows  # (exemplar_rows, exemplar_columns) uint8: what it is to have in buffer `kinds`
 
     def begin(self) -> None:
         """A field is about to be counted."""
@@ -57,34 +51,8 @@ class AddsPrices(Protocol):
 class Matcher:
     """PatchMatch at one pyramid level: holds on the device what fits of the exemplar, the target and the field.
 
-    Parameters
-    ----------
-    buffers : Buffers
-        At least `geometry.layout()`.
-    exemplar : (exemplar_height, exemplar_width, 3) int16
-    allowed : (exemplar_rows, exemplar_columns) bool
-        Exemplar patches that may be matched.
-    field : SourceMap
-        (rows, columns): where to start.
-    uniformity : float
-        Weight lambda of the spatial uniformity term, in units of the exemplar's variance.
-    searches : int
-        How many of the `SEARCHES` windows are searched, the narrowest ones.
-    usable : (exemplar_height, exemplar_width) bool or None
-        Pixels of the exemplar among which use is evened out; None: all.
-    use_prices : AddsPrices or None
-        What is added to the penalties in each pass.
-    offset_prices : Prices or None
-        What a match out of step with the exemplar's lattice costs.
-    rows : LevelRows or None
-        Of the level; None: the buffers hold all.
-    exemplar_rows : ExemplarRows or None
-        The same of the exemplar and its prices.
-
-    Raises
-    ------
-    ImageError
-        An array is not of the geometry's size: kernels would read beyond it.
+    `exemplar` (exemplar_height, exemplar_width, 3) int16; `allowed` (exemplar_rows, exemplar_columns) bool; `usable`
+    (exemplar_height, exemplar_width) bool or None.
     """
 
     def __init__(

@@ -59,21 +59,12 @@ class ExemplarHeld:
 class MemoryPlan:
     """Memory of a synthesis.
 
-    Attributes
-    ----------
-    layout : dict of name to bytes
-        Of the device.
-    on_host : int
-        Bytes beside it.
-    stores : int
-        Of these, for what the device does not hold; more goes to a file.
-    exemplar_whole : bool
-        The exemplar's planes are held; else they pass through the device in pieces, and lie in files.
+    `exemplar_whole`: the exemplar's planes are held; else they pass through the device in pieces, and lie in files.
     """
 
-    layout: dict[str, int]
-    on_host: int
-    stores: int
+    layout: dict[str, int]  # Of the device
+    on_host: int  # Bytes beside it
+    stores: int  # Of these, for what the device does not hold; more goes to a file
     exemplar_whole: bool = True
 
 
@@ -90,14 +81,7 @@ def plan_memory(
 ) -> MemoryPlan:  # fmt: skip
     """The plan that makes the least copies of those that fit; where none does, one that `Buffers` refuses.
 
-    Parameters
-    ----------
-    shape : (int, int, int)
-        Of the exemplar: height, width, channels.
-    geometries, scales : list
-        Of the levels.
-    budget : int
-        Bytes.
+    `budget`: bytes.
     """
     grids = grids_of(recipe, geometries, scales, constraints)
 
@@ -192,18 +176,6 @@ def layout(
 
     A projection goes into `target`, which stands empty between two searches, and changes places with `image`: they are
     of one size.
-
-    Parameters
-    ----------
-    geometries : list of Geometry
-    grids : list of Grids
-        Of the levels.
-    rows : int or None
-        Of the finest level that are held; None: all.
-    cell_rows : int or None
-        As of `histograms.layout`.
-    exemplar_rows : int or None
-        Of the finest level's exemplar that are held; None: all.
     """
     finest, channels = geometries[-1], geometries[-1].channels
     held = finest.height if rows is None else rows

@@ -89,10 +89,7 @@ def level_scales(recipe: Recipe, shape: tuple[int, ...]) -> list[float]:
     tiles of one look at any size. The paper's quarter of the tile (section 4.2) makes patches smaller than stones or
     boards of a photo of 1024 px, and these break.
 
-    Parameters
-    ----------
-    shape : (height, width, ...)
-        Of the exemplar.
+    `shape` (height, width, ...).
     """
     if recipe.literal:
         coarsest = max(PAPER_SHARE, PAPER_COARSEST / min(recipe.size))
@@ -105,13 +102,7 @@ def level_scales(recipe: Recipe, shape: tuple[int, ...]) -> list[float]:
 
 
 def geometry_at(recipe: Recipe, shape: tuple[int, ...], scale: float) -> Geometry:
-    """Sizes at one level for an exemplar of `shape` (height, width, channels).
-
-    Raises
-    ------
-    ImageError
-        Exemplar or tile are smaller than a patch there.
-    """
+    """Sizes at one level for an exemplar of `shape` (height, width, channels)."""
     width, height, e_width, e_height = (
         max(1, round(n * scale)) for n in (recipe.width, recipe.height, shape[1], shape[0])
     )

@@ -119,17 +119,7 @@ def flat_bound(own: SomeRows, allowed: np.ndarray | None = None) -> np.float32:
 def ranked(values: SomeRows, allowed: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """The values of which those shares, 0 to 1, of all that are allowed are no greater, without sorting them.
 
-    Parameters
-    ----------
-    values : (rows, columns) float32
-        None below 0: their bits are in the same order.
-    allowed : (rows, columns) bool
-    shares : (n,) float
-
-    Returns
-    -------
-    (n,) float32
-        As `np.quantile` has them by its method inverted_cdf.
+    `values` (rows, columns) float32; `allowed` (rows, columns) bool; `shares` (n,) float; returns (n,) float32.
     """
 
     high = np.zeros(1 << 16, np.int64)  # how many begin with 16 bits each
@@ -167,12 +157,7 @@ def kinds_of(active: SomeRows, allowed: np.ndarray, in_memory: bool = True) -> S
 def lost_texture(source: SourceMap, exemplar: SomeRows, allowed: np.ndarray, geometry: Geometry) -> Lost:
     """What a tile lacks.
 
-    Parameters
-    ----------
-    source : SourceMap
-        (height, width): where the tile's pixels come from.
-    exemplar : (exemplar_height, exemplar_width, channels) int16
-    allowed : (exemplar_rows, exemplar_columns) bool
+    `exemplar` (exemplar_height, exemplar_width, channels) int16; `allowed` (exemplar_rows, exemplar_columns) bool.
     """
     side = geometry.patch
     own = empty_rows(allowed.shape, np.float32, isinstance(exemplar, np.ndarray))
@@ -197,26 +182,9 @@ def lost_texture(source: SourceMap, exemplar: SomeRows, allowed: np.ndarray, geo
 class UsePrices:
     """Both prices on one level, added to the penalties of a `Matcher`.
 
-    Parameters
-    ----------
-    buffers : Buffers
-        At least `layout()`; the prices of constraints go from one level to the next in them.
-    exemplar : (exemplar_height, exemplar_width, channels) int16
-        Where it is no array, what is as large does not come to memory either.
-    allowed : (exemplar_rows, exemplar_columns) bool
-    scale : float
-        Of the level.
-    variance : float
-        Of the exemplar's pixels, summed over channels, in squared grid steps.
-    first : bool
-        There is no coarser level.
-    reuse : float
-        Weight of the penalty on regions, 0 to 1.
-
-    Attributes
-    ----------
-    kinds : (exemplar_rows, exemplar_columns) uint8
-        Of patches, which buffer `kinds` holds.
+    `exemplar` (exemplar_height, exemplar_width, channels) int16; `allowed` (exemplar_rows, exemplar_columns) bool;
+    `variance`: of the exemplar's pixels, summed over channels, in squared grid steps; `reuse`: weight of the penalty on
+    regions, 0 to 1. `kinds` (exemplar_rows, exemplar_columns) uint8: of patches, which buffer `kinds` holds.
     """
 
     def __init__(

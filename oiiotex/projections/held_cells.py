@@ -18,13 +18,7 @@ def least_cell_rows(grid: CellGrid) -> int:
 
 
 def cell_rows_held(grid: CellGrid, cell_rows: int | None, beyond: int = 0) -> int:
-    """How many rows of cells a projection holds that was given so many, None: all.
-
-    Parameters
-    ----------
-    beyond : int
-        Rows of pixels above and below those that are made, which are matched as well.
-    """
+    """How many rows of cells a projection holds that was given so many, None: all."""
     if cell_rows is None:
         return grid.down
     return min(grid.down, max(cell_rows, least_cell_rows(grid) + math.ceil(2 * beyond * grid.down / grid.height)))
@@ -48,15 +42,7 @@ def _radius(grid: CellGrid) -> int:
 
 
 class HeldCells:
-    """A projection that holds rows of cells: all of them, or those around the rows that are matched.
-
-    Parameters
-    ----------
-    device, buffers, grid, name
-        As of `histograms.Projection`.
-    held : int
-        Rows of cells that there is room for.
-    """
+    """A projection that holds rows of cells: all of them, or those around the rows that are matched."""
 
     held: int | None = None
 

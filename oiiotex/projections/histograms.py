@@ -166,16 +166,7 @@ class Projection(HeldCells):
 
     Where not all cells are held, those around the rows to match are summed and blurred when they are matched.
 
-    Parameters
-    ----------
-    buffers : Buffers
-        At least `layout()`, and as many rows of `matched` as of the image.
-    grid : CellGrid
-        Of the image, with the sigma of its Gaussian neighbourhoods.
-    low, high : (channels,) int
-        Range of values, in grid steps. What lies outside is taken as the nearest.
-    name : str
-        As of `layout`.
+    `low`, `high` (channels,) int.
     """
 
     def __init__(
@@ -206,16 +197,7 @@ class Projection(HeldCells):
         self._inverse = self._device.upload(self._inverse_of(sums))
 
     def match(self, image: RowSource, top: int, bottom: int, matched: str, strength: float) -> int:
-        """Match rows of an image that was learned; returns which row lies at the start of its buffer.
-
-        Parameters
-        ----------
-        top, bottom : int
-            Counted on beyond the border where the image wraps. They are loaded.
-        matched : str
-            Buffer of the same rows as the image's: what lies `strength` times the way from it to its projection. Pixels
-            of value `OUTSIDE` belong to no histogram; what is written for them means nothing.
-        """
+        """Match rows of an image that was learned; returns which row lies at the start of its buffer."""
         if not self.whole:
             self._gather_around(image, top, bottom)
         first = image.load(top, bottom)

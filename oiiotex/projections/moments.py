@@ -42,13 +42,7 @@ def layout(grid: CellGrid, channels: int = 3, cell_rows: int | None = None, name
 
 
 class MomentProjection(HeldCells):
-    """As `histograms.Projection`, by moments up to `order`: where not all cells are held, they are summed twice.
-
-    Parameters
-    ----------
-    order : int
-        2, 3 or 4.
-    """
+    """As `histograms.Projection`, by moments up to `order`: where not all cells are held, they are summed twice."""
 
     def __init__(
         self, device: Device, buffers: Buffers, grid: CellGrid, low: np.ndarray, high: np.ndarray, order: int,

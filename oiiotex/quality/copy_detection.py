@@ -24,19 +24,12 @@ REGION = 32  # px, a side of what is seen again
 class Copies(NamedTuple):
     """Whence the pixels of a result are.
 
-    Attributes
-    ----------
-    exact : float
-        Share of pixels that lie in some 8 x 8 block which the exemplar has, too, to the bit.
-    shown : float or None
-        How often these pixels show the most repeated 32 x 32 region of the exemplar; None of one that is smaller.
-    over_fair : float or None
-        The same over what each region's share of the result would be.
+    `shown`: how often these pixels show the most repeated 32 x 32 region of the exemplar; None of one that is smaller.
     """
 
-    exact: float
+    exact: float  # Share of pixels that lie in some 8 x 8 block which the exemplar has, too, to the bit
     shown: float | None
-    over_fair: float | None
+    over_fair: float | None  # The same over what each region's share of the result would be
 
 
 def copies_by_source(source: SourceMap, size: tuple[int, int]) -> Copies:
@@ -103,14 +96,7 @@ def label_copies(source: SourceMap, ids: np.ndarray, painted: SomeRows) -> tuple
 
     A label's fair share is how often its area in the exemplar fits into the area where it was painted.
 
-    Parameters
-    ----------
-    source : SourceMap
-        Of every pixel.
-    ids : (h, w) int
-        Of the exemplar, `REGION` a side at least.
-    painted : (height, width) int
-        The labels that were asked for; 0: none.
+    `ids` (h, w) int; `painted` (height, width) int.
     """
     own, asked = np.bincount(ids.ravel()), Counter[int]()
     for band in row_bands(painted):

@@ -31,18 +31,7 @@ def texture_of(
 ) -> float | None:
     """The cost; None of an image, or an exemplar, with no room for a patch.
 
-    Parameters
-    ----------
-    resources : Resources
-    progress : Progress
-    lab : (height, width, 3) float32
-    source : SourceMap
-        Of every pixel.
-    exemplar : (h, w, 3) float32
-    patch : int
-        Side, px.
-    wraps : (bool, bool)
-        The image is a torus along x, along y.
+    `lab` (height, width, 3) float32; `exemplar` (h, w, 3) float32; `patch`: side, px.
     """
     height, width = lab.shape[:2]
     if min(height, width, *exemplar.shape[:2]) < patch:

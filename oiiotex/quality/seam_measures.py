@@ -25,11 +25,7 @@ def sharpness(gray: SomeRows) -> float:
 def line_jumps(values: SomeRows, axis: int) -> np.ndarray:
     """The mean jump to each line from the one before, the first across the wrap: (lines,) float64.
 
-    Parameters
-    ----------
-    values : (height, width) or (height, width, channels) float
-    axis : int
-        0: from row to row; 1: from column to column.
+    `values` (height, width) or (height, width, channels) float.
     """
     sums = np.zeros(values.shape[axis])
     before = values[len(values) - 1 : len(values)]

@@ -101,15 +101,7 @@ def cell_memory(grid: Grid, guided: bool) -> int:
 
 
 def layout(exemplar: QuiltExemplar, grid: Grid, rules: Rules, guided: bool, pixels: int) -> dict[str, int]:
-    """Device memory of a `Quilt`, in bytes by name.
-
-    Parameters
-    ----------
-    guided : bool
-        Cells ask for labels.
-    pixels : int
-        Of the largest window that is made at once.
-    """
+    """Device memory of a `Quilt`, in bytes by name."""
     cells, wave = math.prod(grid.shape), min(grid.shape[0], (grid.shape[1] + 1) // 2)
     area, patch = exemplar.lab.shape[0] * exemplar.lab.shape[1], grid.patch
     table, squares = exemplar.table, PatchSquares.of(grid, *exemplar.lab.shape[:2])

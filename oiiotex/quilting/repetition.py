@@ -27,24 +27,12 @@ _SQUARES = 6  # along the side of what a patch shows, at least
 
 @dataclass(frozen=True)
 class PatchSquares:
-    """The squares of an exemplar, as patches of a grid show them.
+    """The squares of an exemplar, as patches of a grid show them."""
 
-    Attributes
-    ----------
-    side : int
-        px.
-    count : int
-        Of a patch along a side.
-    before : int
-        px from a patch's corner to what it shows.
-    rows, columns : int
-        Of the exemplar.
-    """
-
-    side: int
-    count: int
-    before: int
-    rows: int
+    side: int  # px
+    count: int  # Of a patch along a side
+    before: int  # px from a patch's corner to what it shows
+    rows: int  # Of the exemplar
     columns: int
 
     @classmethod

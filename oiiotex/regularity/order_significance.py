@@ -24,15 +24,7 @@ def order_of(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, e
     Of a lattice of rank 2 rows are shifted along each of its short vectors in turn: stripes do not change where they
     are shifted along themselves, and so are no such lattice.
 
-    Parameters
-    ----------
-    texture : (height, width, channels) float64
-        High-passed.
-    usable : (height, width) bool
-    frequencies : (rank, 2) float
-        Cycles per pixel.
-    enough : float
-        Below it nothing more is tried.
+    `texture` (height, width, channels) float64; `usable` (height, width) bool; `frequencies` (rank, 2) float.
     """
     if len(frequencies) == 1:
         return _order_along(texture, usable, frequencies)
@@ -47,15 +39,7 @@ def order_of(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, e
 
 
 def least_of_halves(texture: np.ndarray, usable: np.ndarray, frequencies: np.ndarray, enough: float) -> float:
-    """The smallest order in the left, right, upper and lower half, which a lattice that bends or ends does not have.
-
-    Parameters
-    ----------
-    texture, usable, frequencies
-        As of `order_of`; halves have equally many usable pixels.
-    enough : float
-        Below it nothing more is tried.
-    """
+    """The smallest order in the left, right, upper and lower half, which a lattice that bends or ends does not have."""
     least = math.inf
     for axis in (0, 1):
         counts = np.cumsum(usable.sum(1 - axis))

@@ -36,19 +36,7 @@ _LEAST = 1e-3  # of a distance between distributions
 def fine_regions(values: np.ndarray, side: int, resources: Resources, least: int = 1) -> np.ndarray:
     """A segmentation by k-means over roots of pooled textons, which is meant to be too fine.
 
-    Parameters
-    ----------
-    values : (h, w, k) float32
-        Shares of textons in cells, 0 where nothing is seen.
-    side : int
-        Of a cell, px.
-    least : int
-        So many regions at least, if there are so many kinds of places.
-
-    Returns
-    -------
-    (h, w) int64
-        From 0 on, also where nothing is seen.
+    `values` (h, w, k) float32; `side`: of a cell, px; returns (h, w) int64.
     """
     height, width = values.shape[:2]
     sigma = min(_POOLED, min(height, width) * side / _POOLED_PART) / side
@@ -66,23 +54,8 @@ def merged(
 ) -> np.ndarray:
     """The likeliest pair becomes one, again and again.
 
-    Parameters
-    ----------
-    values : (h, w, k) float32
-        Shares of textons in cells, 0 where nothing is seen.
-    labels : (h, w) int64
-        The region of every cell, from 0 on.
-    side : int
-        Of a cell, px.
-    threshold : float
-        Probability, 0 to 1, that two regions are one texture above which they become one.
-    count : int, optional
-        Go on until so many are left, whatever the probability.
-
-    Returns
-    -------
-    (h, w) int64
-        Labels from 0 on.
+    `values` (h, w, k) float32; `labels` (h, w) int64; `side`: of a cell, px; `threshold`: probability, 0 to 1, that two
+    regions are one texture above which they become one; returns (h, w) int64.
     """
     seen = values.any(-1)
     names, inverse = np.unique(labels[seen], return_inverse=True)

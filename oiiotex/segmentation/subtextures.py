@@ -96,22 +96,12 @@ class DecompositionSettings:
 
 @dataclass(frozen=True)
 class Decomposition:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    labels : (h, w) int32
-        Of the reduced image, 1 .. count by first pixel; 0 where nothing is seen.
-    samples : int
-        Regions, or vertices of the clique partition, that were grouped.
-    groups : int
-        Before the competition.
-    """
-
-    labels: np.ndarray
+    labels: np.ndarray  # (h, w) int32: of the reduced image, 1 .. count by first pixel; 0 where nothing is seen
     count: int
-    samples: int
-    groups: int
+    samples: int  # Regions, or vertices of the clique partition, that were grouped
+    groups: int  # Before the competition
 
 
 def decomposed(

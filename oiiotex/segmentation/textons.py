@@ -34,18 +34,10 @@ _SHIFTS = 12  # steps of a mean shift search, at most
 
 @dataclass(frozen=True)
 class Counts:
-    """How much of every texton there is in every cell.
+    """How much of every texton there is in every cell."""
 
-    Attributes
-    ----------
-    values : (h, w, k) int32
-        In steps of 1 / 255 of a pixel; 0 where nothing is seen.
-    side : int
-        Of a cell, in pixels of the reduced image.
-    """
-
-    values: np.ndarray
-    side: int
+    values: np.ndarray  # (h, w, k) int32: in steps of 1 / 255 of a pixel; 0 where nothing is seen
+    side: int  # Of a cell, in pixels of the reduced image
 
 
 # --- textons ---
@@ -61,12 +53,7 @@ def weighted_counts(pixels: LabPixels, resources: Resources, bins: int = BINS) -
 def bank_counts(texture: Texture, resources: Resources, bins: int, side: int) -> Counts:
     """Counts of filter bank textons in cells; a departure from the paper that costs a pixel its softness.
 
-    Parameters
-    ----------
-    bins : int
-        Textons.
-    side : int
-        Of a cell, px.
+    `side`: of a cell, px.
     """
     textons = texton_map(texture, resources, bins, _COLOUR, _LEARNED)
     height, width = textons.shape
@@ -176,19 +163,11 @@ def histogram_roots(sums: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Samples:
-    """A regular grid of places: indices into `down` x `across`, those that are seen.
+    """A regular grid of places: indices into `down` x `across`, those that are seen."""
 
-    Attributes
-    ----------
-    rows, columns : (down,), (across,) int
-        Cells that the grid stands on.
-    places : (n,) int
-        Which of its points are samples, counted row by row.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # (down,), (across,) int: cells that the grid stands on
     columns: np.ndarray
-    places: np.ndarray
+    places: np.ndarray  # (n,) int: which of its points are samples, counted row by row
 
     def cells(self) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of every sample's cell."""
@@ -211,21 +190,7 @@ def similarities(
     The paper climbs by mean shift; here all shifts of a grid are matrix products, which finds more and takes less
     time (`mean_shift_similarities` climbs).
 
-    Parameters
-    ----------
-    roots : (h, w, k) int16
-        Of histograms, 0 where nothing is seen.
-    shift : float
-        How far to look, cells; 0: no further than j itself.
-    others : tuple of (h, w, k) int16
-        Roots at other scales, in which j is looked at too.
-    steps : int
-        Of the grid of shifts, from its middle to its rim.
-
-    Returns
-    -------
-    (n, n) float32
-        0 to 1, symmetric, 1 on the diagonal.
+    `roots` (h, w, k) int16; `others` tuple of (h, w, k) int16; returns (n, n) float32.
     """
     rows, columns = samples.cells()
     height, width = roots.shape[:2]
@@ -251,17 +216,7 @@ def mean_shift_similarities(
     textons of weight * sqrt(q / p), q the histogram at i and p that of the window. The mean needs three sums over the
     disc for every texton, which are taken once for all windows.
 
-    Parameters
-    ----------
-    radii : tuple of float
-        Of the discs, cells: at i, and of each scale at which j is looked at.
-    shift : float
-        How far a window may move from j, cells.
-
-    Returns
-    -------
-    (n, n) float32
-        0 to 1, symmetric, 1 on the diagonal.
+    Returns (n, n) float32.
     """
     rows, columns = samples.cells()
     n = len(rows)

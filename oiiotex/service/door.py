@@ -20,13 +20,7 @@ from .texture_file import TextureFile, read_texture_file
 
 
 def answer(word: str) -> dict[str, Any]:
-    """What is printed.
-
-    Parameters
-    ----------
-    word : str
-        As above.
-    """
+    """What is printed."""
     try:
         asked = json.loads(word)
         if "device" in asked:

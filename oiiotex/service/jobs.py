@@ -25,18 +25,12 @@ _numbers = itertools.count()
 class DeviceJob:
     """Something to be done.
 
-    Attributes
-    ----------
-    priority : int
-        0 first; among equals who came first.
-    work : callable
-        Is called with the job.
-    report : callable
-        Called with (state, value): 'progress' (done, total), 'done' what `work` gave, 'failed' an Error, 'cancelled'.
+    `report`: called with (state, value): 'progress' (done, total), 'done' what `work` gave, 'failed' an Error,
+    'cancelled'.
     """
 
-    priority: int
-    work: Callable[[DeviceJob], Any]
+    priority: int  # 0 first; among equals who came first
+    work: Callable[[DeviceJob], Any]  # Is called with the job
     report: Callable[[str, Any], None]
     cancelled: bool = False
     log: list[tuple[str, str]] = field(default_factory=list)

@@ -38,13 +38,7 @@ class LinkError(Error):
 
 
 class Link:
-    """One end of a connection. Any thread may send; one receives.
-
-    Parameters
-    ----------
-    connection : socket.socket
-        A connected Unix socket.
-    """
+    """One end of a connection. Any thread may send; one receives."""
 
     def __init__(self, connection: socket.socket):
         self._socket = connection
@@ -52,13 +46,7 @@ class Link:
         self._sending = threading.Lock()
 
     def send(self, facts: dict[str, Any], arrays: Sequence[np.ndarray] = ()) -> None:
-        """Send a message.
-
-        Raises
-        ------
-        LinkError
-            Nobody listens any more, or has taken nothing for ten seconds: the connection is then over.
-        """
+        """Send a message."""
         layout = [{"type": array.dtype.str, "shape": list(array.shape)} for array in arrays]
         text = json.dumps(facts | {"arrays": layout}).encode()
         if len(text) > _MOST_TEXT or len(arrays) > _MOST_ARRAYS:
@@ -80,13 +68,7 @@ class Link:
                 os.close(memory)
 
     def receive(self) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Wait for a message: its facts and its arrays, which cannot be written.
-
-        Raises
-        ------
-        LinkError
-            Nobody sends any more, or what comes is no message of this version.
-        """
+        """Wait for a message: its facts and its arrays, which cannot be written."""
         memories: list[int] = []
         try:
             header = b""

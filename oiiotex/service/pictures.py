@@ -33,13 +33,7 @@ def image_facts(image: Image) -> dict[str, Any]:
 
 
 def image_of(facts: dict[str, Any], arrays: list[np.ndarray]) -> Image:
-    """The image of these facts and of its parts' pixels, (height, width, channels) each.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        They are none, or do not fit each other.
-    """
+    """The image of these facts and of its parts' pixels, (height, width, channels) each."""
     parts = []
     for one, pixels in zip(facts["parts"], arrays, strict=True):
         spec = spec_of(one)

@@ -43,12 +43,7 @@ log = logging.getLogger("oiiotex")
 
 
 class Resident:
-    """What all clients share.
-
-    Parameters
-    ----------
-    settings : ResidentSettings
-    """
+    """What all clients share."""
 
     def __init__(self, settings: ResidentSettings):
         self._settings = settings

@@ -59,13 +59,7 @@ class ResidentSettings(Settings):
 
 
 def runtime_folder() -> Path:
-    """A folder of the user alone, in memory where the system has such a one ($XDG_RUNTIME_DIR).
-
-    Raises
-    ------
-    Error
-        It is somebody else's, or open to others.
-    """
+    """A folder of the user alone, in memory where the system has such a one ($XDG_RUNTIME_DIR)."""
     import platformdirs
 
     with warnings.catch_warnings():

@@ -96,13 +96,7 @@ class TextureFile:
 
     @classmethod
     def of_text(cls, text: str) -> TextureFile:
-        """What `text` has written.
-
-        Raises
-        ------
-        ValueError, TypeError
-            It is something else.
-        """
+        """What `text` has written."""
         facts = json.loads(text)
         return cls(**facts | {"stamp": tuple(facts["stamp"])})
 
@@ -111,26 +105,14 @@ class TextureFile:
         return ResidentSettings.of(Session(device_name=self.device, autocc=self.autocc))
 
     def require_unchanged(self) -> None:
-        """Refuse to go on with other pixels than those that a host has seen.
-
-        Raises
-        ------
-        ImageError
-            One of its files is another than when it was opened.
-        """
+        """Refuse to go on with other pixels than those that a host has seen."""
         files = list(filter(None, (getattr(self, key) for key in _FILES)))
         if _stamp(self.name, files) != self.stamp:
             raise ImageError(f"{self.name}: {' or '.join(files)} has changed since it was opened: open it again")
 
 
 def read_texture_file(name: str) -> TextureFile:
-    """The texture that a file's name stands for, with what stands behind '?' in it.
-
-    Raises
-    ------
-    ImageError
-        It cannot be read, or something in it or in its name is wrong; the text says what.
-    """
+    """The texture that a file's name stands for, with what stands behind '?' in it."""
     query = ""
     if "?" in name and not _exists(name):
         name, _, query = name.partition("?")

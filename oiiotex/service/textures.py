@@ -34,17 +34,7 @@ _PLANE = Window(-(1 << 40), -(1 << 40), 1 << 40, 1 << 40)
 class OpenTexture:
     """A texture file that has been opened.
 
-    Parameters
-    ----------
-    text : str
-        As by `TextureFile.text`.
-
-    Attributes
-    ----------
-    spec : ImageSpec
-        Of the finest level.
-    levels : int
-        How many there are.
+    `spec`: of the finest level; `levels`: how many there are.
     """
 
     def __init__(self, text: str, session: Session):
@@ -62,11 +52,6 @@ class OpenTexture:
         """(height, width, channels) of the spec's pixel type: pixels of a level, 0 the finest.
 
         Beyond the border an endless texture goes on, a quilt is black.
-
-        Raises
-        ------
-        ImageError
-            There is no such level, or the window is empty, too large or too far away.
         """
         size = f"{window.width}x{window.height}"
         if window.empty or window.width * window.height > _MOST or (window & _PLANE) != window:

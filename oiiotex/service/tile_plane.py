@@ -25,19 +25,7 @@ _EDGES = re.compile(r"n(\d{1,3})e(\d{1,3})s(\d{1,3})w(\d{1,3})", re.ASCII)
 
 
 class TilePlane:
-    """Tiles laid over the plane.
-
-    Parameters
-    ----------
-    tiles : Image
-        Its parts are the tiles, as --texstationarize:variants makes them; one tile that tiles is a set, too.
-    seed : int
-
-    Raises
-    ------
-    ImageError
-        The parts differ in size, type or colour space, do not say their edges, or the set lacks tiles.
-    """
+    """Tiles laid over the plane."""
 
     def __init__(self, tiles: Image, seed: int):
         first = tiles.first.spec

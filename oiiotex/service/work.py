@@ -27,13 +27,7 @@ log = logging.getLogger("oiiotex")
 
 
 class Bench:
-    """A client's images by number, and what is made of them.
-
-    Parameters
-    ----------
-    session : Session
-        Whose device, colours and memory all clients share.
-    """
+    """A client's images by number, and what is made of them."""
 
     def __init__(self, session: Session):
         self._session = session
@@ -53,41 +47,13 @@ class Bench:
         self._images.pop(number, None)
 
     def image(self, number: int) -> Image:
-        """The image of that number.
-
-        Raises
-        ------
-        ImageError
-            There is none.
-        """
+        """The image of that number."""
         if number not in self._images:
             raise ImageError(f"there is no image {number}")
         return self._images[number]
 
     def make(self, job: DeviceJob, asked: dict[str, Any], look: Any) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Use an op.
-
-        Parameters
-        ----------
-        job : DeviceJob
-        asked : dict
-            op, its name; images, numbers of those it always takes, and of a material's further maps behind them;
-            optional, by parameter a number of an image or a name of a part; values, by modifier a text as on the
-            command line; measure, whether the result is measured;
-            until, 'look' where the first look at it is enough; read, a part whose pixels are wanted at once;
-            keep, False where its images will not be asked for again.
-        look : callable
-            Called with (pixels, whole), as `Progress.look`; None: nobody looks.
-
-        Returns
-        -------
-        The images' facts, each with its number, lines that were said and logged; the pixels that were wanted.
-
-        Raises
-        ------
-        Error
-            As by the op; Interrupted where the job is cancelled.
-        """
+        """Use an op."""
         said = list[str]()
         only_look = asked.get("until") == "look"
         seen: list[np.ndarray] = []
@@ -117,35 +83,17 @@ class Bench:
         return {"images": images, "said": said, "log": job.log, "failed": failed}, arrays
 
     def read(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Pixels of a window: number of the image, name of the part ('' is the first), left, top, right, bottom.
-
-        Raises
-        ------
-        Error
-            There is no such image or part, or as by what computes them.
-        """
+        """Pixels of a window: number of the image, name of the part ('' is the first), left, top, right, bottom."""
         return {}, [_pixels(self.image(asked["image"]), asked.get("part", ""), asked.get("window"))]
 
     def texture(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """What a host must know of a texture file: its spec, as XML of OpenImageIO, and how many levels it has.
-
-        Raises
-        ------
-        Error
-            It cannot be opened.
-        """
+        """What a host must know of a texture file: its spec, as XML of OpenImageIO, and how many levels it has."""
         session = self._session.telling(Progress(job.advance))
         texture = session.resources.on_a_device(lambda: opened(asked["texture"], session))
         return {"spec": texture.spec.to_xml(), "levels": texture.levels}, []
 
     def tile(self, job: DeviceJob, asked: dict[str, Any]) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """Pixels of a level of a texture file: left, top, right, bottom.
-
-        Raises
-        ------
-        Error
-            As by `textures.Texture.tile`.
-        """
+        """Pixels of a level of a texture file: left, top, right, bottom."""
         session, window = self._session.telling(Progress(job.advance)), Window(*map(int, asked["window"]))
 
         def made() -> np.ndarray:
@@ -187,13 +135,7 @@ class Bench:
 
 
 def op_named(name: str) -> type[Op]:
-    """The op that the program knows by that name, without what stands before it on a command line.
-
-    Raises
-    ------
-    ParameterError
-        There is none; the text names the nearest.
-    """
+    """The op that the program knows by that name, without what stands before it on a command line."""
     shelves = (*filters.SHELVES, *host.SHELVES)
     flags = {flag.removeprefix("--tex"): (flag, shelf) for shelf in reversed(shelves) for flag in shelf.names}
     flags = {key.lstrip("-"): found for key, found in flags.items()}

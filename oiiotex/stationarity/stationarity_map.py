@@ -35,18 +35,14 @@ _LARGEST_CELL = 512  # px
 class Deviation:
     """How unlike the rest of an image its places are.
 
-    Attributes
-    ----------
-    local : (down + 4, across + 4) float
-        At the cells' centres, and `grid_statistics.MARGIN` beyond: the mean difference between what is seen there and
-        what is seen from all cells, summed over channels, in Lab units; of moments in squared ones.
-    cost : float
-        MJH17 eq. 1: the mean of it, cells counted by their pixels.
+    `local` (down + 4, across + 4) float: at the cells' centres, and `grid_statistics.MARGIN` beyond: the mean
+    difference between what is seen there and what is seen from all cells, summed over channels, in Lab units; of
+    moments in squared ones.
     """
 
     cells: Cells
     local: np.ndarray
-    cost: float
+    cost: float  # MJH17 eq. 1: the mean of it, cells counted by their pixels
 
 
 def deviation_of(

@@ -49,16 +49,7 @@ def filter_bank() -> tuple[np.ndarray, np.ndarray]:
 def responses(plane: np.ndarray, wraps: tuple[bool, bool] = (False, False)) -> np.ndarray:
     """The filters' responses to a plane, F_o * f of MJH17 eq. 4.
 
-    Parameters
-    ----------
-    plane : (height, width) float
-    wraps : (bool, bool)
-        The plane is a torus along x, along y; else it is mirrored about its border pixels.
-
-    Returns
-    -------
-    (ORIENTATIONS, height, width) float64
-        In the plane's unit.
+    `plane` (height, width) float; returns (ORIENTATIONS, height, width) float64.
     """
     from scipy.ndimage import correlate1d  # when it is needed: it is slow to import
 
@@ -79,21 +70,8 @@ def responses_in(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Responses of a piece's pixels, and which of them see no pixel of alpha 0.
 
-    Parameters
-    ----------
-    values : (rows, width, channels) float32
-        Of the piece and `RADIUS` rows above and below it, as far as there are any. Beyond the border of the image it is
-        mirrored.
-    opaque : (rows, width) bool or None
-    piece, whole : Window
-        Full-width rows of the image, and all of it.
-
-    Returns
-    -------
-    filtered : (height, width, 4 channels) float32
-        Four after the other of every channel.
-    clear : (height, width) bool or None
-        None: all.
+    `values` (rows, width, channels) float32; `opaque` (rows, width) bool or None; returns (height, width, 4 channels)
+    float32, (height, width) bool or None.
     """
     from scipy.ndimage import minimum_filter  # when it is needed: it is slow to import
 

@@ -21,14 +21,7 @@ _HIGH = 64  # rows of a strip
 def without_crumbs(strips: Iterable[Strip], height: int, least: float) -> Iterator[Strip]:
     """A label map in which pieces below `least` px, and less than 64 rows high, have the label of a neighbour.
 
-    Parameters
-    ----------
-    strips : iterable of Strip
-        The map from top to bottom, cut anywhere.
-    height : int
-        Its rows.
-    least : float
-        px.
+    `least`: px.
     """
     for begin in (0, _HIGH // 2):
         edges = sorted({0, *range(begin, height, _HIGH), height})

@@ -30,14 +30,7 @@ _BLUR_IN_SQUARES = 3.0  # a blur that wide allows squares of twice the side
 def blurred_sums(superpixels: Superpixels, sigmas: Sequence[float], resources: Resources) -> Iterator[np.ndarray]:
     """Sums of L, a, b over each superpixel in the blurred image, for every level after the first.
 
-    Parameters
-    ----------
-    sigmas : sequence of float
-        Scales of the levels, px, rising.
-
-    Yields
-    ------
-    (n, 3) float64, Lab units
+    `sigmas`: scales of the levels, px, rising; returns (n, 3) float64, Lab units.
     """
     if superpixels.count == 0 or len(sigmas) < 2:
         return

@@ -95,13 +95,7 @@ def merged(
 ) -> Hierarchy:
     """Algorithm 1.
 
-    Parameters
-    ----------
-    sizes, positions, edges
-        As of `Superpixels`.
-    sigmas : (levels,) float
-    levels : iterable of (n, 3) float64
-        For every level after the first, sums of Lab over each finest superpixel in that level's image.
+    `sigmas` (levels,) float; `levels` iterable of (n, 3) float64.
     """
     graph = _RegionGraph(sizes, positions, edges)
     counts = [len(sizes)]

@@ -27,31 +27,16 @@ _AT_ONCE = 4 << 20  # bytes of sums that come from the device at a time
 
 @dataclass(frozen=True)
 class Reduced:
-    """The image in squares, with which the Gaussian stack begins.
+    """The image in squares, with which the Gaussian stack begins."""
 
-    Attributes
-    ----------
-    side : int
-        Of a square, px.
-    sums : (down, across, 4) int32
-        L, a, b in steps of 1/8, and number, of a square's opaque pixels.
-    """
-
-    side: int
-    sums: np.ndarray
+    side: int  # Of a square, px
+    sums: np.ndarray  # (down, across, 4) int32: L, a, b in steps of 1/8, and number, of a square's opaque pixels
 
 
 class LabelSquares:
     """Sums and means of squares, taken while the image is read; a `LabGrid` of squares. Give it back by `with`.
 
-    Parameters
-    ----------
-    width, height : int
-        Of the image, px.
-    side : int
-        Of a square, px; bands begin at multiples of it.
-    means : bool
-        They are wanted as well as sums.
+    `width`, `height`: of the image, px; `side`: of a square, px; bands begin at multiples of it.
     """
 
     def __init__(self, width: int, height: int, side: int, resources: Resources, means: bool):
@@ -97,16 +82,7 @@ def refined_slots(
 ) -> Iterator[tuple[Band, Any]]:
     """As `Slic.slots` of the image: which of nine seeds a pixel chooses, band by band.
 
-    Parameters
-    ----------
-    lab : LabGrid
-        The image.
-    grid : SeedGrid
-        Its cells, cut along squares.
-    settled : Slic
-        Of the squares.
-    centres : (down, across, 5) float64
-        Its seeds: L, a, b in steps, x, y in squares.
+    `centres` (down, across, 5) float64: its seeds: L, a, b in steps, x, y in squares.
     """
     device, side, strips = resources.device, squares.reduced.side, grid.strips(lab.band_rows)
     run = device.program("superpixels")

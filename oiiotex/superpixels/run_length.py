@@ -18,24 +18,13 @@ _RUN_BYTES, _BORDER_BYTES = 40, 200  # of memory while pieces are put together, 
 
 @dataclass(frozen=True)
 class Runs:
-    """A label map of height rows.
-
-    Attributes
-    ----------
-    width, height : int
-    first : (height + 1,) int64
-        Where each row's runs begin.
-    left : (n,) int32
-        First column of each run; it ends where the next one of its row begins.
-    label : (n,) int32
-        0 .. count - 1, or OUTSIDE.
-    """
+    """A label map of height rows."""
 
     width: int
     height: int
-    first: np.ndarray
-    left: np.ndarray
-    label: np.ndarray
+    first: np.ndarray  # (height + 1,) int64: where each row's runs begin
+    left: np.ndarray  # (n,) int32: first column of each run; it ends where the next one of its row begins
+    label: np.ndarray  # (n,) int32: 0 .. count - 1, or OUTSIDE
 
     def rows(self) -> np.ndarray:
         """The row of every run, (n,) int32."""
@@ -51,10 +40,7 @@ class Runs:
     def pixels(self, top: int, bottom: int, left: int, right: int) -> np.ndarray:
         """Labels of a window as (rows, columns) int32.
 
-        Parameters
-        ----------
-        top, bottom, left, right : int
-            px from the map's corner; bottom and right are the first outside.
+        `top`, `bottom`, `left`, `right`: px from the map's corner; bottom and right are the first outside.
         """
         begin, end = self.first[top], self.first[bottom]
         starts = self.left[begin:end].astype(np.int64)
@@ -74,21 +60,12 @@ class Runs:
 
 @dataclass(frozen=True)
 class Strip:
-    """Some full rows of a label map that is not whole yet.
-
-    Attributes
-    ----------
-    width, height : int
-    starts : (n,) int64
-        First pixel of each run, counted row after row; each row begins with a run.
-    label : (n,) int32
-        From 0 on, or OUTSIDE; runs side by side differ.
-    """
+    """Some full rows of a label map that is not whole yet."""
 
     width: int
     height: int
-    starts: np.ndarray
-    label: np.ndarray
+    starts: np.ndarray  # (n,) int64: first pixel of each run, counted row after row; each row begins with a run
+    label: np.ndarray  # (n,) int32: from 0 on, or OUTSIDE; runs side by side differ
 
     @classmethod
     def joined(cls, width: int, height: int, starts: np.ndarray, label: np.ndarray) -> Strip:
@@ -122,12 +99,7 @@ class Borders:
     def of(cls, a: np.ndarray, b: np.ndarray, length: np.ndarray, count: int) -> Borders:
         """From pairs in any order, with repetitions; loops are left out.
 
-        Parameters
-        ----------
-        a, b : (m,) int
-            Pairs of labels, 0 .. count - 1.
-        length : (m,)
-            Pixel sides that they share.
+        `a`, `b` (m,) int; `length` (m,).
         """
         apart = a != b
         a, b, length = a[apart].astype(np.int64), b[apart].astype(np.int64), length[apart]
@@ -148,13 +120,8 @@ class Pieces:
 def pieces_of(strips: Iterable[Strip], height: int, require: Callable[[int], None] | None = None) -> Pieces:
     """4-connected pieces of equal labels.
 
-    Parameters
-    ----------
-    strips : iterable of Strip
-        The label map from top to bottom; OUTSIDE belongs to no piece.
-    require : callable, optional
-        Given the bytes that this will need so far; raises where that is too much. Photos have few runs, noise has
-        nearly as many as pixels.
+    `require`: given the bytes that this will need so far; raises where that is too much. Photos have few runs, noise
+    has nearly as many as pixels.
     """
     finder = _Finder()
     for strip in strips:
@@ -272,23 +239,7 @@ def small_joined(
     with the longest common border; of these the first. What has chosen each other becomes one, so every round leaves
     at most half of the small pieces, and neither the order of work nor tiles can be seen.
 
-    Parameters
-    ----------
-    pieces : Pieces
-        n of them.
-    least : float
-        px.
-    unknown : (n,) bool
-        Of these there is more elsewhere: they are not small.
-
-    Returns
-    -------
-    of : (n,) int
-        What each becomes part of, 0 .. m - 1.
-    sizes : (m,) int64
-    borders : Borders
-    first : (m,) int
-        The piece that others have joined: the one that was not small, else the first.
+    `least`: px; `unknown` (n,) bool; returns (n,) int, (m,) int64, (m,) int.
     """
     sizes, borders = pieces.sizes, pieces.borders
     of = first = np.arange(len(sizes))

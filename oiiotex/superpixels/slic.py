@@ -200,12 +200,7 @@ def least_bytes(grid: SeedGrid) -> int:
 
 
 class Slic:
-    """SLIC on a `LabGrid`: centres that no longer move, and the slots of all pixels.
-
-    Parameters
-    ----------
-    lab : LabGrid
-    """
+    """SLIC on a `LabGrid`: centres that no longer move, and the slots of all pixels."""
 
     def __init__(self, lab: LabGrid | LabelSquares, grid: SeedGrid, resources: Resources):
         self._lab, self.grid, self._device = lab, grid, resources.device
