@@ -15,7 +15,7 @@ from oiiotex.core.demand import MadeRows
 from oiiotex.core.scratch import RowStore
 from oiiotex.core.source_map import SourceMap
 from oiiotex.errors import MemoryBudgetError
-from oiiotex.exemplar import patch_synthesis
+from oiiotex.exemplar.exemplar_op import ExemplarOp
 from oiiotex.io.disk_cache import hash_of
 from oiiotex.opencl.buffers import require_room
 from oiiotex.patchmatch import memory, optimization
@@ -86,7 +86,7 @@ def test_a_photo_that_does_not_fit_is_read_by_rows(case, monkeypatch):
     whole = made(case, Session())
     plans = []
     monkeypatch.setattr(optimization, "plan_memory", lambda *given: plans.append(least_plan(*given)) or plans[-1])
-    monkeypatch.setattr(patch_synthesis, "_LAB_SHARE", 0)
+    monkeypatch.setattr(ExemplarOp, "holds", lambda *_: False)
     monkeypatch.setattr(memory, "_PIXEL_TEMPORARIES", 0)  # which count for more than such a photo
     by_rows = made(case, Session())
     assert plans and not any(plan.exemplar_whole for plan in plans)
