@@ -10,7 +10,7 @@ import inspect
 from pathlib import Path
 
 from oiiotex.cli.language.parse import Option
-from oiiotex.cli.printing.report import description
+from oiiotex.cli.printing.report import description, on_a_line
 from oiiotex.cli.vocabulary import LANGUAGE
 from oiiotex.core.op import Op
 from oiiotex.core.parameters import declared
@@ -23,10 +23,14 @@ MARK = "<!-- by hand -->"
 
 def page_text(op: type[Op], path: Path) -> str:
     """The page's whole text; `path` is where its hand-written part is taken from."""
-    lines = [f"# {op.flag()}", "", description(op), ""]
+
+    def say(text: str) -> str:
+        return on_a_line(text, op, "`")
+
+    lines = [f"# {op.flag()}", "", say(description(op)), ""]
     images = " ".join(f"{i.name.upper()}" for i in op.images())
     lines += ["```", f"oiiotex {images} {op.flag()}[:MODIFIER=VALUE...] -o OUT", "```", ""]
-    lines += ["| input | |", "|---|---|", *(f"| {i.name} | {i.help} |" for i in op.images())]
+    lines += ["| input | |", "|---|---|", *(f"| {i.name} | {say(i.help)} |" for i in op.images())]
     further = op.further_images()
     if further is not None:
         lines.append(f"| {further.name} | {further.help}: with {further.count}=N, N - 1 images above the first |")
@@ -38,14 +42,14 @@ def page_text(op: type[Op], path: Path) -> str:
                 "" if p.required or p.default is None else int(p.default) if isinstance(p.default, bool) else p.default
             )
             allowed = p.allowed().replace("|", "\\|")
-            lines.append(f"| `{p.name}` | {default} | {allowed} | {p.help} |")
+            lines.append(f"| `{p.name}` | {default} | {allowed} | {say(p.help)} |")
         lines.append("")
-    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {o.text} |" for o in op.outputs), ""]
+    lines += ["| output | |", "|---|---|", *(f"| {o.name} | {say(o.text)} |" for o in op.outputs), ""]
     lines += [
         f"Works in {op.space.value}; {op.reach}. Python: `oiiotex.filters.{op.name}{_call(op)}`.",
         "",
     ]
-    return "\n".join([*lines, MARK]) + _by_hand(path)
+    return "\n".join(lines) + f"\n{MARK}{_by_hand(path)}"
 
 
 def _call(op: type[Op]) -> str:

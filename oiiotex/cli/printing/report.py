@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from dataclasses import MISSING
 
-from ... import __version__
+from ... import __version__, filters
 from ...core.op import Op
 from ...core.parameters import Parameter, nearest
 from ...errors import ParameterError
@@ -90,8 +91,9 @@ def _modifier_page(declaration: type[Op] | Option | Refused, name: str) -> str:
             f"{flag} has no modifier '{name}'{nearest(name, known)}; it has {', '.join(known) or 'none'}"
         )
     one = known[name]
+    text = one.help if isinstance(declaration, (Option, Refused)) else on_a_line(one.help, declaration)
     default = "" if one.default in (None, MISSING, "") else f"; {_word(one.default)} when left out"
-    return f"{flag}:{name}=\n\n{textwrap.fill(one.help, 110)}\n\nAllowed: {one.allowed()}{default}"
+    return f"{flag}:{name}=\n\n{textwrap.fill(text, 110)}\n\nAllowed: {one.allowed()}{default}"
 
 
 def _op_page(op: type[Op]) -> str:
@@ -105,12 +107,29 @@ def _op_page(op: type[Op]) -> str:
     if len(op.outputs) > 1 or op.prefix == Op.prefix:
         lines += ["", "Outputs:", *(f"  {o.name:12s} {o.text}" for o in op.outputs)]
     lines += ["", f"Works in {op.space.value}; {op.reach}."]
-    return "\n".join(lines)
+    return on_a_line("\n".join(lines), op)
 
 
 def summary(op: type[Op]) -> str:
     """The first line of an op's docstring."""
-    return description(op).splitlines()[0].rstrip(".")
+    return on_a_line(description(op).splitlines()[0].rstrip("."), op)
+
+
+_NAMED = re.compile(r"`(\w+)`(?: with `(\w+)`)?")
+
+
+def on_a_line(text: str, op: type[Op], quote: str = "") -> str:
+    """Text of an op's declaration, other filters as a line has them: `label` with `keep` is --texlabel:keep=1."""
+    flags = {name.removeprefix("--tex"): name for shelf in filters.SHELVES for name in shelf.names}
+    own = {p.name for p in op.modifiers()}
+
+    def flag(named: re.Match[str]) -> str:
+        name, modifier = named.groups()
+        if name not in flags or (name in own and not modifier):
+            return named.group()
+        return f"{quote}{flags[name]}{f':{modifier}=1' if modifier else ''}{quote}"
+
+    return _NAMED.sub(flag, text)
 
 
 def description(op: type[Op]) -> str:
