@@ -37,7 +37,7 @@ def idle(monkeypatch):
         raise Worked
 
     monkeypatch.setattr(device, "open_device", worked)
-    monkeypatch.setattr("oiiotex.io.reading._Source.read", worked)
+    monkeypatch.setattr("oiiotex.io.reading._OpenFile.read", worked)
 
 
 REFUSED = {
