@@ -321,7 +321,7 @@ def _space(image) -> str | None:
         raise Failed(f"{image.name} has no pixels that can be read: its file may be missing")
     name = name_of_space(image)
     if name not in SPACES:
-        raise Failed(f"{image.name}: colour space {name}: allowed are {', '.join(SPACES)}")
+        raise Failed(f"{image.name}: colour space {name}: expected {', '.join(SPACES)}")
     return SPACES[name]
 
 
