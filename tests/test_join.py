@@ -80,13 +80,13 @@ def test_gaps_are_found():
 OTHER = WHOLE.copy()
 OTHER[25, 7, 1] += 1e-6
 WRONG = [
-    (lambda: (share(0, 0, 70, 20), share(0, 30, 70, 50)), r"^70x10\+0\+20 of 70x50\+0\+0 is in none of the 2 images"),
+    (lambda: (share(0, 0, 70, 20), share(0, 30, 70, 50)), r"^join: 70x10\+0\+20 of 70x50\+0\+0 is in none of the 2 images"),
     (
         lambda: (
             share(0, 0, 70, 20, oiiotex_parameters="a=1:tiles=1/3"),
             share(0, 30, 70, 50, oiiotex_parameters="tiles=3/3"),
         ),
-        r"^tiles=2/3 missing: 70x10\+0\+20 of",
+        r"^join: tiles=2/3 missing: 70x10\+0\+20 of",
     ),
     (lambda: (share(0, 0, 70, 30), share(0, 20, 70, 50, OTHER)), r"overlap in 70x10\+0\+20 and differ .* at 7,25$"),
     (lambda: (share(0, 0, 70, 30), share(0, 30, 70, 50, WHOLE[..., :1])), "has channels Y, .* has R,G,B: shares"),

@@ -71,7 +71,7 @@ def test_maps_that_are_no_colours_are_never_colour_managed():
         np.testing.assert_array_equal(pixels(a), pixels(b))
     as_data = filters.stationarize(images()[0], maps=images()[1:], **QUICK)  # without kinds: data
     assert len(as_data) == 3
-    with pytest.raises(errors.ColorError, match="say colorspace=NAME"):
+    with pytest.raises(errors.ColorError, match="add colorspace=NAME"):
         made(kinds=["color", "colour", "data"])
 
 
